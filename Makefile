@@ -1,0 +1,48 @@
+# A fresh machine needs Python 3.11 to 3.13 and make; everything else is installed into .venv.
+# A command may be there and still not run (version managers), or lack venv: only those that pass are taken.
+SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+NAMES := python3.11 python3.12 python3.13 python3
+PYTHONS := $(foreach p,$(NAMES),$(shell $(p) -c '$(SUITABLE)' >/dev/null 2>&1 && echo $(p)))
+# The newest takes the newest JAX; `python3` stands last and is used where no numbered name is there.
+NEWEST := $(firstword $(filter python3.13,$(PYTHONS)) $(filter python3.12,$(PYTHONS)) $(PYTHONS))
+OLDEST := $(firstword $(PYTHONS))
+PYTHON ?= $(NEWEST)
+BIN := .venv/bin
+
+.PHONY: demo test test-matrix lint clean
+
+demo: .venv/.installed
+	$(BIN)/dropper demo --out demo
+
+test: .venv/.installed-test
+	$(BIN)/python -m pytest
+
+test-matrix:
+	$(call suite,$(OLDEST),.venv-oldest,jax==0.9.2 jaxlib==0.9.2)
+	$(call suite,$(NEWEST),.venv-newest,jax)
+
+define suite
+	$(1) -m venv $(2)
+	$(2)/bin/python -m pip install --quiet --upgrade --editable '.[test]' $(3)
+	$(2)/bin/python -m pytest
+endef
+
+lint: .venv/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "no suitable python3 found; needed: Python 3.11 to 3.13 with venv"; exit 1; }
+	$(PYTHON) -m venv .venv
+
+# The stamps make a repeated `make test` start at once; a changed pyproject.toml installs again.
+.venv/.installed: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+.venv/.installed-test: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ .venv/.installed
+
+clean:
+	rm -rf .venv .venv-oldest .venv-newest demo

@@ -1,0 +1,16 @@
+"""What a motion means: link angles, spectra, phase space, energy bookkeeping. Plain numpy, after the run."""
+
+from dropper_jax.analysis.angles import angle_rates, angles_to_links, link_angles
+from dropper_jax.analysis.energy import balance_drift, energy_table
+from dropper_jax.analysis.phase import phase_curve
+from dropper_jax.analysis.spectrum import amplitude_spectrum
+
+__all__ = [
+    "amplitude_spectrum",
+    "angle_rates",
+    "angles_to_links",
+    "balance_drift",
+    "energy_table",
+    "link_angles",
+    "phase_curve",
+]

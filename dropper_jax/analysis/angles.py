@@ -1,0 +1,188 @@
+"""Angles of links from node positions, continuous in time, also through the pole where a dropper hangs.
+
+A link vector d of length L has, in the two conventions for `zero`,
+
+    "horizontal"   d = L (cos p cos a, cos p sin a, -sin p)    polar p from the horizontal, positive downwards
+    "down"         d = L (sin p cos a, sin p sin a, -cos p)    polar p from the downward vertical
+
+with the same azimuth a, so `p_down = pi/2 - p_horizontal`. Every direction has two names, (p, a) and
+(pi - p, a + pi) (first convention), each up to full turns, and a vertical link has no azimuth. The branch is chosen so:
+
+1. At a pole (horizontal part of d below 1e-12 of its largest component) the azimuth is the last one known; before any
+   is known, the first one that will be; if the link is vertical throughout, 0. A link of no length keeps both angles.
+2. The first azimuth lies in (-pi/2, pi/2], so motion in the x-z plane has azimuth 0 and a signed polar angle.
+3. From one sample to the next the name with the smaller `dp^2 + da^2` is taken, both differences as the shortest
+   turn: a link that swings through the pole keeps its azimuth and its polar angle goes on, rather than the azimuth
+   jumping by pi. Which of two samples' names belong together does not depend on the names chosen before, so the
+   whole history is one comparison and one cumulative sum.
+
+Limits: the samples must be close enough to tell where the link went: in a plane less than half a turn between two
+samples, in space less than a quarter turn of azimuth. A link that passes the pole at a small distance turns its azimuth
+by nearly pi: whether that shows as a fast turn or as a polar angle that goes on depends on the sampling; both name the
+same directions. Samples that are not finite give NaN there and are skipped in rule 3; nothing else gives NaN.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+ZEROS = ("horizontal", "down")
+#: Horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise.
+POLE = 1e-12
+#: A first azimuth within rounding of -pi/2 or pi/2 is pi/2: noise in x must not choose the sign of the polar angle.
+EDGE = 1e-9
+
+
+class _Branch(NamedTuple):
+    """Horizontal-zero angles (k, n) [rad] and where they are not defined by the link itself (k, n)."""
+
+    polar: np.ndarray
+    azimuth: np.ndarray
+    pole: np.ndarray
+    bad: np.ndarray
+
+
+def link_angles(positions: np.ndarray, zero: str = "horizontal") -> tuple[np.ndarray, np.ndarray]:
+    """Polar angle and azimuth of every link, continuous in time (the module's text has the rules and limits).
+
+    Args:
+        positions: (k, n + 1, 3) [m] for k instants, or (n + 1, 3) for one.
+        zero: "horizontal" (positive downwards) or "down" (from the downward vertical).
+
+    Returns:
+        polar, azimuth: each (k, n) [rad], or (n,) for one instant.
+
+    Raises:
+        ValueError: another `zero`, or positions of another shape.
+    """
+    _check_zero(zero)
+    links = _links(positions, "positions")
+    branch = _follow(links.reshape(-1, *links.shape[-2:]))
+    shape = links.shape[:-1]
+    return _polar_from(branch.polar, zero).reshape(shape), branch.azimuth.reshape(shape)
+
+
+def angle_rates(
+    positions: np.ndarray, velocities: np.ndarray, zero: str = "horizontal"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates of the angles of `link_angles`, along the same branch.
+
+    With `e_p = dd/dp / L` and `e_a = (-sin a, cos a, 0)`: `p' = d' . e_p / L` and `a' = d' . e_a / (horizontal part)`.
+    At a pole the azimuth is held, so its rate is 0 there and the polar rate is that of the motion in the
+    held azimuth's plane: a velocity across that plane is not seen. A link of no length has rates 0.
+
+    Args:
+        positions, velocities: (k, n + 1, 3) or (n + 1, 3) [m], [m/s].
+        zero: as in `link_angles`.
+
+    Returns:
+        polar_rate, azimuth_rate: each (k, n) or (n,) [rad/s].
+
+    Raises:
+        ValueError: another `zero`, or shapes that do not match.
+    """
+    _check_zero(zero)
+    links, rates = _links(positions, "positions"), _links(velocities, "velocities")
+    if links.shape != rates.shape:
+        raise ValueError(f"velocities: shape {np.shape(velocities)}, must be that of positions, {np.shape(positions)}")
+    branch = _Branch(*(part.reshape(links.shape[:-1]) for part in _follow(links.reshape(-1, *links.shape[-2:]))))
+    with np.errstate(invalid="ignore", over="ignore"):
+        polar_rate, azimuth_rate = _rates(links, rates, branch)
+    return (polar_rate if zero == "horizontal" else -polar_rate), azimuth_rate
+
+
+def _rates(links: np.ndarray, rates: np.ndarray, branch: _Branch) -> tuple[np.ndarray, np.ndarray]:
+    """Horizontal-zero angle rates (..., n) of links (..., n, 3) and their rates; NaN where the links are not finite."""
+    polar, azimuth, pole, bad = branch
+    size = np.where(bad, 1.0, np.linalg.norm(links, axis=-1))
+    along = np.cos(azimuth) * rates[..., 0] + np.sin(azimuth) * rates[..., 1]
+    across = np.cos(azimuth) * rates[..., 1] - np.sin(azimuth) * rates[..., 0]
+    polar_rate = np.where(bad, 0.0, -np.sin(polar) * along - np.cos(polar) * rates[..., 2]) / size
+    signed_radius = np.cos(azimuth) * links[..., 0] + np.sin(azimuth) * links[..., 1]
+    azimuth_rate = np.where(pole, 0.0, across / np.where(pole, 1.0, signed_radius))
+    lost = np.isnan(polar)
+    return np.where(lost, np.nan, polar_rate), np.where(lost, np.nan, azimuth_rate)
+
+
+def angles_to_links(
+    polar: np.ndarray, azimuth: np.ndarray, length: np.ndarray | float, zero: str = "horizontal"
+) -> np.ndarray:
+    """Link vectors (..., n, 3) [m] from angles (..., n) [rad] and lengths (n,) or a number [m].
+
+    The inverse of `link_angles`; `np.cumsum` of the result along the links gives the nodes relative to the first one.
+    """
+    _check_zero(zero)
+    down = np.asarray(polar, float) if zero == "down" else np.pi / 2 - np.asarray(polar, float)
+    azimuth = np.asarray(azimuth, float)
+    flat, up = np.sin(down), -np.cos(down)
+    unit = np.stack(np.broadcast_arrays(flat * np.cos(azimuth), flat * np.sin(azimuth), up), axis=-1)
+    return unit * np.asarray(length, float)[..., None]
+
+
+def _follow(links: np.ndarray) -> _Branch:
+    """The branch of link vectors (k, n, 3)."""
+    missing = ~np.isfinite(links).all(axis=-1)
+    links = np.where(missing[..., None], 0.0, links)
+    largest = np.abs(links).max(axis=-1)
+    bad = largest == 0.0
+    links = links / np.where(bad, 1.0, largest)[..., None]
+    radius = np.hypot(links[..., 0], links[..., 1])
+    pole = radius <= POLE
+    polar = _hold(np.arctan2(-links[..., 2], radius), bad)
+    azimuth = _hold(np.arctan2(links[..., 1], links[..., 0]), pole)
+    azimuth = np.where(pole.all(axis=0), 0.0, azimuth)
+    polar, azimuth = _continue(polar, azimuth)
+    return _Branch(np.where(missing, np.nan, polar), np.where(missing, np.nan, azimuth), pole, bad)
+
+
+def _hold(values: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+    """Values (k, n) with unknown samples replaced by the last known one, leading ones by the first known one."""
+    rows = np.arange(len(values))[:, None]
+    last = np.maximum.accumulate(np.where(unknown, -1, rows), axis=0)
+    first = np.argmin(unknown, axis=0)
+    return np.take_along_axis(values, np.where(last < 0, first, last), axis=0)
+
+
+def _continue(polar: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rules 2 and 3 for principal values (k, n): polar in [-pi/2, pi/2], azimuth in [-pi, pi]."""
+    turn = np.diff(azimuth, axis=0)
+    keep = np.diff(polar, axis=0) ** 2 + _shortest(turn) ** 2
+    swap = _shortest(np.pi - polar[1:] - polar[:-1]) ** 2 + _shortest(turn + np.pi) ** 2
+    first = (azimuth[:1] > np.pi / 2 + EDGE) | (azimuth[:1] <= EDGE - np.pi / 2)
+    swapped = np.cumsum(np.concatenate([first, swap < keep]), axis=0) % 2 == 1
+    polar = np.unwrap(np.where(swapped, np.pi - polar, polar), axis=0)
+    # Half turns are counted and added once, so that motion in the x-z plane has an azimuth of exactly 0.
+    start = np.where(azimuth[:1] > 0, -1, 1) * np.pi
+    named = np.where(swapped, azimuth + start, azimuth)
+    halves = np.rint((np.unwrap(named, axis=0) - azimuth) / np.pi)
+    return polar - 2 * np.pi * np.ceil((polar[:1] - np.pi) / (2 * np.pi)), azimuth + halves * np.pi
+
+
+def _polar_from(polar: np.ndarray, zero: str) -> np.ndarray:
+    """Horizontal-zero polar angles (k, n) in the asked convention, the first one in (-pi, pi]."""
+    if zero == "horizontal":
+        return polar
+    down = np.pi / 2 - polar
+    start = np.nan_to_num(down[:1])
+    return down - 2 * np.pi * np.ceil((start - np.pi) / (2 * np.pi))
+
+
+def _shortest(angle: np.ndarray) -> np.ndarray:
+    """The angle as the shortest turn, in [-pi, pi]."""
+    return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
+
+
+def _links(nodes: np.ndarray, name: str) -> np.ndarray:
+    nodes = np.asarray(nodes, float)
+    if nodes.ndim not in (2, 3) or nodes.shape[-1] != 3 or nodes.shape[-2] < 2 or len(nodes) == 0:
+        raise ValueError(f"{name}: shape {nodes.shape}, must be (k, n + 1, 3) or (n + 1, 3) with n >= 1")
+    # A run that blew up holds infinities: their differences are NaN, and `_follow` leaves them out.
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.diff(nodes, axis=-2)
+
+
+def _check_zero(zero: str) -> None:
+    if zero not in ZEROS:
+        raise ValueError(f"zero = {zero!r}: must be one of {', '.join(ZEROS)}")

@@ -1,0 +1,60 @@
+"""Energy bookkeeping of a finished run."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+
+class Energies(Protocol):
+    """What a solution offers: kinetic, potential (k,) [J]; work (k, w) [J] since the start, named by `work_names`."""
+
+    kinetic: np.ndarray
+    potential: np.ndarray
+    work: np.ndarray
+    work_names: tuple[str, ...]
+
+
+def balance_drift(solution: Energies) -> np.ndarray:
+    """`E(t) - E(0) - sum of the work done since`, (k,) [J]: zero for an exact solution.
+
+    Work counts what takes energy away (damping, friction) and what brings it in (applied forces, moving ends).
+    """
+    with np.errstate(invalid="ignore"):  # a run that failed may hold infinities
+        total = np.asarray(solution.kinetic) + np.asarray(solution.potential)
+        work = _work(solution).sum(axis=1)
+        return (total - total[0]) - (work - work[0])
+
+
+def energy_table(solution: Energies) -> dict[str, Any]:
+    """Energies at both ends of a run, work by contribution, and how well the balance closes.
+
+    Returns:
+        `initial` and `final`, each {kinetic, potential, total} [J]; `work` {name: J}, over the whole run; `scale` [J],
+        the larger of the greatest kinetic energy and the range of the potential; `drift` {final, largest} [J] and
+        `relative_drift`, the largest over the scale (0 where nothing moves).
+    """
+    kinetic, potential = np.asarray(solution.kinetic), np.asarray(solution.potential)
+    work = _work(solution)
+    drift = balance_drift(solution)
+    with np.errstate(invalid="ignore"):
+        scale = float(max(kinetic.max(), np.ptp(potential)))
+    largest = float(np.abs(drift).max())
+    return {
+        "initial": _instant(kinetic[0], potential[0]),
+        "final": _instant(kinetic[-1], potential[-1]),
+        "work": {name: float(done) for name, done in zip(solution.work_names, work[-1] - work[0], strict=True)},
+        "scale": scale,
+        "drift": {"final": float(drift[-1]), "largest": largest},
+        "relative_drift": 0.0 if scale == 0 else largest / scale,
+    }
+
+
+def _work(solution: Energies) -> np.ndarray:
+    return np.asarray(solution.work).reshape(len(solution.kinetic), -1)
+
+
+def _instant(kinetic: float, potential: float) -> dict[str, float]:
+    kinetic, potential = float(kinetic), float(potential)
+    return {"kinetic": kinetic, "potential": potential, "total": kinetic + potential}

@@ -1,0 +1,94 @@
+"""Axial laws: how the length of a link and its tension belong together."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.fields import component, parameter
+from dropper_jax.kinematics import safe_norm
+
+
+@component
+class Rigid:
+    """Inextensible link: `|d|^2 = L^2`; the tension is whatever holds it."""
+
+    @property
+    def elastic(self) -> bool:
+        return False
+
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        """`(|d1|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
+        return (jnp.sum(d1 * d1, axis=-1) - length**2) / (2 * length)
+
+    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
+        """Derivative of the residual with respect to d1, (n, 3)."""
+        return d1 / length[:, None]
+
+    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
+        """Minus the derivative of the residual with respect to the tension, (n,) [m/N]."""
+        return jnp.zeros_like(length)
+
+    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+        """Unit pull of a tension over a step, (n, 3): `d_mid / L` does exactly `T (|d1| - |d0|)` = 0 of work."""
+        return mean / length[:, None]
+
+
+@component
+class Elastic:
+    """Elastic link with internal damping: `T = EA (|d| - L)/L + BA d|d|/dt / L`.
+
+    `EA` is the axial stiffness [N]. `damping` is BA [N s] (the paper's internal damping, its section 3.1).
+    The link also pushes: a line that can go slack is another law.
+    """
+
+    EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
+    damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, optional=True)
+
+    @property
+    def elastic(self) -> bool:
+        return True
+
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        """`|d1| - L - L T/EA + (BA/EA) (|d1| - |d0|)/h` (n,) [m]: the law at the end of the step.
+
+        Written at the end it only ever takes energy from axial ringing; its rigid limit is EA -> infinity.
+        """
+        size = safe_norm(d1)
+        law = size - length - length * tension / self.EA
+        if self.damping is None:
+            return law
+        return law + self.damping / self.EA * (size - safe_norm(d0)) / h
+
+    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
+        return d1 / safe_norm(d1)[:, None]
+
+    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
+        return length / self.EA * jnp.ones_like(length)
+
+    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+        """`d_mid / ((|d0| + |d1|)/2)`: only this one does exactly `T (|d1| - |d0|)` of work."""
+        return mean / (0.5 * (safe_norm(d0) + safe_norm(d1)))[:, None]
+
+    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+        """Tension (n,) [N] of links d stretching at d' = `rate`, for explicit integrators."""
+        size = safe_norm(d)
+        pull = self.EA * (size - length) / length
+        if self.damping is None:
+            return pull
+        return pull + self.damping / length * jnp.sum(d * rate, axis=-1) / size
+
+    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+        """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
+        return jnp.sum(0.5 * self.EA / length * (safe_norm(d) - length) ** 2)
+
+    def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        """Work of the internal damping over a step, scalar [J], never positive."""
+        if self.damping is None:
+            return jnp.zeros((), d0.dtype)
+        stretch = safe_norm(d1) - safe_norm(d0)
+        return -jnp.sum(self.damping / length * stretch**2) / h
+
+
+Axial = Rigid | Elastic
+LAWS = {"rigid": Rigid, "elastic": Elastic}

@@ -1,0 +1,7 @@
+"""Exit codes of all commands."""
+
+OK = 0
+INVALID_INPUT = 2
+#: A run or a search that failed; what it has is kept.
+FAILED = 3
+INTERRUPTED = 130

@@ -1,0 +1,69 @@
+"""`dropper equilibrium SCENE`: the static pose."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.output import print_json, print_line, table
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+
+name = "equilibrium"
+help = "find the static pose of a scene, held by its release force where it has one"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args)
+
+    from dropper_jax import equilibrium
+    from dropper_jax.analysis.angles import link_angles
+
+    found = equilibrium(scene)
+    angles = np.stack(link_angles(np.asarray(found.positions)), axis=-1)
+    failed = found.status != "ok"
+    if args.json:
+        print_json(_object(scene, found, angles))
+    else:
+        print(_text(found, angles))
+    if failed:
+        print_line(f"error: {found.status}: {found.message}")
+    elif not args.json:
+        print(f"ok: scaled residual {found.residual:.1e}")
+    return FAILED if failed else OK
+
+
+def _object(scene: Scene, found: Any, angles: np.ndarray) -> dict[str, Any]:
+    from dropper_jax.solution import SCHEMA, jsonable
+
+    result = {
+        "schema": SCHEMA,
+        "status": found.status,
+        "scene": scene.name,
+        "residual": float(found.residual),
+        "angles_rad": angles,
+        "positions_m": np.asarray(found.positions),
+        "tension_n": np.asarray(found.tension),
+    }
+    return jsonable(result if found.status == "ok" else {**result, "error": f"{found.status}: {found.message}"})
+
+
+def _text(found: Any, angles: np.ndarray) -> str:
+    rows = [("node", "x [m]", "y [m]", "z [m]", "polar [rad]", "azimuth [rad]", "tension [N]")]
+    positions, tension = np.asarray(found.positions), np.asarray(found.tension)
+    for i, (x, y, z) in enumerate(positions):
+        link = (*angles[i - 1], tension[i - 1]) if i else ()
+        cells = [f"{value:.5f}" for value in (x, y, z, *link)]
+        rows.append((str(i), *cells, *[""] * (6 - len(cells))))
+    return (
+        table(rows) + "\nangles and tension: of the link that ends at the node; polar is 0 at the horizontal, down > 0"
+    )

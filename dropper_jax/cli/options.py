@@ -1,0 +1,70 @@
+"""Arguments that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.errors import SceneError
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+
+SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """SCENE, --set and --json."""
+    parser.add_argument("scene", metavar="SCENE", help="name of a packaged scene, or a TOML file")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
+    add_json(parser)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """--json."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
+
+
+def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> Scene:
+    """The scene with `--set` and `more` values by path."""
+    from dropper_jax.scene import load_scene
+
+    values = dict(_assignment(text) for text in args.set)
+    values.update({path: value for path, value in (more or {}).items() if value is not None})
+    scene = load_scene(args.scene)
+    return scene.with_values(values) if values else scene
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    """Path and value of `KEY=VALUE`; the value is read as TOML, and as plain text where it is none."""
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip():
+        raise SceneError(f"--set: {text!r} is not KEY=VALUE; allowed: a path, '=' and a value, such as run.dt=0.01")
+    try:
+        return path.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return path.strip(), value.strip()
+
+
+def output_file(text: str | None, option: str, suffixes: tuple[str, ...]) -> Path | None:
+    """A file to write, refused before the work starts where its suffix or its folder is wrong."""
+    if text is None:
+        return None
+    path = Path(text)
+    if path.suffix.lower() not in suffixes:
+        raise SceneError(f"{option}: {text!r} has no known suffix; allowed: {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise SceneError(f"{option}: the folder {str(path.parent)!r} does not exist; allowed: an existing one")
+    if path.is_dir():
+        raise SceneError(f"{option}: {text!r} is a folder; allowed: a file")
+    return path
+
+
+def number(text: str) -> float:
+    """A number of the command line; its range is checked with the scene."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None

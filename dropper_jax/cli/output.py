@@ -1,0 +1,81 @@
+"""What commands print: one JSON object or a short table on standard output, everything else on standard error."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+BAR = 30
+#: Away from a terminal a progress line is printed at these shares of the whole.
+MARKS = (0.25, 0.5, 0.75, 1.0)
+
+
+def print_json(found: dict[str, Any]) -> None:
+    """The one object on standard output."""
+    print(json.dumps(found, allow_nan=False), flush=True)
+
+
+def print_line(text: str) -> None:
+    """A line for people, on standard error."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def failure_object(status: str, message: str) -> dict[str, Any]:
+    """The JSON object of a command that could not do its work."""
+    return {"schema": 1, "status": status, "error": message}
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows in columns, the first one flush left, the others flush right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def listing(pairs: Sequence[tuple[str, str]]) -> str:
+    """Names and values, one pair per line."""
+    width = max(len(name) for name, _ in pairs)
+    return "\n".join(f"{name.ljust(width)}  {value}" for name, value in pairs)
+
+
+def progress(quiet: bool = False) -> Callable[[float, str], None] | None:
+    """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, None if quiet."""
+    if quiet:
+        return None
+    return _bar() if sys.stderr.isatty() else _lines()
+
+
+def _bar() -> Callable[[float, str], None]:
+    last = 0.0
+
+    def show(fraction: float, text: str = "") -> None:
+        nonlocal last
+        now = time.monotonic()
+        if fraction < 1.0 and now - last < 0.1:  # ten times a second is smooth and costs nothing
+            return
+        last = now
+        full = int(BAR * min(max(fraction, 0.0), 1.0))
+        bar = "#" * full + "." * (BAR - full)
+        end = "\n" if fraction >= 1.0 else ""
+        print(f"\r[{bar}] {100 * fraction:3.0f} % {text:<40}", end=end, file=sys.stderr, flush=True)
+
+    return show
+
+
+def _lines() -> Callable[[float, str], None]:
+    reached = 0
+
+    def show(fraction: float, text: str = "") -> None:
+        nonlocal reached
+        marks = sum(fraction >= mark for mark in MARKS)
+        if marks > reached:
+            print_line(f"{100 * fraction:3.0f} % {text}".rstrip())
+        reached = max(marks, reached)
+
+    return show

@@ -1,0 +1,122 @@
+"""`dropper run SCENE`: simulate a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
+from dropper_jax.cli.options import add_scene, number, output_file, read_scene
+from dropper_jax.cli.output import listing, print_json, print_line, progress, table
+from dropper_jax.errors import SceneError
+
+if TYPE_CHECKING:
+    from dropper_jax.solution import Solution
+
+name = "run"
+help = "simulate a scene"
+
+#: Options that stand for a value of the scene.
+OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "gamma")
+PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--integrator", help="time integration scheme")
+    parser.add_argument("--solver", help="linear solver: auto, dense, banded or condensed")
+    parser.add_argument("--dt", type=number, help="time step [s]")
+    parser.add_argument("--duration", type=number, help="simulated time [s]")
+    parser.add_argument("--dtype", help="float64 or float32")
+    parser.add_argument("--gamma", type=number, help="weight of the new time in the theta schemes, 0 to 1")
+    parser.add_argument("--out", metavar="FILE.npz", help="save the solution")
+    parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
+    parser.add_argument("--animate", metavar="FILE.gif", help="write an animation")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+    out = output_file(args.out, "--out", (".npz",))
+    gif = output_file(args.animate, "--animate", (".gif",))
+    plot = _plot_target(args.plot)
+
+    from dropper_jax import simulate
+
+    solution = simulate(scene, progress=progress(args.quiet))
+    for warning in solution.warnings:
+        print_line(f"warning: {warning}")
+    if out:
+        solution.save(out)
+    if plot:
+        draw(solution, plot)
+    if gif:
+        from dropper_jax import plots
+
+        plots.animate(solution, gif, progress=progress(args.quiet))
+    return report(solution, args.json)
+
+
+def _plot_target(text: str | None) -> Path | None:
+    if text is None or Path(text).suffix.lower() == ".png":
+        return output_file(text, "--plot", (".png",))
+    path = Path(text)
+    if path.exists() and not path.is_dir():
+        raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
+    return path
+
+
+def draw(solution: Solution, target: Path) -> list[Path]:
+    """A snapshot to a PNG file, or all pictures to a folder."""
+    from dropper_jax import plots
+
+    if target.suffix.lower() == ".png":
+        plots.snapshot(solution, target)
+        return [target]
+    target.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, function in PICTURES.items():
+        files.append(target / f"{name}.png")
+        getattr(plots, function)(solution, files[-1])
+    return files
+
+
+def report(solution: Solution, as_json: bool) -> int:
+    """Print the result; returns the exit code."""
+    if as_json:
+        print_json(solution.summary())
+    else:
+        print(text(solution))
+    if solution.failure:
+        print_line(f"error: {solution.failure}")
+    return {"ok": OK, "interrupted": INTERRUPTED}.get(solution.status, FAILED)
+
+
+def text(solution: Solution) -> str:
+    """The result for people."""
+    used = solution.settings
+    pairs = [
+        ("scene", solution.scene.name),
+        ("integrator", f"{used['integrator']}, solver {used['solver']}, {used['dtype']}"),
+        ("time", f"{used['steps']} steps of {used['dt']:g} s to {solution.t[-1]:g} s"),
+        ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
+        ("residual", f"{solution.max_residual:.1e} largest, scaled; closure {solution.max_closure_error:.1e} m"),
+        ("energy", f"balance drifts by {solution.energy_drift:.1e} J of a scale of {solution.energy_scale:.3g} J"),
+        ("speed", f"{solution.max_speed:.3g} m/s largest"),
+        ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
+    ]
+    rows = [("tension [N]", "min", "mean", "max", "final")]
+    for part, values in solution.tension_summary().items():
+        rows.append((f"{part} link" + ("s" if part == "all" else ""), *(f"{value:.4f}" for value in values.values())))
+    return "\n".join([listing(pairs), "", table(rows), "", result_line(solution)])
+
+
+def result_line(solution: Solution) -> str:
+    """One line: what came of the run."""
+    if solution.failure:
+        return f"failed: {solution.failure}"
+    return (
+        f"ok: {solution.t[-1] - solution.t[0]:g} s simulated in {solution.run_s:.3g} s, "
+        f"{solution.us_per_step:.3g} us per step, {solution.realtime_factor:.3g} times real time"
+    )

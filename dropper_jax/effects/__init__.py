@@ -1,0 +1,26 @@
+"""The effects a scene can name. A new effect is one file and one line here."""
+
+from dropper_jax.effects.base import Effect, Law
+from dropper_jax.effects.end_motion import EndMotion
+from dropper_jax.effects.joint_friction import JointFriction
+from dropper_jax.effects.linear_damping import LinearDamping
+from dropper_jax.effects.nodal_force import NodalForce
+from dropper_jax.effects.quadratic_damping import QuadraticDamping
+from dropper_jax.effects.weight import Weight
+
+#: Effects by their name in a scene, in the order in which a model lists them.
+EFFECTS: dict[str, type[Effect]] = {
+    cls.name: cls for cls in (Weight, LinearDamping, QuadraticDamping, JointFriction, NodalForce, EndMotion)
+}
+
+__all__ = [
+    "EFFECTS",
+    "Effect",
+    "EndMotion",
+    "JointFriction",
+    "Law",
+    "LinearDamping",
+    "NodalForce",
+    "QuadraticDamping",
+    "Weight",
+]

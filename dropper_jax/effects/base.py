@@ -1,0 +1,84 @@
+"""What an effect is: one frozen dataclass that adds to some of the named slots below.
+
+Slots (all pure functions; what a class does not define does not exist in the compiled program):
+
+- `force(k)`        nodal force on the free nodes, (nodes, 3) [N]
+- `potential(k)`    potential energy whose negative gradient is `force`, scalar [J]; an effect that has one is
+                    conservative: its energy is part of the balance, otherwise its work is
+- `inertia(k, a)`   inertia force of added mass for nodal accelerations a, (nodes, 3) [N]; with `kinetic(k)` [J]
+- `prepare(k)`      anything expensive that may be frozen over a step, evaluated once at the predicted midpoint
+                    and passed back to `force` as `k.prepared(self)`
+- `displace(t)`     prescribed displacement of the point `point`, (3,) [m]
+- a law with unknowns of its own (dry friction): see `Law`
+
+`k` is a `dropper_jax.kinematics.Kinematics`: positions, velocities, link vectors, rates, computed on demand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+if TYPE_CHECKING:
+    from dropper_jax.kinematics import Kinematics
+    from dropper_jax.model import Line
+
+
+class Effect:
+    """Base of all effects; subclasses are `component` dataclasses with a `name`, the key in `[effects.NAME]`."""
+
+    name: ClassVar[str]
+    #: How far a force reaches: 0 own node, 1 neighbouring nodes, 2 next neighbours. Solvers rely on it.
+    reach: ClassVar[int] = 0
+    #: Whether the force depends on neither positions nor velocities, so that it adds nothing to a Jacobian.
+    constant: ClassVar[bool] = False
+
+    def force(self, k: Kinematics) -> jax.Array | None:
+        return None
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+        """Raise `SceneError` for combinations of values that single-field ranges cannot express."""
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+        """Make the effect from validated scene values (None where left out)."""
+        return cls(**values)
+
+
+class Law(Effect):
+    """An effect with unknowns of its own, `components` per joint, solved together with the step.
+
+    Joint j sits at node j, j = 0..n (the last one only where the end is held). The unknown z (joints, c) enters
+    the motion through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
+    """
+
+    @property
+    def components(self) -> int:
+        raise NotImplementedError
+
+    def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
+        """Nodal force of the unknown, (nodes, 3) [N]."""
+        raise NotImplementedError
+
+    def law_residual(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        """Rows that determine z, same shape as z; `mid` is the middle of the step from v0 to v1."""
+        raise NotImplementedError
+
+    def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
+        """Size of a row, scalar: the residual tolerance is relative to it."""
+        raise NotImplementedError
+
+
+def per_node(value: jax.Array, nodes: int) -> jax.Array:
+    """A number or one value per node (n,) as a column that multiplies (nodes, 3); a held end's entry is dropped."""
+    return value if jnp.ndim(value) == 0 else value[:nodes, None]
+
+
+def has(effect: Effect, slot: str) -> bool:
+    """Whether the effect fills a slot."""
+    found = getattr(type(effect), slot, None)
+    return found is not None and found is not getattr(Effect, slot, None)

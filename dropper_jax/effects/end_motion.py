@@ -1,0 +1,75 @@
+"""Prescribed motion of an end: harmonic or from a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.fields import component, option, parameter
+
+
+@component
+class EndMotion(Effect):
+    """Displacement of a held point from its position.
+
+    Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = min(t/ramp, 1)` where a ramp is given.
+    Table: `displacement` (k, 3) at `time`, a smooth cubic (Catmull-Rom) between, so that velocities exist.
+    """
+
+    name: ClassVar[str] = "end_motion"
+    amplitude: jax.Array | None = parameter("amplitude per axis", unit="m", shape="vector", optional=True)
+    period: jax.Array | None = parameter("period", unit="s", low=0.0, open_low=True, optional=True)
+    phase: jax.Array | None = parameter("phase", unit="rad", optional=True)
+    ramp: jax.Array | None = parameter(
+        "time to reach the full amplitude", unit="s", low=0.0, open_low=True, optional=True
+    )
+    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
+    displacement: jax.Array | None = parameter("displacement at those times", unit="m", shape="vectors", optional=True)
+    point: str = option("name of the point that moves", type=str, default="")
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+        held = [p.name for p in scene.points if p.kind == "fixed"]
+        if values["point"] not in held:
+            raise SceneError(
+                f"effects.end_motion.point: {values['point']!r} is not a held point; {nearest(values['point'], held)}"
+            )
+        harmonic = values["amplitude"] is not None and values["period"] is not None
+        table = values["time"] is not None and values["displacement"] is not None
+        if harmonic == table:
+            raise SceneError("effects.end_motion: give either `amplitude` and `period`, or `time` and `displacement`")
+        if table and (
+            len(values["time"]) != len(values["displacement"])
+            or len(values["time"]) < 2
+            or np.any(np.diff(values["time"]) <= 0)
+        ):
+            raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
+
+    def displace(self, t: jax.Array) -> jax.Array:
+        """Displacement (3,) [m] at time t [s]."""
+        if self.time is not None:
+            return _catmull_rom(t, self.time, self.displacement)
+        phase = 0.0 if self.phase is None else self.phase
+        wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
+        return self.amplitude * (wave if self.ramp is None else wave * jnp.minimum(t / self.ramp, 1.0))
+
+
+def _catmull_rom(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
+    """Cubic Hermite interpolation with finite-difference slopes; the end values are held outside the table."""
+    t = jnp.clip(t, time[0], time[-1])
+    slopes = jnp.gradient(values, axis=0) / jnp.gradient(time)[:, None]
+    i = jnp.clip(jnp.searchsorted(time, t, side="right") - 1, 0, time.shape[0] - 2)
+    width = time[i + 1] - time[i]
+    s = (t - time[i]) / width
+    return (
+        (1 + 2 * s) * (1 - s) ** 2 * values[i]
+        + s * (1 - s) ** 2 * width * slopes[i]
+        + s * s * (3 - 2 * s) * values[i + 1]
+        + s * s * (s - 1) * width * slopes[i + 1]
+    )

@@ -1,0 +1,22 @@
+"""Linear damping of the nodes."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax
+
+from dropper_jax.effects.base import Effect, per_node
+from dropper_jax.fields import component, parameter
+from dropper_jax.kinematics import Kinematics
+
+
+@component
+class LinearDamping(Effect):
+    """Linear damping `F = -b_l v` on each node (thesis (4.13), first term)."""
+
+    name: ClassVar[str] = "linear_damping"
+    b_l: jax.Array = parameter("linear damping coefficient", unit="kg/s", shape="node", low=0.0)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        return -per_node(self.b_l, k.free) * k.v

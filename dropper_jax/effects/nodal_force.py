@@ -1,0 +1,70 @@
+"""Applied forces on nodes: constant, ramp and release, or any time table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.errors import SceneError
+from dropper_jax.fields import component, option, parameter
+from dropper_jax.kinematics import Kinematics
+
+
+@component
+class NodalForce(Effect):
+    """Force `F_i(t) = s(t) force_i` on chosen nodes.
+
+    `s(t)` is 1 (constant), `min(max((t - start)/rise, 0), 1)` until `release` and 0 after it (ramp; thesis
+    (E.1)-(E.3) is `rise = M g / 0.094 s`), or read from a table `time`, `scale` (linear between, held outside).
+    """
+
+    name: ClassVar[str] = "nodal_force"
+    constant: ClassVar[bool] = True
+    force_n: jax.Array = parameter("force on each named node", unit="N", shape="vectors")
+    start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, optional=True)
+    rise: jax.Array | None = parameter(
+        "time from zero to the full force", unit="s", low=0.0, open_low=True, optional=True
+    )
+    release: jax.Array | None = parameter("when the force is let go", unit="s", low=0.0, optional=True)
+    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
+    scale: jax.Array | None = parameter("factor at those times", unit="-", shape="table", optional=True)
+    nodes: tuple[int, ...] = option("node numbers, counted from 1 next to the first point", type=tuple, default=())
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+        links = scene.lines[0].links
+        for node in values["nodes"]:
+            if not 1 <= node <= links:
+                raise SceneError(f"effects.nodal_force.nodes: {node} is not a node of the line; allowed 1 to {links}")
+        if len(values["nodes"]) != len(values["force_n"]):
+            raise SceneError(
+                f"effects.nodal_force.force_n: {len(values['force_n'])} forces for {len(values['nodes'])} nodes; "
+                "give one 3-vector per node"
+            )
+        table = (values["time"], values["scale"])
+        if (table[0] is None) != (table[1] is None):
+            raise SceneError("effects.nodal_force: `time` and `scale` belong together, one of them is missing")
+        if table[0] is None:
+            return
+        if len(table[0]) != len(table[1]) or len(table[0]) < 2 or np.any(np.diff(table[0]) <= 0):
+            raise SceneError("effects.nodal_force.time: needs at least 2 increasing times, as many as `scale`")
+        if any(values[key] is not None for key in ("start", "rise", "release")):
+            raise SceneError("effects.nodal_force: a table excludes `start`, `rise` and `release`; give one of the two")
+
+    def factor(self, t: jax.Array) -> jax.Array:
+        """s(t), dimensionless."""
+        if self.time is not None:
+            return jnp.interp(t, self.time, self.scale)
+        begin = 0.0 if self.start is None else self.start
+        s = jnp.where(t >= begin, 1.0, 0.0) if self.rise is None else jnp.clip((t - begin) / self.rise, 0.0, 1.0)
+        return s if self.release is None else jnp.where(t < self.release, s, 0.0)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        index = np.array(self.nodes) - 1
+        movable = index < k.free  # a force on a held node moves nothing
+        return jnp.zeros_like(k.r).at[index[movable]].add(self.factor(k.t) * self.force_n[np.flatnonzero(movable)])

@@ -1,0 +1,33 @@
+"""Quadratic damping of the nodes."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import Effect, per_node
+from dropper_jax.fields import component, option, parameter
+from dropper_jax.kinematics import Kinematics, safe_norm
+
+
+@component
+class QuadraticDamping(Effect):
+    """Quadratic damping `F = -b_q |v| v` on each node.
+
+    The thesis prints `v^2` per component ((4.13)-(4.14)), which feeds energy in for negative velocities (erratum).
+    `form = "componentwise"` is `-b_q |v_i| v_i`, its repaired form, for reproduction; it depends on the axes.
+    """
+
+    name: ClassVar[str] = "quadratic_damping"
+    b_q: jax.Array = parameter("quadratic damping coefficient", unit="kg/m", shape="node", low=0.0)
+    form: str = option(
+        "isotropic |v| v, or |v_i| v_i per component",
+        choices=("isotropic", "componentwise"),
+        default="isotropic",
+    )
+
+    def force(self, k: Kinematics) -> jax.Array:
+        speed = jnp.abs(k.v) if self.form == "componentwise" else safe_norm(k.v)[:, None]
+        return -per_node(self.b_q, k.free) * speed * k.v

@@ -1,0 +1,46 @@
+"""Weight of the line, in air or as an explicit weight in water."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.fields import component, parameter
+from dropper_jax.kinematics import Kinematics
+
+if TYPE_CHECKING:
+    from dropper_jax.model import Line
+
+
+@component
+class Weight(Effect):
+    """Weight `F = -w z` on each node.
+
+    In air `w = m g`. In water give `wet_weight` [N] per link: neither source has buoyancy in its equations
+    (erratum: 14 kg/m at 0.05 m diameter would be 7130 kg/m^3), so it is never guessed. A link's weight acts
+    in its centre of mass, which lies on the link: the share of its two nodes is exact.
+    """
+
+    name: ClassVar[str] = "weight"
+    constant: ClassVar[bool] = True
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    wet_weight: jax.Array | None = parameter("weight in water per link", unit="N", shape="link", optional=True)
+
+    def per_link(self, line: Line) -> jax.Array:
+        """Weight of each link (n,) [N]."""
+        if self.wet_weight is None:
+            return self.gravity * line.mass
+        return self.wet_weight * jnp.ones_like(line.mass)
+
+    def weights(self, k: Kinematics) -> jax.Array:
+        """Weight of each free node (nodes,) [N]."""
+        return k.line.node_share(self.per_link(k.line), k.free)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        return jnp.zeros_like(k.r).at[:, 2].set(-self.weights(k))
+
+    def potential(self, k: Kinematics) -> jax.Array:
+        return jnp.sum(self.weights(k) * k.r[:, 2])

@@ -1,0 +1,72 @@
+"""Declaring the fields of models and effects: unit, meaning and allowed range stand beside the value.
+
+A *component* is a frozen dataclass registered as a JAX pytree. Its `parameter` fields are arrays
+(differentiable, batchable); its `option` fields are static and part of the compiled program. The scene
+reader takes its validation from the same declarations, so a number is described in one place only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, dataclass_transform
+
+import jax
+
+#: Shapes a parameter may declare. `node` and `link` values may also be given as one number for all.
+SHAPES = ("number", "node", "link", "joint", "vector", "table", "vectors")
+
+
+def parameter(
+    meaning: str,
+    *,
+    unit: str,
+    shape: str = "number",
+    low: float | None = None,
+    high: float | None = None,
+    open_low: bool = False,
+    optional: bool = False,
+    **kwargs: Any,
+) -> Any:
+    """Declare an array field of a component.
+
+    Args:
+        meaning: one line for people.
+        unit: SI unit as printed, `-` when dimensionless.
+        shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3).
+        low, high: allowed range, ends included; `open_low` excludes the lower end.
+        optional: the scene may leave it out, the field is then None and costs nothing.
+        **kwargs: `default` and friends, passed to `dataclasses.field`.
+    """
+    if shape not in SHAPES:
+        raise ValueError(f"shape {shape!r} is not one of {SHAPES}")
+    if optional:
+        kwargs.setdefault("default", None)
+    metadata = {
+        "kind": "parameter",
+        "meaning": meaning,
+        "unit": unit,
+        "shape": shape,
+        "low": low,
+        "high": high,
+        "open_low": open_low,
+        "optional": optional,
+    }
+    return dataclasses.field(metadata=metadata, **kwargs)
+
+
+def option(meaning: str, *, choices: Sequence[Any] | None = None, type: type | None = None, **kwargs: Any) -> Any:
+    """Declare a static field of a component: a choice or a plain value that shapes the compiled program."""
+    metadata = {"kind": "option", "meaning": meaning, "choices": choices, "type": type}
+    return dataclasses.field(metadata=metadata, **kwargs)
+
+
+@dataclass_transform(field_specifiers=(parameter, option, dataclasses.field), frozen_default=True)
+def component(cls: type) -> type:
+    """Make `cls` a frozen dataclass and a pytree: parameters are leaves, options are static."""
+    cls = dataclasses.dataclass(frozen=True)(cls)
+    fields = dataclasses.fields(cls)
+    static = [f.name for f in fields if f.metadata.get("kind") == "option"]
+    leaves = [f.name for f in fields if f.name not in static]
+    jax.tree_util.register_dataclass(cls, data_fields=leaves, meta_fields=static)
+    return cls

@@ -1,0 +1,89 @@
+"""The time integrators, one file each, and the rules by which a run's choice is made or refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.integrators.energy_momentum import EnergyMomentum
+from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
+from dropper_jax.integrators.rattle import Rattle
+from dropper_jax.integrators.rk2 import RK2
+from dropper_jax.integrators.rk4 import RK4
+from dropper_jax.integrators.semi_implicit_euler import SemiImplicitEuler
+from dropper_jax.integrators.theta import Theta
+from dropper_jax.integrators.theta_midpoint import ThetaMidpoint
+from dropper_jax.integrators.thesis_angles import ThesisAngles
+from dropper_jax.model import Model
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.stepping import Stepper
+
+INTEGRATORS = {
+    cls.name: cls
+    for cls in (
+        EnergyMomentum,
+        Rattle,
+        Theta,
+        ThetaMidpoint,
+        SemiImplicitEuler,
+        RK2,
+        RK4,
+        EnergyMomentum4,
+        ThesisAngles,
+    )
+}
+
+#: Below this many unknowns LU of the whole Jacobian beats block elimination (measured at 3 compound links).
+SMALL = 16
+
+
+def make_stepper(
+    model: Model,
+    integrator: str = "energy_momentum",
+    solver: str = "auto",
+    gamma: float | None = None,
+    **settings: Any,
+) -> Stepper:
+    """Choose integrator and solver for a model, refusing pairings that make no sense with their reason.
+
+    `settings` override fields of `Stepper` (iterations, tolerance, extra, halvings, track_work). `auto` takes the
+    condensed solver where it applies, else dense for few unknowns, else banded.
+    """
+    if integrator not in INTEGRATORS:
+        raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
+    if solver != "auto" and solver not in SOLVERS:
+        raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
+    cls = INTEGRATORS[integrator]
+    if gamma is not None and "gamma" not in cls.__dataclass_fields__:
+        raise SceneError(f"run.gamma: {gamma} is given, but integrator {integrator!r} has no such weight; leave it out")
+    try:
+        scheme = cls() if gamma is None else cls(gamma=float(gamma))
+    except ValueError as error:
+        raise SceneError(str(error)) from None
+    reason = scheme.refuse(model)
+    if reason:
+        raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")
+    if not scheme.implicit:
+        if solver != "auto":
+            raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
+        return Stepper(scheme, "none", "none", 0, **settings)
+    if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
+        raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
+    chosen = _choose(model, scheme) if solver == "auto" else solver
+    iterations = settings.pop("iterations", None)
+    if iterations is None:
+        iterations = scheme.condensed_iterations if chosen == "condensed" else scheme.iterations
+    return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)
+
+
+def _choose(model: Model, scheme: Any) -> str:
+    return "condensed" if SOLVERS["condensed"].refuse(model, scheme) is None else _exact(model, scheme)
+
+
+def _exact(model: Model, scheme: Any) -> str:
+    if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= SMALL:
+        return "dense"
+    return "banded"
+
+
+__all__ = ["INTEGRATORS", "make_stepper"]

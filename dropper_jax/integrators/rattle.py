@@ -1,0 +1,152 @@
+"""RATTLE: half kick, drift, half kick, with position and velocity constraints (Andersen 1983). The cheap one.
+
+    2 M (v_h - v0)/h = F(r0, v_h, t0) + G(r0)' lambda,    r1 = r0 + h v_h,    constraint at r1
+    2 M (v1 - v_h)/h = F(r1, v_h, t1) + G(r1)' mu,        velocity constraint at r1
+
+The second half is the adjoint of the first (forces take the same v_h), so the scheme is symmetric and second order
+with velocity-dependent forces too, and symplectic without them. Its energy error is bounded while h omega < 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax.lax.linalg import tridiagonal_solve
+
+from dropper_jax.effects.base import has
+from dropper_jax.kinematics import Kinematics, link_differences
+from dropper_jax.model import Model, State
+from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, node_blocks
+from dropper_jax.solvers.condensed import CondensedParts
+from dropper_jax.system import Unknowns
+
+
+def point_mass_links_only(integrator: Integrator, model: Model) -> str | None:
+    """Why a scheme that eliminates node by node cannot run the model, or None."""
+    if model.line.axial.elastic:
+        return "it holds links at their length, but the line is elastic; use energy_momentum, rk2 or rk4"
+    if model.line.compound:
+        return "it needs masses on the nodes, but compound links couple them; use energy_momentum"
+    if any(has(e, "inertia") for e in model.effects):
+        return "it needs constant masses on the nodes, but the scene has added mass; use energy_momentum"
+    return Integrator.refuse(integrator, model)
+
+
+def constant_force(model: Model) -> bool:
+    """Whether no force of the model depends on positions or velocities."""
+    return all(e.constant for e in model.effects if has(e, "force"))
+
+
+@dataclass(frozen=True)
+class Rattle(Integrator):
+    """RATTLE, second order, symplectic."""
+
+    name: ClassVar[str] = "rattle"
+    order: ClassVar[int] = 2
+    condensable: ClassVar[bool] = True
+    iterations: ClassVar[int] = 4
+    condensed_iterations: ClassVar[int] = 4  # its condensed matrix is the exact Jacobian
+
+    def refuse(self, model: Model) -> str | None:
+        return point_mass_links_only(self, model)
+
+    def problem(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
+        return RattleProblem(model, s, h)
+
+
+class RattleProblem(StepProblem):
+    """Unknowns: x = v_h, y = lambda, the tensions of the first half."""
+
+    def __init__(self, model: Model, s: State, h: jax.Array):
+        super().__init__(model, s, h)
+        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.mass = model.line.node_mass(model.free_nodes)
+        self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
+        self.prepared = model.prepare(model.kinematics(s.r, s.v, s.t, self.ends0))
+
+    def guess(self) -> Unknowns:
+        return Unknowns(self.s.v + 0.5 * self.h * self.s.acceleration, self.s.tension)
+
+    def _before(self, v: jax.Array) -> Kinematics:
+        s = self.s
+        return self.model.kinematics(s.r, v, s.t, self.ends0, prepared=self.prepared)
+
+    def _after(self, v: jax.Array) -> Kinematics:
+        s, h = self.s, self.h
+        k = self.model.kinematics(s.r + h * v, v, s.t + h, self.ends1)
+        return self.model.kinematics(k.r, v, k.t, self.ends1, prepared=self.model.prepare(k))
+
+    def _local(self, v: jax.Array) -> jax.Array:
+        return (2 / self.h) * self.mass[:, None] * (v - self.s.v) - self.model.force(self._before(v))
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        line = self.model.line
+        links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
+        force = self._local(u.x) - self.model.pull(u.y, self.pull0)
+        return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
+
+    def condensed(self, u: Unknowns) -> CondensedParts:
+        line = self.model.line
+        links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
+        if constant_force(self.model):
+            node = (2 / self.h) * self.mass
+        else:
+            node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
+        gradient = self.h * line.axial.gradient(links1, line.length)
+        return CondensedParts(node, self.pull0, gradient, jnp.zeros_like(line.length))
+
+    def finish(self, u: Unknowns) -> State:
+        model, s, h = self.model, self.s, self.h
+        after = self._after(u.x)
+        pull1 = after.links / model.line.length[:, None]
+        loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
+        mu = self._velocity_tensions(pull1, loose)
+        v1 = loose + 0.5 * h * model.pull(mu, pull1) / self.mass[:, None]
+        return State(
+            r=after.r,
+            v=v1,
+            tension=mu,
+            t=s.t + h,
+            acceleration=jax.lax.stop_gradient(2 * (v1 - u.x) / h),
+            law=s.law,
+            work=s.work + self._work(u, after, pull1, mu) if s.work.size else s.work,
+        )
+
+    def _velocity_tensions(self, pull: jax.Array, v: jax.Array) -> jax.Array:
+        """mu such that `d1 . (rate of the links) = 0` after its half kick: a tridiagonal system, linear."""
+        held, ends = self.model.end_held, self.ends1
+        rate = link_differences(v, ends.start_velocity, ends.end_velocity, held)
+        light = 0.5 * self.h / self.mass
+        zero = jnp.zeros_like(light[:1])
+        near = jnp.concatenate([zero, light]) if held else jnp.concatenate([zero, light[:-1]])
+        far = jnp.concatenate([light, zero]) if held else light
+        diagonal = (near + far) * jnp.sum(pull * pull, axis=-1)
+        shared = light if held else light[:-1]
+        off = -shared * jnp.sum(pull[1:] * pull[:-1], axis=-1)
+        rhs = jnp.sum(pull * rate, axis=-1)
+        lower, upper = jnp.concatenate([zero, off]), jnp.concatenate([off, zero])
+        return tridiagonal_solve(lower, diagonal, upper, rhs[:, None])[:, 0]
+
+    def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
+        before, h = self._before(u.x), self.h
+        effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
+        works = [0.5 * h * jnp.sum((e.force(before) + e.force(after)) * u.x) for e in effects]
+        if self.model.moving:
+            ends = ((self.ends0, u.y, self.pull0), (self.ends1, mu, pull1))
+            works.append(sum(0.5 * h * end_power(self.model, e, y, pull) for e, y, pull in ends))
+        return jnp.stack(works)
+
+    def column_scale(self) -> Unknowns:
+        line, h = self.model.line, self.h
+        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / h**2)
+        speed = line.length[: self.model.free_nodes, None] / jnp.abs(h)
+        return Unknowns(speed, jnp.broadcast_to(force, line.length.shape))
+
+
+def end_power(model: Model, ends, tension: jax.Array, pull: jax.Array) -> jax.Array:  # noqa: ANN001
+    """Power that moving ends put into the tensions they hold, scalar [W]."""
+    power = -jnp.sum(tension[0] * pull[0] * ends.start_velocity)
+    return power + jnp.sum(tension[-1] * pull[-1] * ends.end_velocity) if model.end_held else power

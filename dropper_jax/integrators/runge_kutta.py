@@ -1,0 +1,78 @@
+"""What the explicit Runge-Kutta schemes share: rates of change of an elastic line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax.lax.linalg import tridiagonal_solve
+
+from dropper_jax.effects.base import has
+from dropper_jax.integrators.rattle import end_power
+from dropper_jax.kinematics import safe_norm
+from dropper_jax.model import Model, State
+from dropper_jax.problem import Integrator
+
+
+@dataclass(frozen=True)
+class RungeKutta(Integrator):
+    """An explicit scheme: stable only for steps well below the axial period of the stiffest link."""
+
+    implicit: ClassVar[bool] = False
+
+    def refuse(self, model: Model) -> str | None:
+        if not model.line.axial.elastic:
+            return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
+        if any(has(e, "inertia") for e in model.effects):
+            return "added mass makes the masses depend on the motion; use energy_momentum"
+        return super().refuse(model)
+
+
+Rates = tuple[jax.Array, jax.Array, jax.Array]
+
+
+def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> tuple[Rates, jax.Array]:
+    """(r', v', work') and the tensions (n,) [N] at one instant."""
+    line = model.line
+    k = model.kinematics(r, v, t)
+    k = model.kinematics(r, v, t, k.ends, prepared=model.prepare(k))
+    tension = line.axial.tension(k.links, k.link_velocities, line.length)
+    force = model.force(k) + model.pull(tension, k.tangents)
+    power = _powers(model, k, tension) if track else jnp.zeros(0, r.dtype)
+    return (v, _accelerations(model, force, t), power), tension
+
+
+def _accelerations(model: Model, force: jax.Array, t: jax.Array) -> jax.Array:
+    line, free = model.line, model.free_nodes
+    diagonal = line.node_mass(free)
+    if not line.compound:
+        return force / diagonal[:, None]
+    if model.moving:
+        moved = jax.jvp(lambda time: model.ends(time)[2:], (t,), (jnp.ones_like(t),))[1]
+        start, end = moved[0], moved[1] if model.end_held else None
+        force = force - line.inertia_force(jnp.zeros_like(force), start, end, model.end_held)
+    off = line.blocks()[1][1:free]
+    zero = jnp.zeros_like(diagonal[:1])
+    return tridiagonal_solve(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
+
+
+def _powers(model: Model, k, tension: jax.Array) -> jax.Array:  # noqa: ANN001 - Kinematics
+    line = model.line
+    effects = [e for e in model.effects if has(e, "force") and not has(e, "potential")]
+    powers = [jnp.sum(e.force(k) * k.v) for e in effects]
+    if line.axial.damping is not None:
+        stretching = jnp.sum(k.links * k.link_velocities, axis=-1) / safe_norm(k.links)
+        powers.append(-jnp.sum(line.axial.damping / line.length * stretching**2))
+    if model.moving:
+        powers.append(end_power(model, k.ends, tension, k.tangents))
+    return jnp.stack(powers)
+
+
+def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
+    """The state after moving from s along the combined slope."""
+    r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
+    k = model.kinematics(r, v, s.t + h)
+    tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+    return State(r=r, v=v, tension=tension, t=s.t + h, acceleration=slope[1], law=s.law, work=work)

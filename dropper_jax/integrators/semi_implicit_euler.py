@@ -1,0 +1,92 @@
+"""Semi-implicit (symplectic) Euler, the thesis' scheme for the single and the double pendulum (2.35).
+
+    M (v1 - v0)/h = F(r0, v0, t0) + G(r0)' T,    r1 = r0 + h v1,    constraint at r1
+
+(The thesis prints explicit Euler in (2.36)-(2.37) where this is meant; erratum.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import has
+from dropper_jax.integrators.rattle import end_power, point_mass_links_only
+from dropper_jax.model import Model, State
+from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem
+from dropper_jax.solvers.condensed import CondensedParts
+from dropper_jax.system import Unknowns
+
+
+@dataclass(frozen=True)
+class SemiImplicitEuler(Integrator):
+    """First order; forces explicit, tensions hold the new lengths."""
+
+    name: ClassVar[str] = "semi_implicit_euler"
+    order: ClassVar[int] = 1
+    condensable: ClassVar[bool] = True
+    iterations: ClassVar[int] = 4
+    condensed_iterations: ClassVar[int] = 4
+
+    def refuse(self, model: Model) -> str | None:
+        return point_mass_links_only(self, model)
+
+    def problem(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
+        return SemiImplicitProblem(model, s, h)
+
+
+class SemiImplicitProblem(StepProblem):
+    """Unknowns: x = v1, y = T."""
+
+    def __init__(self, model: Model, s: State, h: jax.Array):
+        super().__init__(model, s, h)
+        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.mass = model.line.node_mass(model.free_nodes)
+        self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
+        before = model.kinematics(s.r, s.v, s.t, self.ends0)
+        self.before = model.kinematics(s.r, s.v, s.t, self.ends0, prepared=model.prepare(before))
+        self.force0 = model.force(self.before)
+
+    def guess(self) -> Unknowns:
+        return Unknowns(self.s.v + self.h * self.s.acceleration, self.s.tension)
+
+    def _links1(self, v1: jax.Array) -> jax.Array:
+        return self.model.links(self.s.r + self.h * v1, self.ends1)
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        line, links1 = self.model.line, self._links1(u.x)
+        force = self.mass[:, None] * (u.x - self.s.v) / self.h - self.force0 - self.model.pull(u.y, self.pull0)
+        return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
+
+    def condensed(self, u: Unknowns) -> CondensedParts:
+        line = self.model.line
+        gradient = self.h * line.axial.gradient(self._links1(u.x), line.length)
+        return CondensedParts(self.mass / self.h, self.pull0, gradient, jnp.zeros_like(line.length))
+
+    def finish(self, u: Unknowns) -> State:
+        s, h = self.s, self.h
+        return State(
+            r=s.r + h * u.x,
+            v=u.x,
+            tension=u.y,
+            t=s.t + h,
+            acceleration=jax.lax.stop_gradient((u.x - s.v) / h),
+            law=s.law,
+            work=s.work + self._work(u) if s.work.size else s.work,
+        )
+
+    def _work(self, u: Unknowns) -> jax.Array:
+        effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
+        works = [self.h * jnp.sum(e.force(self.before) * u.x) for e in effects]
+        if self.model.moving:
+            works.append(self.h * end_power(self.model, self.ends1, u.y, self.pull0))
+        return jnp.stack(works)
+
+    def column_scale(self) -> Unknowns:
+        line, h = self.model.line, self.h
+        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / h**2)
+        speed = line.length[: self.model.free_nodes, None] / jnp.abs(h)
+        return Unknowns(speed, jnp.broadcast_to(force, line.length.shape))

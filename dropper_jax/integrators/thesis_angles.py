@@ -1,0 +1,171 @@
+"""The thesis' own scheme, kept as the baseline of comparisons: angles, rates and tensions of every link.
+
+Unknowns per link (theta, phi, their rates, T), rows (C.32)-(C.41) with the weighting (5.4):
+
+    (theta1 - theta0)/h = gamma theta'1 + (1 - gamma) theta'0, the same for phi
+    m_n [A_n + gamma B_n1 + (1 - gamma) B_n0] = gamma F_n1 + (1 - gamma) F_n0        (free nodes)
+    end of the last link = held point                                                (closed loop)
+
+A_n sums the links' terms in theta'', phi'' (differences of the rates, at the new angles), B_n those in theta'^2,
+phi'^2, theta' phi', both from the links before node n. Corrected: the sign of B and of its Coriolis part, the missing
+m_n, z downwards positive angle (errata on (4.19), (C.8)-(C.17), (C.33)-(C.36)). Angles are from the horizontal; a
+vertical link has no azimuth, and the Jacobian is singular there: that is the point of keeping it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import has
+from dropper_jax.integrators.rattle import point_mass_links_only
+from dropper_jax.kinematics import Ends
+from dropper_jax.model import Model, State
+from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem
+from dropper_jax.system import Unknowns
+
+
+@dataclass(frozen=True)
+class ThesisAngles(Integrator):
+    """First order (gamma = 0.5 formally second); dense Newton on 5 unknowns per link."""
+
+    name: ClassVar[str] = "thesis_angles"
+    order: ClassVar[int] = 1
+    local_rows: ClassVar[bool] = False
+    iterations: ClassVar[int] = 5
+    gamma: float = 0.51
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gamma <= 1.0:
+            raise ValueError(f"run.gamma: {self.gamma} for thesis_angles; allowed above 0 up to 1 (implicit Euler)")
+
+    def refuse(self, model: Model) -> str | None:
+        if model.moving:
+            return "the thesis' scheme holds both ends still; use energy_momentum"
+        return point_mass_links_only(self, model)
+
+    def problem(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
+        return AnglesProblem(model, s, h, self.gamma)
+
+    def begin(self, model: Model, s: State) -> State:
+        """The state with the angles that its positions and velocities mean."""
+        ends = model.ends(s.t)
+        return replace(s, angles=angles_of_links(model.links(s.r, ends), _link_rates(model, s.v)))
+
+
+def _link_rates(model: Model, v: jax.Array) -> jax.Array:
+    still = jnp.zeros(3, v.dtype)
+    return model.kinematics(v, v, 0.0, Ends(still, still)).links
+
+
+def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
+    """theta, phi, theta', phi' (n,) of link vectors d and their rates (n, 3), planar links with phi = 0."""
+    planar = jnp.all(jnp.abs(d[:, 1]) <= 1e-12 * jnp.max(jnp.abs(d)))
+    theta = jnp.where(
+        planar, jnp.arctan2(-d[:, 2], d[:, 0]), jnp.arctan2(-d[:, 2], jnp.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2))
+    )
+    phi = jnp.where(planar, 0.0, jnp.arctan2(d[:, 1], d[:, 0]))
+    length = jnp.sqrt(jnp.sum(d * d, axis=-1))
+    polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
+    round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
+    flat = jnp.cos(theta)
+    # a vertical link has no azimuth: its rate is left at zero, which is the scheme's own blind spot
+    safe = jnp.where(jnp.abs(flat) > 1e-9, flat, 1.0)
+    azimuth_rate = jnp.where(jnp.abs(flat) > 1e-9, jnp.sum(rate * round_, -1) / (length * safe), 0.0)
+    return theta, phi, jnp.sum(rate * polar, -1) / length, azimuth_rate
+
+
+def _unit(theta: jax.Array, phi: jax.Array) -> jax.Array:
+    return jnp.stack([jnp.cos(theta) * jnp.cos(phi), jnp.cos(theta) * jnp.sin(phi), -jnp.sin(theta)], -1)
+
+
+class AnglesProblem(StepProblem):
+    """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T."""
+
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float):
+        super().__init__(model, s, h)
+        self.gamma = gamma
+        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.mass = model.line.mass[: model.free_nodes, None]
+        self.old = self._motion(jnp.stack(s.angles, -1), s.t, self.ends0, s.tension)
+
+    def guess(self) -> Unknowns:
+        theta, phi, theta_rate, phi_rate = self.s.angles
+        h = self.h
+        return Unknowns(jnp.stack([theta + h * theta_rate, phi + h * phi_rate, theta_rate, phi_rate], -1), self.s.tension)
+
+    def _sum(self, per_link: jax.Array) -> jax.Array:
+        return jnp.cumsum(per_link, axis=0)
+
+    def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> tuple[jax.Array, ...]:
+        """Positions, velocities, centripetal and Coriolis accelerations (n, 3) and forces (nodes, 3) at one instant."""
+        length = self.model.line.length[:, None]
+        angles, rate = (x[:, 0], x[:, 1]), (x[:, 2], x[:, 3])
+
+        def velocity(theta: jax.Array, phi: jax.Array) -> jax.Array:
+            return jax.jvp(_unit, (theta, phi), rate)[1]
+
+        unit, unit_rate = jax.jvp(_unit, angles, rate)
+        bend = jax.jvp(velocity, angles, rate)[1]
+        r, v, b = ends.start + self._sum(length * unit), self._sum(length * unit_rate), self._sum(length * bend)
+        free = self.model.free_nodes
+        k = self.model.kinematics(r[:free], v[:free], t, ends)
+        k = self.model.kinematics(r[:free], v[:free], t, ends, prepared=self.model.prepare(k))
+        return r, v, b, self.model.force(k) + self.model.pull(tension, unit)
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        model, s, h, gamma = self.model, self.s, self.h, self.gamma
+        free = model.free_nodes
+        old = jnp.stack(s.angles, -1)
+        kinematic = (u.x[:, :2] - old[:, :2]) / h - gamma * u.x[:, 2:] - (1 - gamma) * old[:, 2:]
+        r, _, b1, f1 = self._motion(u.x, s.t + h, self.ends1, u.y)
+        turning = tuple(((u.x[:, 2:] - old[:, 2:]) / h).T)
+        a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), turning)[1]
+        a = self._sum(model.line.length[:, None] * a)
+        b = gamma * b1 + (1 - gamma) * self.old[2]
+        rows = self.mass * (a + b)[:free] - gamma * f1 - (1 - gamma) * self.old[3]
+        if model.end_held:
+            rows = jnp.concatenate([rows, (r[-1] - self.ends1.end)[None] * self._closing()])
+        # kinematic rows are rates times the force scale over a rate, so that one tolerance serves all rows
+        return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
+
+    def _force(self) -> jax.Array:
+        line = self.model.line
+        return (line.mass * jnp.maximum(GRAVITY_SCALE, line.length / self.h**2))[:, None]
+
+    def _closing(self) -> jax.Array:
+        return self._force()[-1] / self.model.line.length[-1]
+
+    def row_scale(self) -> Unknowns:
+        force = self._force()
+        return Unknowns(force, force[:, 0])
+
+    def column_scale(self) -> Unknowns:
+        one = jnp.ones((), self.model.dtype)
+        return Unknowns(jnp.stack([one, one, 1 / jnp.abs(self.h), 1 / jnp.abs(self.h)]), self._force()[:, 0])
+
+    def finish(self, u: Unknowns) -> State:
+        s, free = self.s, self.model.free_nodes
+        r, v, _, _ = self._motion(u.x, s.t + self.h, self.ends1, u.y)
+        return State(
+            r=r[:free],
+            v=v[:free],
+            tension=u.y,
+            t=s.t + self.h,
+            acceleration=s.acceleration,
+            law=s.law,
+            work=s.work + self._work(r[:free], v[:free]) if s.work.size else s.work,
+            angles=tuple(u.x.T),
+        )
+
+    def _work(self, r: jax.Array, v: jax.Array) -> jax.Array:
+        model, gamma, h = self.model, self.gamma, self.h
+        free = model.free_nodes
+        before = model.kinematics(self.old[0][:free], self.old[1][:free], self.s.t, self.ends0)
+        after = model.kinematics(r, v, self.s.t + h, self.ends1)
+        mean = gamma * after.v + (1 - gamma) * before.v
+        effects = [e for e in model.effects if has(e, "force") and not has(e, "potential")]
+        return jnp.stack([h * jnp.sum((gamma * e.force(after) + (1 - gamma) * e.force(before)) * mean) for e in effects])

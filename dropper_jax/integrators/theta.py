@@ -1,0 +1,133 @@
+"""The thesis' weighting: forces and tensions of both ends of the step, weighted by gamma.
+
+    M (v1 - v0)/h = gamma (F1 + G1' T1) + (1 - gamma) (F0 + G0' T0),    r1 = r0 + h (gamma v1 + (1 - gamma) v0)
+
+with the constraint at r1. Gamma = 1 is implicit Euler, 0.51 the thesis (5.4). For gamma = 0, explicit Euler, T1 and
+r1 do not meet: the tension of the old time is then the one that makes the new velocity agree with the constraint at
+r1 (half-explicit Euler; Hairer and Wanner), and link lengths drift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import has
+from dropper_jax.integrators.rattle import end_power, point_mass_links_only
+from dropper_jax.kinematics import Kinematics, link_differences
+from dropper_jax.model import Model, State
+from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, node_blocks
+from dropper_jax.solvers.condensed import CondensedParts
+from dropper_jax.system import Unknowns
+
+
+@dataclass(frozen=True)
+class Theta(Integrator):
+    """End-point weighted scheme, first order (gamma = 0.5 is formally second and unstable in the tensions)."""
+
+    name: ClassVar[str] = "theta"
+    order: ClassVar[int] = 1
+    condensable: ClassVar[bool] = True
+    gamma: float = 0.51
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.gamma <= 1.0:
+            raise ValueError(f"run.gamma: {self.gamma} for theta; allowed 0 (explicit Euler) to 1 (implicit Euler)")
+
+    def refuse(self, model: Model) -> str | None:
+        return point_mass_links_only(self, model)
+
+    def problem(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
+        return ThetaProblem(model, s, h, self.gamma)
+
+
+class ThetaProblem(StepProblem):
+    """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
+
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float):
+        super().__init__(model, s, h)
+        self.gamma = gamma
+        self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
+        self.mass = model.line.node_mass(model.free_nodes)[:, None]
+        self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
+        before = model.kinematics(s.r, s.v, s.t, self.ends0)
+        before = model.kinematics(s.r, s.v, s.t, self.ends0, prepared=model.prepare(before))
+        self.force0 = model.force(before)
+        self.before = before
+        predicted = model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1)
+        self.prepared = model.prepare(predicted)
+
+    def guess(self) -> Unknowns:
+        return Unknowns(self.h * self.s.acceleration, self.s.tension)
+
+    def _after(self, x: jax.Array) -> Kinematics:
+        s, h = self.s, self.h
+        r1 = s.r + h * (s.v + self.gamma * x)
+        return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
+
+    def _local(self, x: jax.Array) -> jax.Array:
+        old = self.mass * x / self.h - (1 - self.gamma) * self.force0
+        return old if self.gamma == 0.0 else old - self.gamma * self.model.force(self._after(x))
+
+    def _pull1(self, after: Kinematics) -> jax.Array:
+        return after.links / self.model.line.length[:, None]
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        model, line, gamma = self.model, self.model.line, self.gamma
+        after = self._after(u.x)
+        force = self._local(u.x)
+        if gamma == 0.0:
+            rates = link_differences(after.v, self.ends1.start_velocity, self.ends1.end_velocity, model.end_held)
+            speed = jnp.sum(self._pull1(after) * rates, axis=-1)
+            return Unknowns(force - model.pull(u.y, self.pull0), self.h * speed)
+        force = force - gamma * model.pull(u.y, self._pull1(after))
+        force = force - (1 - gamma) * model.pull(self.s.tension, self.pull0)
+        return Unknowns(force, line.axial.residual(after.links, after.links, u.y, line.length, self.h))
+
+    def condensed(self, u: Unknowns) -> CondensedParts:
+        line, gamma, h = self.model.line, self.gamma, self.h
+        after = self._after(u.x)
+        pull1 = self._pull1(after)
+        node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
+        none = jnp.zeros_like(line.length)
+        if gamma == 0.0:
+            return CondensedParts(node, self.pull0, h * pull1, none)
+        stiffness = u.y / line.length
+        both = (stiffness + jnp.concatenate([stiffness[1:], none[:1]]))[: self.model.free_nodes]
+        geometric = 0.5 * gamma**2 * h * jnp.maximum(both, 0.0)
+        node = node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
+        return CondensedParts(node, gamma * pull1, gamma * h * pull1, none)
+
+    def finish(self, u: Unknowns) -> State:
+        s, h = self.s, self.h
+        after = self._after(u.x)
+        return State(
+            r=after.r,
+            v=after.v,
+            tension=u.y,
+            t=s.t + h,
+            acceleration=jax.lax.stop_gradient(u.x / h),
+            law=s.law,
+            work=s.work + self._work(u, after) if s.work.size else s.work,
+        )
+
+    def _work(self, u: Unknowns, after: Kinematics) -> jax.Array:
+        """Weighted power of both ends (k,) [J]; first order like the scheme."""
+        gamma, h, before = self.gamma, self.h, self.before
+        effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
+        works = [
+            h * jnp.sum((gamma * e.force(after) + (1 - gamma) * e.force(before)) * (gamma * after.v + (1 - gamma) * before.v))
+            for e in effects
+        ]
+        if self.model.moving:
+            works.append(h * end_power(self.model, self.ends1, u.y, self._pull1(after)))
+        return jnp.stack(works)
+
+    def column_scale(self) -> Unknowns:
+        line, h = self.model.line, self.h
+        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / h**2)
+        speed = line.length[: self.model.free_nodes, None] / jnp.abs(h)
+        return Unknowns(speed, jnp.broadcast_to(force, line.length.shape))

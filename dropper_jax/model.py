@@ -1,0 +1,261 @@
+"""The model: a frozen pytree of arrays (points, lines, effects) that `grad`, `jacfwd`, `vmap` and `jit` work on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.axial import Axial, Rigid
+from dropper_jax.effects.base import Effect, Law, has
+from dropper_jax.fields import component, option, parameter
+from dropper_jax.kinematics import Ends, Kinematics, gather_links, link_differences
+
+
+@component
+class Point:
+    """Where lines begin and end. `fixed` points stay (or follow an end motion), a `free` one moves with the line."""
+
+    position: jax.Array = parameter("position", unit="m", shape="vector")
+    name: str = option("name", type=str, default="")
+    kind: str = option("fixed or free", choices=("fixed", "free"), default="fixed")
+
+
+@component
+class Line:
+    """A path of n links between two points; node j = 1..n is the far node of link j.
+
+    Point-mass links carry `mass[j]` on node j. Compound links (`centre_of_mass` given) are rods with their centre
+    of mass at y from their first node and inertia I about it; with J = I + m y^2 each has the constant nodal mass
+    `M11 = m - 2 m y/L + J/L^2, M12 = m y/L - J/L^2, M22 = J/L^2` (times the 3x3 unit matrix; no spin).
+    """
+
+    length: jax.Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
+    mass: jax.Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    centre_of_mass: jax.Array | None = parameter(
+        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
+    )
+    inertia: jax.Array | None = parameter(
+        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
+    )
+    axial: Axial = Rigid()
+    name: str = option("name", type=str, default="line")
+    start: int = option("index of the first point", type=int, default=0)
+    end: int = option("index of the last point", type=int, default=1)
+
+    @property
+    def links(self) -> int:
+        return self.length.shape[-1]
+
+    @property
+    def compound(self) -> bool:
+        return self.centre_of_mass is not None
+
+    @property
+    def second_moment(self) -> jax.Array:
+        """J = I + m y^2 about the first node (n,) [kg m^2]."""
+        return self.inertia + self.mass * self.centre_of_mass**2
+
+    def blocks(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """M11, M12, M22 of every link, each (n,) [kg]."""
+        if not self.compound:
+            zero = jnp.zeros_like(self.mass)
+            return zero, zero, self.mass
+        ratio = self.centre_of_mass / self.length
+        turn = self.second_moment / self.length**2
+        return self.mass * (1 - 2 * ratio) + turn, self.mass * ratio - turn, turn
+
+    def node_share(self, per_link: jax.Array, free: int) -> jax.Array:
+        """What acts in the links' centres of mass, shared to the free nodes (free,)."""
+        if not self.compound:
+            return per_link[:free]
+        ratio = self.centre_of_mass / self.length
+        far, near = per_link * ratio, per_link * (1 - ratio)
+        near = jnp.concatenate([near[1:], jnp.zeros_like(near[:1])])
+        return (far + near)[:free]
+
+    def node_mass(self, free: int) -> jax.Array:
+        """Diagonal of the mass matrix on the free nodes (free,) [kg]."""
+        first, _, last = self.blocks()
+        if not self.compound:
+            return last[:free]
+        return (last + jnp.concatenate([first[1:], jnp.zeros_like(first[:1])]))[:free]
+
+    def inertia_force(self, a: jax.Array, start: jax.Array | None, end: jax.Array | None, held: bool) -> jax.Array:
+        """M a on the free nodes (free, 3) for nodal accelerations a and those of the ends (None: at rest)."""
+        diagonal = self.node_mass(a.shape[0])[:, None] * a
+        if not self.compound:
+            return diagonal
+        _, coupling, _ = self.blocks()
+        zero = jnp.zeros_like(a[:1])
+        before = jnp.concatenate([zero if start is None else start[None], a[:-1]])
+        after = jnp.concatenate([a[1:], zero if end is None or not held else end[None]])
+        free = a.shape[0]
+        next_coupling = jnp.concatenate([coupling[1:], jnp.zeros_like(coupling[:1])])[:free]
+        return diagonal + coupling[:free, None] * before + next_coupling[:, None] * after
+
+
+@component
+class Model:
+    """Everything that moves and everything that acts on it."""
+
+    points: tuple[Point, ...] = ()
+    lines: tuple[Line, ...] = ()
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def line(self) -> Line:
+        return self.lines[0]
+
+    @property
+    def end_held(self) -> bool:
+        return self.points[self.line.end].kind == "fixed"
+
+    @property
+    def free_nodes(self) -> int:
+        return self.line.links - (1 if self.end_held else 0)
+
+    @property
+    def moving(self) -> bool:
+        """Whether an end follows a prescribed motion."""
+        return any(has(e, "displace") for e in self.effects)
+
+    @property
+    def reach(self) -> int:
+        """How far the forces (tensions aside) couple nodes: 0 own node only."""
+        inertia = 1 if self.line.compound else 0
+        return max([inertia, *(e.reach for e in self.effects if has(e, "force"))])
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Effects with unknowns of their own."""
+        return tuple(e for e in self.effects if isinstance(e, Law) and e.components)
+
+    @property
+    def dtype(self) -> Any:
+        return self.line.length.dtype
+
+    def effect(self, name: str) -> Effect | None:
+        """The effect of that name, or None."""
+        return next((e for e in self.effects if e.name == name), None)
+
+    def _position(self, index: int, t: jax.Array) -> jax.Array:
+        point = self.points[index]
+        shifts = [e.displace(t) for e in self.effects if has(e, "displace") and e.point == point.name]
+        return sum(shifts, point.position)
+
+    def ends(self, t: jax.Array) -> Ends:
+        """Positions and velocities of the held ends at time t."""
+
+        def positions(time: jax.Array) -> tuple[jax.Array, jax.Array | None]:
+            end = self._position(self.line.end, time) if self.end_held else None
+            return self._position(self.line.start, time), end
+
+        if not self.moving:
+            return Ends(*positions(t))
+        t = jnp.asarray(t, self.dtype)
+        position, velocity = jax.jvp(positions, (t,), (jnp.ones_like(t),))
+        return Ends(*position, *velocity)
+
+    def kinematics(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None, **more: Any) -> Kinematics:
+        """One instant of the line; `ends` where they are known already."""
+        return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, **more)
+
+    def links(self, r: jax.Array, ends: Ends) -> jax.Array:
+        """Link vectors (n, 3) [m]."""
+        return link_differences(r, ends.start, ends.end, self.end_held)
+
+    def pull(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
+        """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
+        return gather_links(tension[:, None] * direction, self.end_held)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        """Sum of the effects' nodal forces (nodes, 3) [N]."""
+        return sum((e.force(k) for e in self.effects if has(e, "force")), jnp.zeros_like(k.r))
+
+    def inertia(self, k: Kinematics, a: jax.Array, ends: Ends | None = None) -> jax.Array:
+        """Inertia force (nodes, 3) [N] for accelerations a, added mass included; `ends` holds the ends' accelerations."""
+        start, end = (None, None) if ends is None else (ends.start, ends.end)
+        own = self.line.inertia_force(a, start, end, self.end_held)
+        return sum((e.inertia(k, a) for e in self.effects if has(e, "inertia")), own)
+
+    def prepare(self, k: Kinematics) -> dict[str, Any]:
+        """What effects freeze over a step."""
+        return {e.name: e.prepare(k) for e in self.effects if has(e, "prepare")}
+
+    def kinetic_energy(self, k: Kinematics) -> jax.Array:
+        """Kinetic energy, scalar [J]; with held ends that move, of the links they carry too."""
+        own = 0.5 * jnp.sum(k.v * self.line.inertia_force(k.v, None, None, self.end_held))
+        if self.line.compound and self.moving:
+            own = own + self._end_kinetic(k)
+        return sum((e.kinetic(k) for e in self.effects if has(e, "kinetic")), own)
+
+    def _end_kinetic(self, k: Kinematics) -> jax.Array:
+        first, coupling, last = self.line.blocks()
+        ends = k.ends
+        extra = 0.5 * first[0] * jnp.sum(ends.start_velocity**2)
+        extra = extra + coupling[0] * jnp.sum(ends.start_velocity * k.v[0]) if k.free else extra
+        if self.end_held:
+            extra = extra + 0.5 * last[-1] * jnp.sum(ends.end_velocity**2)
+            extra = extra + coupling[-1] * jnp.sum(ends.end_velocity * k.v[-1])
+        return extra
+
+    def potential_energy(self, k: Kinematics) -> jax.Array:
+        """Potential energy of conservative effects and stretched links, scalar [J]."""
+        own = self.line.axial.energy(k.links, self.line.length) if self.line.axial.elastic else jnp.zeros((), k.r.dtype)
+        return sum((e.potential(k) for e in self.effects if has(e, "potential")), own)
+
+    def cast(self, dtype: Any) -> Model:
+        """The same model with its arrays in another precision."""
+        return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+
+@component
+class State:
+    """What a run carries from step to step.
+
+    Attributes:
+        r, v: free nodes (nodes, 3) [m], [m/s].
+        tension: (n,) [N], the last step's, and the next one's first guess.
+        t: time [s].
+        acceleration: last step's change of velocity per time (nodes, 3) [m/s^2]; a first guess only.
+        law: unknowns of effects with laws of their own; a first guess only.
+        work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
+        angles: polar and azimuth angles and rates, each (n,), for schemes that keep these instead (else None).
+    """
+
+    r: jax.Array
+    v: jax.Array
+    tension: jax.Array
+    t: jax.Array
+    acceleration: jax.Array
+    law: tuple[jax.Array, ...]
+    work: jax.Array
+    angles: tuple[jax.Array, ...] | None = None
+
+
+def work_names(model: Model) -> tuple[str, ...]:
+    """What `State.work` counts, in order: non-conservative effects, laws, internal damping, moving ends."""
+    names = [e.name for e in model.effects if has(e, "force") and not has(e, "potential")]
+    names += [e.name for e in model.laws if e.name not in names]
+    if model.line.axial.elastic and model.line.axial.damping is not None:
+        names.append("internal_damping")
+    if model.moving:
+        names.append("moving_ends")
+    return tuple(names)
+
+
+def state(model: Model, r: jax.Array, v: jax.Array | None = None, tension: Any = None, t: float = 0.0) -> State:
+    """A state from free-node positions (nodes, 3) [m] and velocities; what is not given is zero."""
+    r = jnp.asarray(r, model.dtype)
+    joints = model.line.links + (1 if model.end_held else 0)
+    return State(
+        r=r,
+        v=jnp.zeros_like(r) if v is None else jnp.asarray(v, model.dtype),
+        tension=jnp.zeros(model.line.links, model.dtype) if tension is None else jnp.asarray(tension, model.dtype),
+        t=jnp.asarray(t, model.dtype),
+        acceleration=jnp.zeros_like(r),
+        law=tuple(jnp.zeros((joints, law.components), model.dtype) for law in model.laws),
+        work=jnp.zeros(len(work_names(model)), model.dtype),
+    )

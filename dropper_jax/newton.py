@@ -1,0 +1,67 @@
+"""Newton on a step's rows, and linear solves with its Jacobian that are exact to rounding."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.system import Unknowns, add, norm
+
+if TYPE_CHECKING:
+    from dropper_jax.problem import StepProblem
+
+#: Fractions of a correction tried by the damped iteration; the residual must fall.
+FRACTIONS = (1.0, 0.5, 0.2, 0.05)
+#: Most preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton does.
+REFINEMENTS = 200
+
+
+def newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
+    """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row."""
+
+    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+        return add(u, solver.apply(solver.factor(problem, u), problem.residual(u)), -1.0), None
+
+    u, _ = jax.lax.scan(correct, u, None, length=iterations)
+    return u, norm(problem.residual(u), problem.row_scale())
+
+
+def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
+    """The same with each correction shortened where that leaves a smaller residual; for steps that resist."""
+    scale = problem.row_scale()
+    fractions = jnp.asarray(FRACTIONS, u.x.dtype)
+
+    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+        du = solver.apply(solver.factor(problem, u), problem.residual(u))
+        trial = jax.vmap(lambda f: norm(problem.residual(add(u, du, -f)), scale))(fractions)
+        best = fractions[jnp.argmin(jnp.where(jnp.isfinite(trial), trial, jnp.inf))]
+        return add(u, du, -best), None
+
+    u, _ = jax.lax.scan(correct, u, None, length=iterations)
+    return u, norm(problem.residual(u), scale)
+
+
+def refine(matvec: Any, apply: Any, b: Unknowns, column_scale: Unknowns) -> Unknowns:
+    """Solve `J x = b` with the solver's `apply` = P^-1 as preconditioner, until x stops changing.
+
+    Stationary iteration `x <- x + P^-1 (b - J x)`, which is what Newton with P does and converges as fast. It ends
+    when a correction is below 1000 rounding errors of x, or no longer shrinks.
+    """
+    x = apply(b)
+    enough = 1e3 * jnp.finfo(b.x.dtype).eps
+
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, _, change, before, size, count = carry
+        return (change > enough * size) & (count < REFINEMENTS) & ((change < before) | (count < 8))
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        x, _, change, _, _, count = carry
+        dx = apply(add(b, matvec(x), -1.0))
+        x = add(x, dx)
+        return x, dx, norm(dx, column_scale), change, norm(x, column_scale), count + 1
+
+    size = norm(x, column_scale)
+    start = (x, x, size, jnp.full_like(size, jnp.inf), size, jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(unfinished, correct, start)[0]

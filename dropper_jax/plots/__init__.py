@@ -1,0 +1,20 @@
+"""Pictures of a solution, one call each: `snapshot(solution, "pose.png")`.
+
+Files are written whole or not at all and no global matplotlib state is left changed. Of a run that blew up, the part
+before that is shown.
+"""
+
+from dropper_jax.plots.animation import animate
+from dropper_jax.plots.figures import energy_balance, tension_traces
+from dropper_jax.plots.motion import amplitude_spectrum, angle_traces, phase_space
+from dropper_jax.plots.pose import snapshot
+
+__all__ = [
+    "amplitude_spectrum",
+    "angle_traces",
+    "animate",
+    "energy_balance",
+    "phase_space",
+    "snapshot",
+    "tension_traces",
+]

@@ -1,0 +1,176 @@
+"""Animation of a motion as a small GIF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import proj3d
+from PIL import Image
+
+from dropper_jax.io import atomic_write
+from dropper_jax.plots import style, view
+from dropper_jax.plots.run import Run
+
+#: Most frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB.
+MOST_FRAMES = 240
+#: Trace of the middle node: the way it has gone in this many frames.
+TRACE = 10
+
+Progress = Callable[[float, str], None]
+
+
+@style.styled
+def animate(
+    run: Run,
+    path: str | Path,
+    fps: int = 25,
+    seconds: float | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """The motion as a GIF, links coloured by tension, with a trace of the middle node; loops for ever.
+
+    In real time where that needs at most 240 frames, else faster: the title says how fast.
+
+    Args:
+        fps: frames per second of playback; a GIF counts hundredths of a second, so 100/fps is rounded.
+        seconds: how much of the motion [s] to show, from its start; None: all.
+        progress: called with the part done, 0 to 1, and "animation".
+
+    Returns:
+        path of the GIF.
+
+    Raises:
+        ValueError: `fps` or `seconds` not positive.
+    """
+    if not fps > 0:
+        raise ValueError(f"fps = {fps}: must be > 0")
+    if seconds is not None and not seconds > 0:
+        raise ValueError(f"seconds = {seconds}: must be > 0")
+    delay = max(2, round(100 / fps)) * 10
+    frames, speed = _timing(run.t, delay / 1000, seconds)
+    stage = _Stage(run, frames, speed)
+
+    def images() -> Iterator[Image.Image]:
+        for count, frame in enumerate(frames, start=1):
+            yield stage.draw(frame)
+            if progress is not None:
+                progress(count / len(frames), "animation")
+
+    def write(file: Any) -> None:
+        rest = images()
+        first = next(rest)
+        first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)
+
+    path = Path(path)
+    atomic_write(path, write)
+    return path
+
+
+def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndarray, float]:
+    """Samples to draw and the playback speed (1 = real time) for frames `delay` [s] apart."""
+    span = float(t[-1] - t[0])
+    span = span if seconds is None else min(span, seconds)
+    count = max(1, min(MOST_FRAMES - 1, round(span / delay), len(t)))
+    times = t[0] + np.linspace(0.0, span, count + 1)
+    frames = np.searchsorted(t, times - 1e-9 * max(span, 1.0)).clip(0, len(t) - 1)
+    return np.unique(frames), span / (count * delay) if span > 0 else 1.0
+
+
+class _Stage:
+    """A drawn background and the few things that move before it, redrawn alone for each frame."""
+
+    def __init__(self, run: Run, frames: np.ndarray, speed: float):
+        self.t = run.t
+        positions = run.positions[: frames[-1] + 1]
+        self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]
+        self.step = int(np.ceil(np.diff(frames).max(initial=1)))
+        flat = view.planar(positions)
+        limits = view.box(positions)
+        self.figure = style.new_figure(*view.figure_size(limits, flat, longest=4.2), layout=None)
+        self.axes = _axes(self.figure, limits, flat)
+        self._movers(run, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
+        self.canvas = self.figure.canvas
+        self.canvas.draw()
+        self.screen = self._project(positions, flat)
+        self.held.set_data(*self._project(view.fixed_ends(positions), flat).T)
+        self.background = self.canvas.copy_from_bbox(self.figure.bbox)
+        self.palette = _palette()
+
+    def _movers(self, run: Run, speed: str) -> None:
+        text, colour = style.how(run)
+        norm = style.tension_norm(run.tension)
+        place = {"transform": self.axes.transData, "figure": self.figure}
+        self.links = LineCollection([], cmap=style.tension_map(), norm=norm, linewidths=3.5, capstyle="round")
+        self.trace = Line2D([], [], color=style.CYCLE[5], lw=1.0)
+        self.nodes = Line2D([], [], ls="", marker="o", ms=4, mfc="white", mec=style.DARK, mew=0.9)
+        self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=style.DARK, mec="white")
+        self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
+        inch = 1 / self.figure.get_figwidth()
+        bar = self.figure.add_axes((1 - 0.9 * inch, 0.2, 0.13 * inch, 0.6))
+        self.figure.colorbar(self.links, cax=bar).set_label("tension [N]")
+        for artist in (self.links, self.trace, self.nodes, self.held):
+            artist.set(**place)
+        self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
+        self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
+
+    def _project(self, positions: np.ndarray, flat: bool) -> np.ndarray:
+        """Nodes (k, n + 1, 3) on the axes' plane, (k, n + 1, 2)."""
+        if flat:
+            return positions[..., [0, 2]]
+        x, y, _ = proj3d.proj_transform(*positions.reshape(-1, 3).T, self.axes.get_proj())
+        return np.stack([x, y], axis=-1).reshape(*positions.shape[:-1], 2)
+
+    def draw(self, frame: int) -> Image.Image:
+        """One frame, in the common colours."""
+        nodes = self.screen[frame]
+        self.canvas.restore_region(self.background)
+        middle = self.screen[max(0, frame - TRACE * self.step) : frame + 1, nodes.shape[0] // 2]
+        self.trace.set_data(*middle.T)
+        self.links.set_segments(np.stack([nodes[:-1], nodes[1:]], axis=1))
+        self.links.set_array(self.tension[frame])
+        self.nodes.set_data(*nodes.T)
+        self.clock.set_text(f"t = {self.t[frame]:.2f} s")
+        renderer = self.canvas.get_renderer()
+        for artist in (self.trace, self.links, self.nodes, self.held, self.clock):
+            artist.draw(renderer)
+        image = Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
+        return image.quantize(palette=self.palette, dither=Image.Dither.NONE)
+
+
+def _palette() -> Image.Image:
+    """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
+    tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
+    strong = np.concatenate([tension, [to_rgb(colour) for colour in (style.CYCLE[5], style.ALERT)]])
+    mixed = [1 - part * (1 - strong) for part in (1.0, 0.75, 0.5, 0.25)]
+    greys = np.linspace(to_rgb(style.DARK), (1.0, 1.0, 1.0), 32)
+    colours = np.rint(255 * np.concatenate([*mixed, greys])).astype(int)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(colours.ravel().tolist())
+    return palette
+
+
+def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
+    """Axes that leave room for the title and, on the right, for the colour bar."""
+    inch = 1 / figure.get_figwidth()
+    if flat:
+        axes = view.flat_axes(figure, 111, limits)
+        axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))
+        return axes
+    axes = view.space_axes(figure, 111, limits)
+    axes.set_position((0.0, 0.06, 1 - 1.25 * inch, 0.84))
+    return axes
+
+
+def _nearest(known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Index of the sample of sorted times `known` nearest to each of `wanted`."""
+    after = np.searchsorted(known, wanted).clip(0, len(known) - 1)
+    before = (after - 1).clip(0)
+    return np.where(np.abs(known[before] - wanted) <= np.abs(known[after] - wanted), before, after)

@@ -1,0 +1,111 @@
+"""Angles of the links: against time, against their rates, and their spectra."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, MaxNLocator
+
+from dropper_jax.analysis import spectrum
+from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.plots import panels, style, view
+from dropper_jax.plots.run import Run
+
+#: Height of a spectrum's axis [decades], and the part of the power that its frequency axis shows.
+DECADES, SHOWN = 4, 0.999
+
+
+@style.styled
+def angle_traces(run: Run, path: str | Path) -> Path:
+    """Polar angle [rad] of every link against time, positive below the horizontal; in space the azimuth too."""
+    t, positions = run.t, run.positions
+    polar, azimuth = link_angles(positions)
+    columns = [("polar angle [rad]", polar)]
+    if not view.planar(positions):
+        columns.append(("azimuth [rad]", azimuth))
+    return panels.traces(run, path, "link angles", t, columns)
+
+
+@style.styled
+def phase_space(run: Run, path: str | Path) -> Path:
+    """Polar angle [rad] against its rate [rad/s], one panel per link (at most twelve, evenly chosen)."""
+    positions, velocities = run.positions, run.velocities
+    angle, _ = link_angles(positions)
+    rate, _ = angle_rates(positions, velocities)
+    long = len(angle) > 4000
+
+    def draw(axes: Axes, link: int) -> None:
+        # A long chaotic curve would fill the panel: draw it thinner.
+        axes.plot(angle[:, link], rate[:, link], color=style.FIRST, lw=0.4 if long else 0.9, alpha=0.8)
+        axes.plot(*(x[0, link] for x in (angle, rate)), "o", ms=5, mfc="white", mec=style.DARK, label="start")
+        axes.plot(*(x[-1, link] for x in (angle, rate)), "o", ms=5, color=style.SECOND, label="end")
+        style.widen(angle[:, link], axes.set_xlim)
+        style.widen(rate[:, link], axes.set_ylim)
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+
+    labels = ("polar angle [rad]", "rate [rad/s]")
+    return panels.grid(run, path, "phase space of the links", angle.shape[1], draw, labels, share=False)
+
+
+@style.styled
+def amplitude_spectrum(run: Run, path: str | Path) -> Path:
+    """Amplitude spectrum of each link's motion (Hann window), one panel per link (at most twelve, evenly chosen).
+
+    In a plane of the polar angle [rad]; in space of the x and y components of the unit link vector [-], since the
+    angles of a conical motion are constant or grow for ever.
+    """
+    t, positions = run.t, run.positions
+    flat = view.planar(positions)
+    uniform = _uniform(t)
+    series = {"polar angle": link_angles(positions)[0]} if flat else _directions(positions)
+    if uniform < 2:
+        spectra = {name: (np.zeros(1), np.zeros((1, positions.shape[1] - 1))) for name in series}
+    else:
+        spectra = {name: spectrum.amplitude_spectrum(t[:uniform], values[:uniform]) for name, values in series.items()}
+    amplitudes = np.array([a for _, a in spectra.values()])
+    # Below 1e-12 is rounding: a link at rest has an empty panel.
+    top = max(amplitudes.max(), 1e-12)
+    floor = top * 10.0**-DECADES
+    last = _last_frequency(next(iter(spectra.values()))[0], amplitudes)
+
+    def draw(axes: Axes, link: int) -> None:
+        for colour, (name, (frequency, amplitude)) in zip(style.CYCLE, spectra.items(), strict=False):
+            axes.plot(frequency, np.maximum(amplitude[:, link], 0.1 * floor), color=colour, lw=0.8, label=name)
+        if uniform < 4:
+            axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=style.FAINT)
+        axes.set_yscale("log")
+        axes.set_ylim(floor, 2 * top)
+        axes.yaxis.set_major_locator(LogLocator(numticks=DECADES + 2))
+        axes.yaxis.minorticks_off()
+        axes.set_xlim(0, last)
+
+    labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
+    what = "amplitude spectrum of the link angles" if flat else "amplitude spectrum of the link directions"
+    return panels.grid(run, path, what, positions.shape[1] - 1, draw, labels, share=True)
+
+
+def _directions(positions: np.ndarray) -> dict[str, np.ndarray]:
+    """x and y components of the unit link vectors, each (k, n)."""
+    links = np.diff(positions, axis=1)
+    length = np.linalg.norm(links, axis=-1, keepdims=True)
+    unit = links / np.where(length > 0, length, 1.0)
+    return {"x component": unit[..., 0], "y component": unit[..., 1]}
+
+
+def _uniform(t: np.ndarray) -> int:
+    """How many samples to take: a last step that was cut short at the end of the run is left out."""
+    if len(t) < 3:
+        return len(t)
+    return len(t) if abs((t[-1] - t[-2]) - (t[1] - t[0])) < 1e-3 * (t[1] - t[0]) else len(t) - 1
+
+
+def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
+    """End of the frequency axis [Hz]: a little beyond what holds nearly all the power of every link."""
+    if frequency[-1] == 0:
+        return 1.0
+    power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))
+    if power[-1] == 0:
+        return float(frequency[-1])
+    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, SHOWN * power[-1])] + 2 * frequency[1]))

@@ -1,0 +1,139 @@
+"""The one look of all pictures, and how they reach the disk."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+
+from dropper_jax.io import atomic_write
+from dropper_jax.plots.run import Run, readable
+
+#: Okabe and Ito: told apart by colour-blind readers too.
+CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6B6B6B")
+FIRST, SECOND = CYCLE[:2]
+FAINT = "#9AA0A6"
+DARK = "#2B2F33"
+ALERT = "#B00020"
+
+RC = {
+    "figure.facecolor": "white",
+    "figure.dpi": 120,
+    "savefig.dpi": 120,
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.labelsize": 10,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#5F6368",
+    "axes.labelcolor": DARK,
+    "text.color": DARK,
+    "xtick.color": "#5F6368",
+    "ytick.color": "#5F6368",
+    "axes.grid": True,
+    "grid.color": "#E3E5E8",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "lines.solid_capstyle": "round",
+    # Runs of 10 000s of samples: Agg draws long paths in pieces.
+    "agg.path.chunksize": 20000,
+}
+
+
+def styled(draw: Callable[..., Path]) -> Callable[..., Path]:
+    """Give `draw` the readable part of a solution and this style; the caller's settings are restored afterwards."""
+
+    @functools.wraps(draw)
+    def wrapper(solution: Any, *args: Any, **kwargs: Any) -> Path:
+        with matplotlib.style.context(["default", RC]):
+            return draw(readable(solution), *args, **kwargs)
+
+    return wrapper
+
+
+def new_figure(width: float, height: float, layout: str | None = "constrained") -> Figure:
+    """A figure [inch] of its own, unknown to pyplot."""
+    figure = Figure(figsize=(width, height), layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write the figure in the format of the path's suffix (PNG without one), whole or not at all."""
+    path = Path(path)
+    kind = path.suffix.lstrip(".").lower() or "png"
+    atomic_write(path, lambda file: figure.savefig(file, format=kind))
+    return path
+
+
+def heading(run: Run, what: str) -> str:
+    """Scene and subject, one line."""
+    return f"{run.name}: {what}"
+
+
+def how(run: Run) -> tuple[str, str]:
+    """How the run was made, and the colour to say it in: integrator, step and, if it failed, how."""
+    text = f"{run.integrator}, dt = {run.dt:g} s"
+    return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
+
+
+def title(figure: Figure, run: Run, what: str) -> None:
+    """Title over the whole figure, and how the run was made under it."""
+    text, colour = how(run)
+    figure.suptitle(heading(run, what), fontsize=12, fontweight="bold", x=0.01, ha="left")
+    figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
+    figure.get_layout_engine().set(rect=(0.0, 0.025, 1.0, 0.97))
+
+
+def time_axis(axes: Axes, t: np.ndarray) -> None:
+    """Label and limits of a time axis that spans the samples."""
+    axes.set_xlabel("time [s]")
+    if t[-1] > t[0]:
+        axes.set_xlim(t[0], t[-1])
+
+
+def widen(values: np.ndarray, limits: Callable[[float, float], Any]) -> None:
+    """Give constant values a readable axis (`limits` sets it) instead of one that magnifies rounding errors."""
+    known = values[np.isfinite(values)]
+    if known.size and np.ptp(known) < 1e-6 * max(1.0, np.abs(known).max()):
+        middle = 0.5 * (known.min() + known.max())
+        half = 0.05 * max(1.0, abs(middle))
+        limits(middle - half, middle + half)
+
+
+def marker(t: np.ndarray) -> str | None:
+    """Runs that ended after a few samples are drawn with their points, since a line of one point is invisible."""
+    return "o" if len(t) < 5 else None
+
+
+@functools.cache
+def tension_map() -> Colormap:
+    """Plasma without its pale end, which vanishes on white."""
+    plasma = matplotlib.colormaps["plasma"]
+    colours = plasma(np.linspace(0.0, 0.87, 64))
+    return LinearSegmentedColormap.from_list("tension", colours, bad=FAINT)
+
+
+def tension_norm(tension: np.ndarray) -> Normalize:
+    """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one jerk does not hide the rest."""
+    known = tension[np.isfinite(tension)]
+    if known.size == 0:
+        return Normalize(0.0, 1.0)
+    low, high = np.percentile(known, (1, 99))
+    if high - low <= 1e-9 * max(abs(low), abs(high)):
+        pad = 0.05 * max(abs(low), abs(high)) or 1.0
+        low, high = low - pad, high + pad
+    return Normalize(low, high, clip=True)

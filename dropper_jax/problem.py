@@ -1,0 +1,96 @@
+"""What an integrator provides: one step as a set of unknowns, residual rows and the state they lead to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.system import Unknowns
+
+if TYPE_CHECKING:
+    from dropper_jax.model import Model, State
+    from dropper_jax.solvers import CondensedParts
+
+GRAVITY_SCALE = 9.81  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """A time integrator. Static: its fields are part of the compiled program."""
+
+    name: ClassVar[str]
+    #: Design order of convergence in positions.
+    order: ClassVar[int]
+    #: Fractions of the step taken one after another (compositions have several).
+    stages: ClassVar[tuple[float, ...]] = (1.0,)
+    #: Whether the step solves equations; explicit ones define `advance` instead of `problem`.
+    implicit: ClassVar[bool] = True
+    #: Whether `condensed` pieces exist.
+    condensable: ClassVar[bool] = False
+    #: Whether every row involves neighbouring nodes only.
+    local_rows: ClassVar[bool] = True
+    #: Whether effects with unknowns of their own (dry friction) can be solved along.
+    takes_laws: ClassVar[bool] = False
+    #: Newton iterations with an exact Jacobian, and with the condensed one.
+    iterations: ClassVar[int] = 4
+    condensed_iterations: ClassVar[int] = 12
+    #: Where in the step the reported tension belongs: 0.5 for step averages, 1.0 for values at the new time.
+    tension_time: ClassVar[float] = 1.0
+
+    def refuse(self, model: Model) -> str | None:
+        """Why this integrator cannot run the model, or None."""
+        if model.laws and not self.takes_laws:
+            return f"effect {model.laws[0].name!r} brings a set-valued law, which it does not solve; use energy_momentum"
+        return None
+
+    def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+        raise NotImplementedError
+
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        """One explicit step."""
+        raise NotImplementedError
+
+
+class StepProblem:
+    """The equations of one step from state `s` over `h`; made anew inside each trace."""
+
+    def __init__(self, model: Model, s: State, h: jax.Array):
+        self.model, self.s, self.h = model, s, h
+
+    def guess(self) -> Unknowns:
+        raise NotImplementedError
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        """Rows in physical units: forces [N], elongations [m], torques [N m]."""
+        raise NotImplementedError
+
+    def condensed(self, u: Unknowns) -> CondensedParts:
+        raise NotImplementedError
+
+    def finish(self, u: Unknowns) -> State:
+        """The state at the end of the step."""
+        raise NotImplementedError
+
+    def row_scale(self) -> Unknowns:
+        """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, the laws' own."""
+        model, h = self.model, self.h
+        line = model.line
+        mass = line.node_mass(model.free_nodes)
+        force = mass * jnp.maximum(GRAVITY_SCALE, line.length[: model.free_nodes] / h**2)
+        z = tuple(jnp.broadcast_to(law.law_scale(line, h), z.shape) for law, z in zip(model.laws, self.s.law, strict=True))
+        return Unknowns(force[:, None], line.length, z)
+
+    def column_scale(self) -> Unknowns:
+        """Sizes of the unknowns."""
+        raise NotImplementedError
+
+
+def node_blocks(local, nodes: int, dtype) -> jax.Array:  # noqa: ANN001
+    """Diagonal 3x3 blocks (nodes, 3, 3) of a node-local map x -> rows, from three directions of forward mode."""
+    axes = jnp.eye(3, dtype=dtype)
+    zero = jnp.zeros((nodes, 3), dtype)
+    columns = jax.vmap(lambda axis: jax.jvp(local, (zero,), (jnp.broadcast_to(axis, (nodes, 3)),))[1])(axes)
+    return jnp.moveaxis(columns, 0, -1)

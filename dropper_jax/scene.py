@@ -1,0 +1,279 @@
+"""The scene: a declarative description in SI units, validated here so that nothing has to be checked later."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.catalogue import read_toml, scene_names
+from dropper_jax.effects import EFFECTS
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
+from dropper_jax.sections import POSE_TOLERANCE, LineSpec, PointSpec, RunSpec, StartSpec, as_table, directions
+
+__all__ = ["Scene", "load_scene", "scene_names"]
+
+SECTIONS = ("name", "description", "run", "point", "line", "effects", "start")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scene:
+    """A validated scene.
+
+    Attributes:
+        name, description: for people.
+        points, lines: what is held and what hangs between.
+        effects: values of all fields of each effect, in the order of the registry; None where left out.
+        start: pose and velocities at t = 0.
+        run: default time step, duration, integrator, solver and precision.
+    """
+
+    name: str
+    description: str
+    points: tuple[PointSpec, ...]
+    lines: tuple[LineSpec, ...]
+    effects: dict[str, dict[str, Any]]
+    start: StartSpec
+    run: RunSpec
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
+        """A scene from plain values; `name` where the table has none.
+
+        Raises:
+            SceneError: one line with the path, the value and what is allowed.
+        """
+        table = read_table(table, "scene")
+        check_keys(table, SECTIONS, "")
+        points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
+        lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
+        _check_points(points)
+        _check_lines(lines, points)
+        held = _point(points, lines[0].end).kind == "fixed"
+        if "run" not in table:
+            raise SceneError("run: missing; needed: a table with `dt` and `duration`")
+        scene = cls(
+            name=read_text(table.get("name", name), "name"),
+            description=read_text(table.get("description", ""), "description"),
+            points=points,
+            lines=lines,
+            effects=_read_effects(table.get("effects", {}), lines[0].links),
+            start=StartSpec.read(table.get("start", {}), "start", lines[0], held),
+            run=RunSpec.read(table["run"], "run"),
+        )
+        for effect, values in scene.effects.items():
+            EFFECTS[effect].check(values, scene)
+        _check_pose(scene)
+        return scene
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values (text, numbers, lists, tables) from which `from_dict` makes the same scene."""
+        return {
+            "name": self.name,
+            "description": self.description,
+            "run": as_table(self.run),
+            "point": [as_table(point) for point in self.points],
+            "line": [line.table() for line in self.lines],
+            "effects": {
+                name: {key: plain(value) for key, value in values.items() if value is not None}
+                for name, values in self.effects.items()
+            },
+            "start": as_table(self.start),
+        }
+
+    def with_values(self, values: Mapping[str, Any]) -> Scene:
+        """The scene with some values changed, all at once, validated again.
+
+        Args:
+            values: by path, such as `effects.linear_damping.b_l`, `line.0.mass` or `point.right.position.0`; lines
+                and points go by number or name. An effect that the scene lacks is added by its first value.
+        """
+        table = self.to_dict()
+        for path, value in values.items():
+            _set(table, path, copy.deepcopy(plain(value)))
+        return Scene.from_dict(table)
+
+    def point(self, name: str) -> PointSpec:
+        """The point of that name."""
+        return _point(self.points, name)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scene) and self.to_dict() == other.to_dict()
+
+
+def load_scene(source: str | Path | Mapping[str, Any] | Scene) -> Scene:
+    """A scene from a packaged name, a TOML file or plain values.
+
+    Raises:
+        SceneError: for a file that is missing or no TOML, an unknown name (with the nearest), or any bad value.
+    """
+    if isinstance(source, Scene):
+        return source
+    if isinstance(source, Mapping):
+        return Scene.from_dict(source)
+    table, name = read_toml(source)
+    return Scene.from_dict(table, name)
+
+
+def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:
+    items = read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")
+    if not items:
+        raise SceneError(f"{section}: missing; needed: one or more [[{section}]] tables")
+    return enumerate(items)
+
+
+def _point(points: tuple[PointSpec, ...], name: str) -> PointSpec:
+    return next(point for point in points if point.name == name)
+
+
+def _check_points(points: tuple[PointSpec, ...]) -> None:
+    names = [point.name for point in points]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise refuse(f"point.{i}.name", name, "is used twice", "a name of its own")
+
+
+def _check_lines(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
+    if len(lines) > 1:
+        raise SceneError(f"line: {len(lines)} lines; allowed: one line per scene")
+    names = [point.name for point in points]
+    for i, line in enumerate(lines):
+        for key, name in (("from", line.start), ("to", line.end)):
+            if name not in names:
+                raise SceneError(f"line.{i}.{key}: {name!r} is not a point; {nearest(name, names)}")
+        start, end = _point(points, line.start), _point(points, line.end)
+        if start.kind != "fixed":
+            raise refuse(f"point.{names.index(start.name)}.kind", start.kind, "cannot begin a line", "fixed")
+        if end.kind == "fixed":
+            _check_reach(line, f"line.{i}", start, end)
+    used = {name for line in lines for name in (line.start, line.end)}
+    for i, name in enumerate(names):
+        if name not in used:
+            raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+
+
+def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
+    """Links between two held ends must be able to close: no side of the polygon exceeds the sum of the others."""
+    if line.links < 2:
+        raise refuse(f"{path}.links", line.links, "leaves nothing free between two held ends", "a whole number >= 2")
+    if not line.rigid:
+        return
+    distance = float(np.linalg.norm(end.position - start.position))
+    if line.total <= distance:
+        raise SceneError(
+            f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
+            f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
+        )
+    longest = float(np.max(line.length))
+    others = line.total - longest + distance
+    if longest >= others:
+        raise SceneError(
+            f"{path}.length: a link of {longest:g} m cannot be closed by the others and the {distance:g} m between "
+            f"the ends; allowed: less than {others:g} m"
+        )
+
+
+def _read_effects(table: Any, links: int) -> dict[str, dict[str, Any]]:
+    table = read_table(table, "effects")
+    check_keys(table, EFFECTS, "effects")
+    counts = {"node": links, "link": links, "joint": links + 1}
+    return {
+        name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
+    }
+
+
+def _check_pose(scene: Scene) -> None:
+    """A given pose must start and end where the line is held, and have the lengths of rigid links."""
+    line, start = scene.lines[0], scene.start
+    if start.kind == "static":
+        return
+    first, last = scene.point(line.start), scene.point(line.end)
+    path, nodes = "start.polar", None
+    if start.kind == "angles":
+        steps = line.length[:, None] * directions(start.polar, start.azimuth, start.zero)
+        nodes = first.position + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    else:
+        path, nodes = "start.positions", start.positions
+    ends = [(0, first)] + ([(line.links, last)] if last.kind == "fixed" else [])
+    for i, point in ends:
+        if np.linalg.norm(nodes[i] - point.position) > POSE_TOLERANCE * line.total:
+            raise SceneError(
+                f"{path}: node {i} is at {_place(nodes[i])} m; allowed: {_place(point.position)} m, "
+                f"where {point.name!r} holds it"
+            )
+    sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    wrong = np.flatnonzero(np.abs(sizes - line.length) > POSE_TOLERANCE * line.length)
+    if line.rigid and wrong.size:
+        j = wrong[0]
+        raise SceneError(f"{path}: link {j + 1} is {sizes[j]:.9g} m long; allowed: its length {line.length[j]:.9g} m")
+
+
+def _place(position: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x:.9g}" for x in position) + ")"
+
+
+def _fields(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
+    return [(keys or {}).get(f.name, f.name) for f in dataclasses.fields(cls) if "kind" in f.metadata]
+
+
+def _paths(table: Mapping[str, Any]) -> list[str]:
+    """All paths that a value of this scene may have, list entries aside."""
+    found = ["name", "description"]
+    found += [f"run.{key}" for key in _fields(RunSpec)]
+    found += [f"start.{key}" for key in _fields(StartSpec)]
+    found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in _fields(cls)]
+    line_keys = [*_fields(LineSpec, LineSpec.KEYS), "axial.law", "axial.EA", "axial.damping"]
+    for section, keys in (("point", _fields(PointSpec)), ("line", line_keys)):
+        for i, item in enumerate(table[section]):
+            found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
+    return found
+
+
+def _set(table: dict[str, Any], path: str, value: Any) -> None:
+    """Put a value at a path of plain values; numbers at the end of the path are entries of a list."""
+    known = _paths(table)
+    field = next((p for p in sorted(known, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
+    entries = [] if field is None else path[len(field) :].strip(".").split(".")
+    entries = [] if entries == [""] else entries
+    if field is None or not all(entry.isdecimal() for entry in entries):
+        raise SceneError(f"{path}: unknown path; {nearest(path, known)}")
+    parent, key = _parent(table, field)
+    for entry in entries:
+        parent, key, path = _entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(entry), path)
+    parent[key] = value
+
+
+def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
+    """The table that holds a known field, and the field's key in it; tables that are missing are made."""
+    section, _, rest = field.partition(".")
+    if not rest:
+        return table, section
+    if section not in ("point", "line"):
+        *tables, key = rest.split(".")
+        parent = table[section]
+    else:
+        items = table[section]
+        label, item = next(
+            (label, item)
+            for i, item in enumerate(items)
+            for label in (str(i), item["name"])
+            if rest.startswith(label + ".")
+        )
+        *tables, key = rest[len(label) + 1 :].split(".")
+        parent = item
+    for name in tables:
+        parent = parent.setdefault(name, {})
+    return parent, key
+
+
+def _entry(items: Any, index: int, path: str) -> tuple[list[Any], int, str]:
+    if not isinstance(items, list):
+        raise SceneError(f"{path}: has no entries, it is {items!r}; allowed: the path without a number at its end")
+    if index >= len(items):
+        raise SceneError(f"{path}: entry {index} does not exist; allowed: 0 to {len(items) - 1}")
+    return items, index, path

@@ -1,0 +1,227 @@
+"""The sections of a scene besides its effects: points, lines, start and run."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.axial import LAWS
+from dropper_jax.errors import SceneError
+from dropper_jax.fields import option, parameter
+from dropper_jax.schema import plain, read_fields, read_table, refuse
+
+#: Relative mismatch of a given pose with lengths and held ends that is still taken for rounding.
+POSE_TOLERANCE = 1e-6
+
+
+def _count(meaning: str, **kwargs: Any) -> Any:
+    """A whole number of at least 1."""
+    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": 1}, **kwargs)
+
+
+def as_table(spec: Any, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The given values of a section as plain values; what is None is left out."""
+    keys = keys or {}
+    found = {f.name: plain(getattr(spec, f.name)) for f in dataclasses.fields(spec) if "kind" in f.metadata}
+    return {keys.get(name, name): value for name, value in found.items() if value is not None}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PointSpec:
+    """`[[point]]`: where lines begin and end."""
+
+    name: str = option("name", type=str)
+    position: np.ndarray = parameter("position", unit="m", shape="vector")
+    kind: str = option("fixed or free", choices=("fixed", "free"), default="fixed")
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> PointSpec:
+        return cls(**read_fields(cls, table, path, {}))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LineSpec:
+    """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
+
+    KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
+
+    name: str = option("name", type=str)
+    start: str = option("name of the point where the line begins", type=str)
+    end: str = option("name of the point where the line ends", type=str)
+    links: int = _count("number of links")
+    length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
+    mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    centre_of_mass: np.ndarray | None = parameter(
+        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
+    )
+    inertia: np.ndarray | None = parameter(
+        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
+    )
+    axial_law: str = "rigid"
+    EA: np.ndarray | None = None
+    axial_damping: np.ndarray | None = None
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> LineSpec:
+        own = dict(read_table(table, path))
+        axial = own.pop("axial", {"law": "rigid"})
+        links = own.get("links")
+        count = links if isinstance(links, int) and links > 0 else 1  # a wrong number is refused as the field is read
+        values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
+        if (values["centre_of_mass"] is None) != (values["inertia"] is None):
+            missing = "inertia" if values["inertia"] is None else "centre_of_mass"
+            raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
+        values.update(_read_axial(axial, f"{path}.axial", count))
+        spread = ("length", "mass", "centre_of_mass", "inertia", "EA", "axial_damping")
+        values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
+        return cls(**values)
+
+    @property
+    def total(self) -> float:
+        """Length of the whole line [m]."""
+        return float(np.sum(self.length))
+
+    @property
+    def rigid(self) -> bool:
+        return self.axial_law == "rigid"
+
+    def table(self) -> dict[str, Any]:
+        found = {key: _one_or_all(value) for key, value in as_table(self, self.KEYS).items()}
+        if self.rigid:
+            return found
+        axial = {"law": self.axial_law, "EA": _one_or_all(self.EA.tolist())}
+        if self.axial_damping is not None:
+            axial["damping"] = _one_or_all(self.axial_damping.tolist())
+        return {**found, "axial": axial}
+
+
+def _read_axial(table: Any, path: str, links: int) -> dict[str, Any]:
+    """Law and constants of `axial = {law = ..., ...}`; the constants are the fields of the law's class."""
+    table = dict(read_table(table, path))
+    law = table.pop("law", None)
+    if law not in LAWS:
+        raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
+    values = read_fields(LAWS[law], table, path, {"link": links})
+    return {"axial_law": law, "EA": values.get("EA"), "axial_damping": values.get("damping")}
+
+
+def _per_link(value: Any, links: int) -> np.ndarray:
+    return np.broadcast_to(np.asarray(value, float), (links,)).copy()
+
+
+def _one_or_all(value: Any) -> Any:
+    """One number where all entries of a list are equal, so that the number of links can be changed."""
+    return value[0] if isinstance(value, list) and value and value.count(value[0]) == len(value) else value
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StartSpec:
+    """`[start]`: pose and velocities at t = 0.
+
+    `static`: the equilibrium, held by `release_force` on `release_nodes`, which are let go at t = 0.
+    `angles`: `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`;
+    `zero = "down"` (thesis (3.1)): `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth.
+    `positions`: all nodes, both ends included.
+    """
+
+    FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "static": ("release_nodes", "release_force"),
+        "angles": ("polar", "azimuth", "polar_rate", "azimuth_rate", "zero"),
+        "positions": ("positions", "velocities"),
+    }
+
+    kind: str = option("how the start is given", choices=("static", "angles", "positions"), default="static")
+    release_nodes: tuple[int, ...] | None = dataclasses.field(
+        metadata={"kind": "option", "meaning": "nodes let go at t = 0", "type": tuple, "low": 1}, default=None
+    )
+    release_force: np.ndarray | None = parameter("forces let go at t = 0", unit="N", shape="vectors", optional=True)
+    polar: np.ndarray | None = parameter("polar angle of each link", unit="rad", shape="table", optional=True)
+    azimuth: np.ndarray | None = parameter("azimuth of each link", unit="rad", shape="table", optional=True)
+    polar_rate: np.ndarray | None = parameter("rate of the polar angle", unit="rad/s", shape="table", optional=True)
+    azimuth_rate: np.ndarray | None = parameter("rate of the azimuth", unit="rad/s", shape="table", optional=True)
+    zero: str | None = option("where the polar angle is zero", choices=("horizontal", "down"), default=None)
+    positions: np.ndarray | None = parameter("positions of all nodes", unit="m", shape="vectors", optional=True)
+    velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", optional=True)
+
+    @classmethod
+    def read(cls, table: Any, path: str, line: LineSpec, held: bool) -> StartSpec:
+        values = read_fields(cls, table, path, {})
+        kind = values["kind"]
+        for key in read_table(table, path):
+            if key != "kind" and key not in cls.FIELDS[kind]:
+                raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")
+        _COMPLETE[kind](values, path, line, held)
+        return cls(**values)
+
+
+def _complete_static(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
+    nodes, force = values["release_nodes"], values["release_force"]
+    if (nodes is None) != (force is None):
+        raise SceneError(f"{path}: `release_nodes` and `release_force` belong together, one of them is missing")
+    free = line.links - held
+    for i, node in enumerate(nodes or ()):
+        if node > free:
+            raise refuse(f"{path}.release_nodes.{i}", node, "is not a free node", f"1 to {free}")
+    if nodes is not None and len(nodes) != len(force):
+        raise refuse(f"{path}.release_force", plain(force), f"has {len(force)} vectors", f"{len(nodes)}, one per node")
+
+
+def _complete_angles(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
+    values["zero"] = values["zero"] or "horizontal"
+    if values["polar"] is None:
+        raise SceneError(f"{path}.polar: missing; needed: a list of {line.links} angles [rad]")
+    for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
+        if values[key] is None:
+            values[key] = np.zeros(line.links)
+        if len(values[key]) != line.links:
+            raise refuse(
+                f"{path}.{key}", plain(values[key]), f"has {len(values[key])} entries", f"{line.links}, one per link"
+            )
+
+
+def _complete_positions(values: dict[str, Any], path: str, line: LineSpec, held: bool) -> None:
+    rows = line.links + 1
+    if values["positions"] is None:
+        raise SceneError(f"{path}.positions: missing; needed: {rows} positions [m], both ends included")
+    if values["velocities"] is None:
+        values["velocities"] = np.zeros((rows, 3))
+    for key in ("positions", "velocities"):
+        if len(values[key]) != rows:
+            raise refuse(
+                f"{path}.{key}", plain(values[key]), f"has {len(values[key])} rows", f"{rows}, both ends included"
+            )
+
+
+_COMPLETE = {"static": _complete_static, "angles": _complete_angles, "positions": _complete_positions}
+
+
+def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:
+    """Unit vectors of links (n, 3) from their angles [rad] (see `StartSpec`)."""
+    along, down = (np.cos(polar), np.sin(polar)) if zero == "horizontal" else (np.sin(polar), np.cos(polar))
+    return np.stack([along * np.cos(azimuth), along * np.sin(azimuth), -down], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RunSpec:
+    """`[run]`: how the scene is simulated unless the caller says otherwise."""
+
+    dt: float = parameter("time step", unit="s", low=0.0, open_low=True)
+    duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
+    integrator: str = option("integrator", type=str, default="energy_momentum")
+    solver: str = option("linear solver", type=str, default="auto")
+    dtype: str = option("precision", choices=("float64", "float32"), default="float64")
+    gamma: float | None = parameter(
+        "weight of the new time in the theta schemes", unit="-", low=0.0, high=1.0, optional=True
+    )
+    save_every: int = _count("steps between saved states", default=1)
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> RunSpec:
+        values = read_fields(cls, table, path, {})
+        if values["duration"] < values["dt"]:
+            allowed = f"at least one step, {values['dt']:g} s"
+            raise refuse(f"{path}.duration", values["duration"], "is shorter than the step", allowed)
+        return cls(**values)

@@ -1,0 +1,237 @@
+"""`simulate`: from a scene to a solution, with progress, status and provenance."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax import statics
+from dropper_jax.build import build_model
+from dropper_jax.errors import SceneError, SimulationError
+from dropper_jax.integrate import Progress, Trajectory, advance, begin
+from dropper_jax.integrators import make_stepper
+from dropper_jax.model import Model, State, work_names
+from dropper_jax.observe import Observed, observe
+from dropper_jax.scene import Scene, load_scene
+from dropper_jax.solution import Solution
+from dropper_jax.start import initial_state
+from dropper_jax.stepping import Stepper
+
+#: A run is cut into this many pieces of one compiled program, so that progress can be shown and a stop loses little.
+PIECES = 20
+
+SceneLike = str | Path | Mapping[str, Any] | Scene
+
+
+def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:
+    """Model and initial state of a scene: what the functional core works on."""
+    scene = load_scene(scene)
+    model = build_model(scene, dtype)
+    return model, initial_state(model, scene.start)
+
+
+def equilibrium(scene: SceneLike) -> statics.Equilibrium:
+    """The static pose of a scene, held by its release force where it has one."""
+    scene = load_scene(scene)
+    model = build_model(scene)
+    start = scene.start
+    loads = statics.nodal_loads(model, getattr(start, "release_nodes", None), getattr(start, "release_force", None))
+    return statics.equilibrium(model, loads)
+
+
+def simulate(
+    scene: SceneLike,
+    *,
+    dt: float | None = None,
+    duration: float | None = None,
+    integrator: str | None = None,
+    solver: str | None = None,
+    gamma: float | None = None,
+    dtype: str | None = None,
+    save_every: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    throw: bool = False,
+    **settings: Any,
+) -> Solution:
+    """Simulate a scene; what is not given is taken from its `[run]`.
+
+    Args:
+        scene: packaged name, TOML file, plain values or a `Scene`.
+        dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
+        integrator, solver, gamma: see `make_stepper`.
+        dtype: `float64` or `float32`.
+        save_every: steps between saved times.
+        progress: called with the fraction done and a line of text.
+        throw: raise `SimulationError` (with the partial solution) where the status is not `ok`.
+        **settings: further fields of `Stepper` (iterations, tolerance, extra, halvings).
+
+    Raises:
+        SceneError: for anything a user can mend, before the run starts.
+    """
+    given = {
+        "dt": dt,
+        "duration": duration,
+        "integrator": integrator,
+        "solver": solver,
+        "gamma": gamma,
+        "dtype": dtype,
+        "save_every": save_every,
+    }
+    scene = load_scene(scene)
+    changed = {f"run.{key}": value for key, value in given.items() if value is not None}
+    scene = scene.with_values(changed) if changed else scene
+    run = scene.run
+    say = progress or (lambda fraction, text: None)
+    say(0.0, "finding the start")
+    model, start = build(scene)
+    stepper = make_stepper(model, run.integrator, run.solver, run.gamma, **settings)
+    steps = _whole_steps(run.duration, run.dt, run.save_every)
+    begun = time.perf_counter()
+    compiled, chunk = _compile(stepper, model, start, steps // run.save_every, run.save_every)
+    compile_s = time.perf_counter() - begun
+    trajectory, run_s, interrupted = _run(compiled, chunk, stepper, model, start, run.dt, steps // run.save_every, say)
+    solution = _solution(scene, stepper, model, start, trajectory, steps, dict(settings))
+    solution = replace(solution, compile_s=compile_s, run_s=run_s)
+    if interrupted:
+        solution = replace(solution, status="interrupted")
+    say(1.0, solution.status)
+    if throw and solution.status != "ok":
+        raise SimulationError(solution.failure, solution)
+    return solution
+
+
+def _whole_steps(duration: float, dt: float, save_every: int) -> int:
+    """Steps that cover the duration, a multiple of `save_every`; a remainder below 1e-9 steps is rounding."""
+    steps = int(np.ceil(duration / dt - 1e-9))
+    return -(-steps // save_every) * save_every
+
+
+def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_every: int) -> tuple[Any, int]:
+    chunk = -(-saves // PIECES)
+    run = jax.jit(partial(advance, stepper, saves=chunk, save_every=save_every))
+    dt = jnp.zeros((), model.dtype)
+    return run.lower(model, begin(stepper, model, start), dt).compile(), chunk
+
+
+def _run(
+    compiled: Any,
+    chunk: int,
+    stepper: Stepper,
+    model: Model,
+    start: State,
+    dt: float,
+    saves: int,
+    say: Callable[[float, str], None],
+) -> tuple[Trajectory, float, bool]:
+    """Pieces until the end, a failure or an interruption; always the same program, so that reruns agree to the bit."""
+    carry: Progress = begin(stepper, model, start)
+    pieces: list[Trajectory] = []
+    step = jnp.asarray(dt, model.dtype)
+    begun, interrupted = time.perf_counter(), False
+    try:
+        while len(pieces) * chunk < saves:
+            carry, piece = compiled(model, carry, step)
+            pieces.append(jax.tree.map(np.asarray, piece))
+            say(min(len(pieces) * chunk / saves, 1.0), f"t = {float(carry.state.t):.3g} s")
+            if int(carry.first_bad) >= 0:
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+        if not pieces:
+            raise
+    run_s = time.perf_counter() - begun
+    joined = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
+    return joined, run_s, interrupted
+
+
+def _solution(
+    scene: Scene, stepper: Stepper, model: Model, start: State, run: Trajectory, steps: int, extra: dict[str, Any]
+) -> Solution:
+    dt, every = scene.run.dt, scene.run.save_every
+    good = _good_saves(run)
+    bad_step = int(run.first_bad[-1])
+    kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
+    join = lambda first, rest: np.concatenate([np.asarray(first)[None], rest])  # noqa: E731
+    t = np.arange(good + 1) * (every * dt)
+    seen = _observe_all(model, join(start.r, kept.r), join(start.v, kept.v), t)
+    middle = (1.0 - stepper.integrator.tension_time) * dt
+    work = join(np.zeros(len(work_names(model))), kept.work)
+    status, first_bad = "ok", None
+    if bad_step >= 0:
+        residual = float(run.residual[min(bad_step // every, len(run.residual) - 1)])
+        reason = _reason(residual, stepper)
+        status = reason
+        first_bad = {"step": bad_step + 1, "time_s": (bad_step + 1) * dt, "residual": residual, "reason": reason}
+    settings = {
+        "integrator": stepper.integrator.name,
+        "solver": stepper.solver,
+        "dt": dt,
+        "duration": scene.run.duration,
+        "steps": steps,
+        "dtype": scene.run.dtype,
+        "gamma": getattr(stepper.integrator, "gamma", None),
+        "tolerance": stepper.limit(model),
+        "iterations": stepper.iterations,
+        "save_every": every,
+        **{key: value for key, value in extra.items() if key not in ("iterations", "tolerance")},
+    }
+    return Solution(
+        scene=scene,
+        settings=settings,
+        t=t,
+        positions=seen.positions,
+        velocities=seen.velocities,
+        tension=join(start.tension, kept.tension),
+        t_tension=np.concatenate([[0.0], t[1:] - middle]),
+        kinetic=seen.kinetic,
+        potential=seen.potential,
+        work=work,
+        work_names=work_names(model),
+        step_status=np.zeros(good + 1, np.int8),
+        status=status,
+        failed_steps=int(np.sum(run.failed)) if bad_step < 0 else 1,
+        retried_steps=int(np.sum(run.retried[: good + 1])),
+        first_bad=first_bad,
+        max_residual=float(np.max(kept.residual)) if good else 0.0,
+        max_closure_error=float(np.max(seen.closure)),
+        versions=_versions(),
+    )
+
+
+def _good_saves(run: Trajectory) -> int:
+    """Saved times before the first failed step."""
+    bad = np.flatnonzero(run.first_bad >= 0)
+    return int(bad[0]) if bad.size else len(run.first_bad)
+
+
+def _reason(residual: float, stepper: Stepper) -> str:
+    if not np.isfinite(residual):
+        return "non_finite"
+    return "retry_exhausted" if stepper.halvings else "not_converged"
+
+
+def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> Observed:
+    look = jax.jit(jax.vmap(partial(observe, model)))
+    return jax.tree.map(np.asarray, look(jnp.asarray(r), jnp.asarray(v), jnp.asarray(t, model.dtype)))
+
+
+def _versions() -> dict[str, str]:
+    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    try:
+        found["dropper-jax"] = metadata.version("dropper-jax")
+    except metadata.PackageNotFoundError:
+        found["dropper-jax"] = "not installed"
+    return {**found, "python": platform.python_version(), "backend": jax.default_backend()}
+
+
+__all__ = ["SceneError", "build", "equilibrium", "simulate"]

@@ -1,0 +1,249 @@
+"""The solution of a run: arrays, status and provenance."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import zipfile
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from dropper_jax.io import atomic_write
+from dropper_jax.scene import Scene
+
+#: Version of the JSON object that commands print.
+SCHEMA = 1
+#: Version of the saved file; a file that says otherwise is refused.
+FORMAT = 1
+
+ARRAYS = (
+    "t",
+    "positions",
+    "velocities",
+    "tension",
+    "t_tension",
+    "kinetic",
+    "potential",
+    "work",
+    "step_status",
+)
+
+
+@dataclasses.dataclass
+class Solution:
+    """What a run gives, k saved times, n links.
+
+    Attributes:
+        scene: what was simulated.
+        settings: integrator, solver, dt, duration, steps, dtype, gamma, tolerance, save_every.
+        t: saved times (k,) [s].
+        positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s].
+        tension: (k, n) [N] at the times `t_tension` (k,) [s] (the step's midpoint in midpoint schemes).
+        kinetic, potential: energies (k,) [J].
+        work: work done since the start (k, w) [J] by each of `work_names`.
+        step_status: 0 where every step up to the saved time is good.
+        status: `ok` or the named failure.
+        failed_steps, retried_steps: counts.
+        first_bad: step, time_s, residual and reason of the first bad step, or None.
+        max_residual: largest scaled residual of a step.
+        max_closure_error: largest error of a rigid link's length [m].
+        compile_s, run_s: wall time [s].
+        versions: of the packages that matter.
+        warnings: one line each.
+    """
+
+    scene: Scene
+    settings: dict[str, Any]
+    t: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    tension: np.ndarray
+    t_tension: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    work: np.ndarray
+    work_names: tuple[str, ...]
+    step_status: np.ndarray
+    status: str = "ok"
+    failed_steps: int = 0
+    retried_steps: int = 0
+    first_bad: dict[str, Any] | None = None
+    max_residual: float = 0.0
+    max_closure_error: float = 0.0
+    compile_s: float = 0.0
+    run_s: float = 0.0
+    versions: dict[str, str] = dataclasses.field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Kinetic and potential energy (k,) [J]."""
+        return self.kinetic + self.potential
+
+    @property
+    def balance(self) -> np.ndarray:
+        """Energy minus the work of damping and applied forces (k,) [J]; constant in an exact solution."""
+        return self.energy - np.sum(self.work, axis=1)
+
+    @property
+    def energy_drift(self) -> float:
+        """Largest change of the balance since the start [J]."""
+        with np.errstate(invalid="ignore"):  # a run that failed may hold infinities
+            return float(np.max(np.abs(self.balance - self.balance[0])))
+
+    @property
+    def energy_scale(self) -> float:
+        """What to compare the drift with [J]: range of the potential, or the largest kinetic energy if larger."""
+        return float(max(np.ptp(self.potential), np.max(self.kinetic)))
+
+    @property
+    def max_speed(self) -> float:
+        """Largest speed of a node [m/s]."""
+        return float(np.max(np.linalg.norm(self.velocities, axis=-1)))
+
+    @cached_property
+    def angles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
+        from dropper_jax.analysis.angles import link_angles
+
+        return link_angles(self.positions, zero="horizontal")
+
+    @property
+    def polar(self) -> np.ndarray:
+        """Polar angles (k, n) [rad], zero at the horizontal."""
+        return self.angles[0]
+
+    @property
+    def azimuth(self) -> np.ndarray:
+        """Azimuths (k, n) [rad]."""
+        return self.angles[1]
+
+    @property
+    def us_per_step(self) -> float:
+        """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
+        done = (len(self.t) - 1) * self.settings.get("save_every", 1)
+        return 1e6 * self.run_s / max(done, 1)
+
+    @property
+    def realtime_factor(self) -> float:
+        """Simulated time over wall time without compilation."""
+        return float(self.t[-1] - self.t[0]) / self.run_s if self.run_s > 0 else math.nan
+
+    @property
+    def failure(self) -> str:
+        """One line saying which step failed, when and why; empty where none did."""
+        if self.status == "ok":
+            return ""
+        if self.first_bad is None:
+            return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
+        bad = self.first_bad
+        return (
+            f"{self.status}: step {bad['step']} at t = {bad['time_s']:.6g} s, scaled residual {bad['residual']:.3g}: "
+            f"{bad['reason']}"
+        )
+
+    def tension_summary(self) -> dict[str, dict[str, float]]:
+        """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean."""
+        parts = {"first": self.tension[:, :1], "last": self.tension[:, -1:], "all": self.tension}
+        return {
+            name: {
+                "min": float(np.min(part)),
+                "mean": float(np.mean(part)),
+                "max": float(np.max(part)),
+                "final": float(np.mean(part[-1])),
+            }
+            for name, part in parts.items()
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """The JSON object of a run; NaN and infinity are null."""
+        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "tolerance", "save_every")
+        found = {
+            "schema": SCHEMA,
+            "status": self.status,
+            "scene": self.scene.name,
+            **{key: self.settings.get(key) for key in keys},
+            "failed_steps": self.failed_steps,
+            "retried_steps": self.retried_steps,
+            "first_bad": self.first_bad,
+            "max_residual": self.max_residual,
+            "max_closure_error_m": self.max_closure_error,
+            "energy_drift_j": self.energy_drift,
+            "energy_scale_j": self.energy_scale,
+            "work_j": dict(zip(self.work_names, self.work[-1], strict=True)),
+            "max_speed_m_per_s": self.max_speed,
+            "compile_s": self.compile_s,
+            "run_s": self.run_s,
+            "us_per_step": self.us_per_step,
+            "realtime_factor": self.realtime_factor,
+            "final_time_s": self.t[-1],
+            "final_positions_m": self.positions[-1],
+            "tension_n": self.tension_summary(),
+            "warnings": self.warnings,
+            "versions": self.versions,
+        }
+        if self.failure:
+            found["error"] = self.failure
+        return jsonable(found)
+
+    def save(self, path: str | Path) -> Path:
+        """Write to an `.npz` file, with the scene and all settings inside, so that `rerun` can repeat the run."""
+        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "scene")]
+        meta = {"format": FORMAT, "scene": self.scene.to_dict(), **{name: getattr(self, name) for name in names}}
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        text = np.array(json.dumps(meta, default=_plain))
+        return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Solution:
+        """Read a saved run.
+
+        Raises:
+            SceneError: one line, where the file is missing or is not a saved run.
+        """
+        try:
+            with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
+                meta = json.loads(str(file["meta"]))
+                arrays = {name: file[name] for name in ARRAYS}
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+        except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
+            raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
+        if not isinstance(meta, dict) or meta.pop("format", None) != FORMAT:
+            raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
+        scene = Scene.from_dict(meta.pop("scene"))
+        tuples = {key: tuple(meta.pop(key)) for key in ("work_names", "warnings")}
+        return cls(scene=scene, **arrays, **tuples, **meta)
+
+    def rerun(self, **kwargs: Any) -> Solution:
+        """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""
+        from dropper_jax import simulate
+
+        implicit = self.settings["solver"] != "none"
+        keys = (*(("iterations",) if implicit else ()), "tolerance", "extra", "halvings", "track_work")
+        used = {key: self.settings[key] for key in keys if key in self.settings}
+        return simulate(self.scene, **{**used, **kwargs})
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be saved")
+
+
+def jsonable(value: Any) -> Any:
+    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
+    if isinstance(value, dict):
+        return {str(key): jsonable(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    if isinstance(value, list | tuple):
+        return [jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

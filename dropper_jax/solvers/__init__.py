@@ -1,0 +1,13 @@
+"""Linear solvers for the Newton correction of a step: dense, banded, condensed.
+
+Each offers `refuse(problem_facts)`, `factor(problem, u)`, `apply(factor, rows)` and `apply_transposed(factor, rows)`
+on `Unknowns`. What they invert may be approximate; derivatives are refined to the exact Jacobian.
+"""
+
+from dropper_jax.solvers.banded import Banded
+from dropper_jax.solvers.condensed import Condensed, CondensedParts
+from dropper_jax.solvers.dense import Dense
+
+SOLVERS = {solver.name: solver for solver in (Dense(), Banded(), Condensed())}
+
+__all__ = ["SOLVERS", "Banded", "Condensed", "CondensedParts", "Dense"]

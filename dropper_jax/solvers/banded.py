@@ -1,0 +1,174 @@
+"""The exact Jacobian as a block-tridiagonal matrix: `jacfwd` over a few colours, block elimination in a scan. O(n).
+
+A block is a node with the link before it: 3 positions and 1 tension. Where forces reach the next neighbours but one,
+two nodes make a block. A block is inverted by nested 3 + 1 elimination: the node's mass first, then the link's
+reaction, which is the order in which a free-ended chain of i links is always solvable, so no pivoting is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.solvers.condensed import inverse3
+from dropper_jax.system import Unknowns
+
+if TYPE_CHECKING:
+    from dropper_jax.model import Model
+    from dropper_jax.problem import StepProblem
+
+
+class _Factor(NamedTuple):
+    lower: jax.Array
+    inverse: jax.Array
+    ahead: jax.Array
+
+
+def _product(a: jax.Array, b: jax.Array) -> jax.Array:
+    """Small matrix product as elementwise work, which fuses where a library call would not."""
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
+
+
+def _apply(a: jax.Array, x: jax.Array) -> jax.Array:
+    return jnp.sum(a * x[..., None, :], axis=-1)
+
+
+def block_inverse(m: jax.Array) -> jax.Array:
+    """Inverse of one block (b, b), b a multiple of 4, by nested elimination in the order 3 + 1 per node."""
+    size = m.shape[-1]
+    if size == 1:
+        return 1.0 / m
+    if size == 3:
+        return inverse3(m)
+    first = 3 if size == 4 else 4
+    a, b, c, d = m[:first, :first], m[:first, first:], m[first:, :first], m[first:, first:]
+    ai = block_inverse(a)
+    aib = _product(ai, b)
+    cai = _product(c, ai)
+    s = block_inverse(d - _product(c, aib))
+    return jnp.block([[ai + _product(_product(aib, s), cai), -_product(aib, s)], [-_product(s, cai), s]])
+
+
+class Layout:
+    """How unknowns are packed into blocks: block i holds node i and link i, `width` nodes to a block."""
+
+    def __init__(self, nodes: int, links: int, width: int):
+        self.nodes, self.links, self.width = nodes, links, width
+        self.blocks = -(-links // width)
+        self.size = 4 * width
+        used = np.zeros((self.blocks * width, 4), bool)
+        used[:nodes, :3] = True
+        used[:links, 3] = True
+        self.padding = ~used.reshape(self.blocks, self.size)
+
+    def pack(self, u: Unknowns) -> jax.Array:
+        rows = self.blocks * self.width
+        x = jnp.pad(u.x, ((0, rows - self.nodes), (0, 0)))
+        y = jnp.pad(u.y, (0, rows - self.links))
+        return jnp.concatenate([x, y[:, None]], axis=1).reshape(self.blocks, self.size)
+
+    def unpack(self, packed: jax.Array) -> Unknowns:
+        rows = packed.reshape(self.blocks * self.width, 4)
+        return Unknowns(rows[: self.nodes, :3], rows[: self.links, 3])
+
+
+@dataclass(frozen=True)
+class Banded:
+    """Block-tridiagonal elimination of the exact Jacobian."""
+
+    name: str = "banded"
+
+    def refuse(self, model: Model, integrator: Any) -> str | None:
+        if model.laws:
+            return f"effect {model.laws[0].name!r} brings unknowns of its own; use dense"
+        if not integrator.local_rows:
+            return f"integrator {integrator.name!r} couples all links in each row; use dense"
+        return None
+
+    def _layout(self, problem: StepProblem) -> Layout:
+        model = problem.model
+        return Layout(model.free_nodes, model.line.links, max(1, model.reach))
+
+    def factor(self, problem: StepProblem, u: Unknowns) -> Any:
+        layout = self._layout(problem)
+        lower, diagonal, upper = _bands(problem, u, layout)
+
+        def eliminate(ahead: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+            low, mid, up = row
+            inverse = block_inverse(mid - _product(low, ahead))
+            ahead = _product(inverse, up)
+            return ahead, (inverse, ahead)
+
+        _, (inverse, ahead) = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
+        return _Factor(lower, inverse, ahead), layout
+
+    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+        f, layout = factor
+        b = layout.pack(rows)
+        zero = jnp.zeros_like(b[0])
+
+        def down(y: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+            low, inverse, rhs = row
+            y = _apply(inverse, rhs - _apply(low, y))
+            return y, y
+
+        def up(x: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+            ahead, y = row
+            x = y - _apply(ahead, x)
+            return x, x
+
+        _, y = jax.lax.scan(down, zero, (f.lower, f.inverse, b))
+        _, x = jax.lax.scan(up, zero, (f.ahead, y), reverse=True)
+        return layout.unpack(x)
+
+    def apply_transposed(self, factor: Any, rows: Unknowns) -> Unknowns:
+        f, layout = factor
+        b = layout.pack(rows)
+        zero = jnp.zeros_like(b[0])
+        flip = lambda m: jnp.swapaxes(m, -1, -2)  # noqa: E731
+        before = jnp.concatenate([jnp.zeros_like(f.ahead[:1]), f.ahead[:-1]])
+        following = jnp.concatenate([f.lower[1:], jnp.zeros_like(f.lower[:1])])
+
+        def down(c: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+            ahead, rhs = row
+            c = rhs - _apply(ahead, c)
+            return c, c
+
+        def up(x: jax.Array, row: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+            low, inverse, c = row
+            x = _apply(inverse, c - _apply(low, x))
+            return x, x
+
+        _, c = jax.lax.scan(down, zero, (flip(before), b))
+        _, x = jax.lax.scan(up, zero, (flip(following), flip(f.inverse), c), reverse=True)
+        return layout.unpack(x)
+
+
+def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Lower, diagonal and upper blocks (blocks, b, b) of the Jacobian, from 3 colours of `b` directions each."""
+    index = np.arange(layout.blocks)
+    colours = 3
+    seeds = np.zeros((colours, layout.size, layout.blocks, layout.size))
+    for colour in range(colours):
+        for direction in range(layout.size):
+            seeds[colour, direction, index % colours == colour, direction] = 1.0
+    packed = layout.pack(u)
+
+    def push(seed: jax.Array) -> jax.Array:
+        return jax.jvp(lambda p: layout.pack(problem.residual(layout.unpack(p))), (packed,), (seed,))[1]
+
+    answer = jax.vmap(jax.vmap(push))(jnp.asarray(seeds, packed.dtype))
+
+    def coupling(offset: int) -> jax.Array:
+        return jnp.swapaxes(answer[(index + offset) % colours, :, index, :], -1, -2)
+
+    def cut(blocks: jax.Array, end: int) -> jax.Array:
+        """With fewer blocks than colours a missing neighbour would alias an existing one."""
+        return blocks.at[end].set(0.0)
+
+    diagonal = coupling(0) + jnp.asarray(np.eye(layout.size) * layout.padding[:, None, :], packed.dtype)
+    return cut(coupling(-1), 0), diagonal, cut(coupling(1), -1)

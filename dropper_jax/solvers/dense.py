@@ -1,0 +1,51 @@
+"""The reference: `jax.jacfwd` of the residual and LU with pivoting. O(n^3) per factorisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jax.scipy.linalg import lu_factor, lu_solve
+
+from dropper_jax.system import Unknowns
+
+if TYPE_CHECKING:
+    from dropper_jax.model import Model
+    from dropper_jax.problem import StepProblem
+
+
+@dataclass(frozen=True)
+class Dense:
+    """LU of the whole Jacobian."""
+
+    name: str = "dense"
+
+    def refuse(self, model: Model, integrator: Any) -> str | None:
+        return None
+
+    def factor(self, problem: StepProblem, u: Unknowns) -> Any:
+        flat, unravel = ravel_pytree(u)
+        jacobian = jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(flat)
+        return lu_factor(jacobian)
+
+    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+        flat, unravel = ravel_pytree(rows)
+        return unravel(lu_solve(factor, flat))
+
+    def apply_transposed(self, factor: Any, rows: Unknowns) -> Unknowns:
+        flat, unravel = ravel_pytree(rows)
+        return unravel(lu_solve(factor, flat, trans=1))
+
+    def size(self, model: Model) -> int:
+        """Number of unknowns."""
+        joints = model.line.links + 1
+        return 3 * model.free_nodes + model.line.links + joints * sum(law.components for law in model.laws)
+
+
+def residual_matrix(problem: StepProblem, u: Unknowns) -> jax.Array:
+    """The dense Jacobian (N, N) of a step's rows, for tests and for looking at."""
+    flat, unravel = ravel_pytree(u)
+    return jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(jnp.asarray(flat))

@@ -1,0 +1,62 @@
+"""Where a run starts: a static pose let go, given angles, or given positions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.errors import SceneError
+from dropper_jax.model import Model, State, state
+from dropper_jax.statics import equilibrium, nodal_loads
+
+if TYPE_CHECKING:
+    from dropper_jax.sections import StartSpec
+
+
+def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Array:
+    """Unit link vectors (n, 3) of polar and azimuth angles (n,) [rad], polar from the horizontal or from straight down.
+
+    horizontal: (cos p cos a, cos p sin a, -sin p), the thesis' (4.3)-(4.5); down: (sin p cos a, sin p sin a, -cos p).
+    """
+    across, drop = (jnp.cos(polar), jnp.sin(polar)) if zero == "horizontal" else (jnp.sin(polar), jnp.cos(polar))
+    return jnp.stack([across * jnp.cos(azimuth), across * jnp.sin(azimuth), -drop], axis=-1)
+
+
+def from_angles(
+    model: Model,
+    polar: jax.Array,
+    azimuth: jax.Array,
+    polar_rate: jax.Array,
+    azimuth_rate: jax.Array,
+    zero: str = "horizontal",
+) -> State:
+    """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
+
+    def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
+        links = model.line.length[:, None] * link_directions(p, a, zero)
+        return model.points[model.line.start].position + jnp.cumsum(links, axis=0)
+
+    angles = jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype)
+    rates = jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype)
+    r, v = jax.jvp(nodes, angles, rates)
+    return state(model, r[: model.free_nodes], v[: model.free_nodes])
+
+
+def initial_state(model: Model, start: StartSpec) -> State:
+    """The state at t = 0 that a scene's `[start]` describes.
+
+    Raises:
+        SceneError: a static pose that was not found; the message says which node and why.
+    """
+    if start.kind == "static":
+        pose = equilibrium(model, nodal_loads(model, start.release_nodes, start.release_force))
+        if pose.status != "ok":
+            raise SceneError(f"start: {pose.message}")
+        return pose.state
+    if start.kind == "angles":
+        return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
+    free = slice(1, 1 + model.free_nodes)
+    velocities = None if start.velocities is None else start.velocities[free]
+    return state(model, start.positions[free], velocities)

@@ -1,0 +1,206 @@
+"""Static equilibrium: catenary guess, Newton with load continuation, exact derivatives of the pose.
+
+    F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from dropper_jax.catenary import catenary_guess
+from dropper_jax.effects.base import Law
+from dropper_jax.errors import SceneError
+from dropper_jax.kinematics import stack_nodes
+from dropper_jax.model import Model, State, state
+from dropper_jax.newton import damped_newton
+from dropper_jax.problem import GRAVITY_SCALE, StepProblem
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.system import Unknowns
+
+#: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
+STATIC_TOLERANCE = 1e-10
+#: Smallest share of the loads that continuation tries to add before it gives up.
+SMALLEST_INCREMENT = 1.0 / 1024
+#: Unknowns up to which LU of the whole Jacobian is used.
+DENSE_LIMIT = 200
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static pose.
+
+    Attributes:
+        positions: nodes (n + 1, 3) [m].
+        tension: links (n,) [N].
+        residual: largest scaled row.
+        status: `ok` or `not_converged`.
+        message: what went wrong, else empty.
+        state: the same as a `State` at rest.
+    """
+
+    positions: np.ndarray
+    tension: np.ndarray
+    residual: float
+    status: str
+    message: str = ""
+    state: State | None = field(default=None, repr=False)
+
+
+class StaticProblem(StepProblem):
+    """Unknowns: x = r, y = T, at rest at the state's time."""
+
+    def __init__(self, model: Model, s: State, loads: jax.Array):
+        super().__init__(model, s, jnp.ones((), model.dtype))
+        self.loads = loads
+        self.ends = model.ends(s.t)
+        k = model.kinematics(s.r, jnp.zeros_like(s.r), s.t, self.ends)
+        self.prepared = model.prepare(k)
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        model, line = self.model, self.model.line
+        k = model.kinematics(u.x, jnp.zeros_like(u.x), self.s.t, self.ends, prepared=self.prepared)
+        direction = line.axial.direction(k.links, k.links, k.links, line.length)
+        rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
+        return Unknowns(rows, line.axial.residual(k.links, k.links, u.y, line.length, self.h))
+
+    def row_scale(self) -> Unknowns:
+        line = self.model.line
+        weight = GRAVITY_SCALE * jnp.mean(line.mass) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
+        return Unknowns(weight, line.length)
+
+
+def rest(model: Model) -> Model:
+    """The model without laws of their own: dry friction may hold many poses, the frictionless one is taken."""
+    return Model(model.points, model.lines, tuple(e for e in model.effects if not isinstance(e, Law)))
+
+
+def _solver(model: Model) -> Any:
+    if SOLVERS["dense"].size(model) <= DENSE_LIMIT:
+        return SOLVERS["dense"]
+    return SOLVERS["banded"]
+
+
+@partial(jax.jit, static_argnames="iterations")
+def _newton(model: Model, s: State, loads: jax.Array, iterations: int = 25) -> tuple[jax.Array, jax.Array, jax.Array]:
+    problem = StaticProblem(model, s, loads)
+    u, residual = damped_newton(problem, _solver(model), Unknowns(s.r, s.tension), iterations)
+    return u.x, u.y, residual
+
+
+def nodal_loads(model: Model, nodes: Any, forces: Any) -> jax.Array:
+    """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; none where `nodes` is None."""
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    if nodes is None or len(nodes) == 0:
+        return loads
+    index = np.asarray(nodes, int) - 1
+    if np.any(index < 0) or np.any(index >= model.free_nodes):
+        raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
+    return loads.at[index].add(jnp.asarray(forces, model.dtype))
+
+
+def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) -> Equilibrium:
+    """The pose in which the model rests at time t under additional nodal `loads` (free nodes, 3) [N].
+
+    Works for hanging strings, slack loops, ends at different heights or at the same point, loops nearly as long as
+    they are straight, and lifted nodes. Runs on the host; see `settle` for derivatives of the pose it finds.
+
+    Raises:
+        SceneError: where nothing gives the line a shape (no weight).
+    """
+    full, model = model, rest(model)
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    s = _guess(model, t)
+    tolerance = STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
+    share, increment = 0.0, 1.0
+    r, tension, residual = _newton(model, s, 0.0 * loads)
+    ok = bool(residual <= tolerance)
+    if ok and not np.any(np.asarray(loads)):
+        return _result(full, s, r, tension, residual, "")
+    while ok and share < 1.0:
+        s = state(model, r, tension=tension, t=t)
+        step = min(increment, 1.0 - share)
+        r1, tension1, residual1 = _newton(model, s, (share + step) * loads)
+        if residual1 <= tolerance and _near(s.r, r1, model):
+            r, tension, residual, share = r1, tension1, residual1, share + step
+            increment *= 2.0
+        elif step > SMALLEST_INCREMENT:
+            increment = step / 2.0
+        else:
+            ok = False
+    message = "" if ok else _complaint(model, s, loads, share, float(residual))
+    return _result(full, s, r, tension, residual, message)
+
+
+def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
+    """A load increment that moves a node by more than half a line length may have jumped to another branch."""
+    return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
+
+
+def _guess(model: Model, t: float) -> State:
+    ends = model.ends(jnp.asarray(t, model.dtype))
+    still = model.kinematics(jnp.zeros((model.free_nodes, 3), model.dtype), jnp.zeros((model.free_nodes, 3)), t, ends)
+    weight = model.effect("weight")
+    total = 0.0 if weight is None else float(jnp.sum(weight.per_link(model.line)))
+    if total == 0.0 or still.free == 0:
+        raise SceneError(
+            "start.kind: 'static' needs a weight that gives the line its shape; add [effects.weight] or start from "
+            "'angles' or 'positions'"
+        )
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(model.line.length, float), total)
+    return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
+
+
+def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
+    problem = StaticProblem(model, s, share * loads)
+    rows = problem.residual(Unknowns(s.r, s.tension)).x
+    worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
+    return (
+        f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "
+        f"node {worst} is farthest from balance"
+    )
+
+
+def _result(
+    model: Model, s: State, r: jax.Array, tension: jax.Array, residual: jax.Array, message: str
+) -> Equilibrium:
+    ends = model.ends(s.t)
+    return Equilibrium(
+        positions=np.asarray(stack_nodes(r, ends.start, ends.end)),
+        tension=np.asarray(tension),
+        residual=float(residual),
+        status="not_converged" if message else "ok",
+        message=message,
+        state=state(model, r, tension=tension, t=s.t),
+    )
+
+
+def settle(model: Model, near: State, loads: jax.Array | None = None) -> State:
+    """The equilibrium next to the pose `near`, as a differentiable, batchable function of model and loads.
+
+    Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem.
+    """
+    full, model = model, rest(model)
+    loads = jnp.zeros_like(near.r) if loads is None else loads
+    guess = jax.lax.stop_gradient(Unknowns(near.r, near.tension))
+    problem = StaticProblem(model, near, loads)
+    flat, unravel = ravel_pytree(guess)
+
+    def rows(x: jax.Array) -> jax.Array:
+        return ravel_pytree(problem.residual(unravel(x)))[0]
+
+    def solve(f: Any, x: jax.Array) -> jax.Array:
+        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(f)(y), f(y)), x)
+
+    def tangent(g: Any, b: jax.Array) -> jax.Array:
+        return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
+
+    u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))
+    return state(full, u.x, tension=u.y, t=near.t)

@@ -1,0 +1,321 @@
+"""One step that never raises: solve, check, escalate, report; with exact derivatives in both modes.
+
+Escalation, each stage only where the one before left a residual above tolerance (or not a number):
+1. more iterations of the same solver;
+2. damped iterations of the exact solver over the whole step;
+3. the same over 2, 4, 8, ... substeps.
+Stages sit in `while_loop`s that make no trip when all is well, under `vmap` too.
+
+Derivatives follow from the implicit function theorem at the solution, never through the iterations: with rows
+`R(theta, u) = 0` and end state `S(theta, u)`, `theta` = (model, state, step size),
+
+    du = -R_u^-1 R_theta dtheta,    dS = S_theta dtheta + S_u du,
+
+and its transpose for reverse mode. A step that was halved chains its substeps, recomputed when asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
+from dropper_jax.model import Model, State
+from dropper_jax.newton import damped_newton, newton, refine
+from dropper_jax.problem import Integrator, StepProblem
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.system import Unknowns, norm
+
+#: The one tolerance: largest scaled residual row of a converged step. Rounding leaves about 1e-14 (7 links) to
+#: 1e-12 (1000 links, nodes far from the origin) in float64; in float32 about 1e-5.
+TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
+
+FULL_STEP = -1  # level of a step that needed no retry
+
+
+@dataclass(frozen=True)
+class Stepper:
+    """Everything static about stepping.
+
+    Attributes:
+        integrator: the scheme.
+        solver, fallback: names of the first and the last-resort linear solver.
+        iterations: Newton iterations of every step.
+        tolerance: largest scaled residual of a converged step; None takes `TOLERANCE` of the model's precision.
+        extra: further iterations of the first solver before anything else is tried.
+        halvings: most times a step is halved; 0 disables retries altogether.
+        track_work: count the work of each effect in `State.work`.
+    """
+
+    integrator: Integrator
+    solver: str
+    fallback: str
+    iterations: int
+    tolerance: float | None = None
+    extra: int = 48
+    halvings: int = 6
+    track_work: bool = True
+
+    def limit(self, model: Model) -> float:
+        return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
+
+
+class Report(NamedTuple):
+    """How a step went.
+
+    Attributes:
+        residual: largest scaled row at its end (NaN when not finite).
+        level: -1 when the step solved as a whole at first, k >= 0 when it took 2^k substeps of the fallback solver.
+    """
+
+    residual: jax.Array
+    level: jax.Array
+
+
+def step(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool = True) -> tuple[State, Report]:
+    """Advance `s` by `h`. Dead runs (`alive` False: an earlier step failed) are not retried."""
+    integrator = stepper.integrator
+    if not integrator.implicit:
+        return _explicit(stepper, model, s, h)
+    if len(integrator.stages) == 1:
+        return _implicit(stepper, model, s, h, alive)
+
+    def stage(s: State, fraction: jax.Array) -> tuple[State, Report]:
+        return _implicit(stepper, model, s, fraction * h, alive)
+
+    # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
+    s, reports = jax.lax.scan(stage, s, jnp.asarray(integrator.stages, model.dtype))
+    return s, Report(jnp.max(reports.residual), jnp.max(reports.level))
+
+
+def _explicit(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Report]:
+    s = stepper.integrator.advance(model, s, h)
+    finite = jnp.all(jnp.isfinite(s.r)) & jnp.all(jnp.isfinite(s.v))
+    residual = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
+    return s, Report(residual, jnp.full((), FULL_STEP, jnp.int32))
+
+
+def _implicit(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool) -> tuple[State, Report]:
+    s1, residual, level = _solved(stepper, model, s, jnp.asarray(h, model.dtype), jnp.asarray(alive))
+    return s1, Report(residual, level)
+
+
+def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
+    """End state, unknowns, residual and level of a step; no derivative rule of its own."""
+    problem = stepper.integrator.problem(model, s, h)
+    solver = SOLVERS[stepper.solver]
+    limit = stepper.limit(model)
+    u, residual = newton(problem, solver, problem.guess(), stepper.iterations)
+    if stepper.extra:
+        u, residual = _more_iterations(problem, solver, u, residual, limit, stepper.extra, alive)
+    s1 = problem.finish(u)
+    level = jnp.full((), FULL_STEP, jnp.int32)
+    if stepper.halvings:
+        s1, residual, level = _halve(stepper, model, s, h, alive, (s1, residual, level))
+    return s1, u, residual, level
+
+
+def _more_iterations(
+    problem: StepProblem, solver: Any, u: Unknowns, residual: jax.Array, limit: float, extra: int, alive: jax.Array
+) -> tuple[Unknowns, jax.Array]:
+    bunch = 4
+
+    def go(carry: tuple[Any, ...]) -> jax.Array:
+        _, residual, count = carry
+        return (residual > limit) & (count < extra // bunch) & alive  # a NaN compares false: iterating cannot mend it
+
+    def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        u, residual = newton(problem, solver, carry[0], bunch)
+        return u, residual, carry[2] + 1
+
+    u, residual, _ = jax.lax.while_loop(go, more, (u, residual, jnp.zeros((), jnp.int32)))
+    return u, residual
+
+
+def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
+    """One substep by the fallback solver, damped."""
+    problem = stepper.integrator.problem(model, s, h)
+    solver = SOLVERS[stepper.fallback]
+    iterations = 3 * stepper.integrator.iterations
+    u, residual = damped_newton(problem, solver, problem.guess(), iterations)
+    return problem.finish(u), u, residual
+
+
+def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array, first: tuple[Any, ...]) -> Any:
+    limit = stepper.limit(model)
+    start = jax.tree.map(jnp.asarray, s)
+
+    def go(carry: tuple[Any, ...]) -> jax.Array:
+        _, residual, level = carry
+        return ~(residual <= limit) & (level < stepper.halvings) & alive
+
+    def retry(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        level = carry[2] + 1
+        pieces = 2**level
+
+        def piece(i: jax.Array, inner: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+            now, worst = inner
+            now, _, residual = _substep(stepper, model, now, h / pieces)
+            return now, jnp.maximum(worst, residual)
+
+        done, worst = jax.lax.fori_loop(0, pieces, piece, (start, jnp.zeros_like(carry[1])))
+        return done, worst, level
+
+    return jax.lax.while_loop(go, retry, first)
+
+
+# --- derivatives ------------------------------------------------------------------------------------------------
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _solved(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Any:
+    s1, _, residual, level = _solve(stepper, model, s, h, alive)
+    return s1, residual, level
+
+
+@partial(_solved.defjvp, symbolic_zeros=True)
+def _solved_jvp(stepper: Stepper, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
+    model, s, h, alive = primals
+    s1, u, residual, level = _solve(stepper, model, s, h, alive)
+    theta = (model, s, h)
+    leaves, tree = jax.tree.flatten(theta)
+    dots = jax.tree.leaves(tangents[:3], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    moving = [i for i, d in enumerate(dots) if not isinstance(d, SymbolicZero)]
+    given = [dots[i] for i in moving]
+
+    def inputs(changed: list[jax.Array]) -> Any:
+        full = list(leaves)
+        for i, value in zip(moving, changed, strict=True):
+            full[i] = value
+        return jax.tree.unflatten(tree, full)
+
+    chain = _Chain(stepper, inputs, [leaves[i] for i in moving], u, level)
+    ds1 = _linear(chain.forward, chain.backward, given, s1, (leaves, u))
+    zeros = jnp.zeros_like(residual), jnp.zeros(level.shape, jax.dtypes.float0)
+    return (s1, residual, level), (ds1, *zeros)
+
+
+def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) -> Any:
+    """Apply the linear map `forward`, whose transpose is `backward`, so that JAX can transpose and batch it.
+
+    It is the solution x = (a, forward(a)) of `[[1, 0], [-forward, 1]] x = (a, 0)`, which JAX's linear solve carries
+    together with the transposed solve. The matrix itself is never applied; differentiating it again is refused.
+    """
+    nothing = 0.0 * jnp.sum(given[0])  # a zero that depends on the input: the transpose rule wants no constants
+    zeros = jax.tree.map(lambda a: jnp.broadcast_to(nothing, a.shape).astype(a.dtype), like)
+
+    def matrix(x: Any) -> Any:
+        one = _first_derivatives_only(residuals)
+        return jax.tree.map(lambda a: a * one.astype(a.dtype), x)
+
+    def solve(_: Any, b: Any) -> Any:
+        return b[0], jax.tree.map(jnp.add, forward(b[0]), b[1])
+
+    def transpose_solve(_: Any, b: Any) -> Any:
+        return jax.tree.map(jnp.add, b[0], backward(b[1])), b[1]
+
+    return jax.lax.custom_linear_solve(matrix, (given, zeros), solve, transpose_solve)[1]
+
+
+@jax.custom_jvp
+def _first_derivatives_only(residuals: Any) -> jax.Array:
+    return jnp.ones(())
+
+
+@_first_derivatives_only.defjvp
+def _refuse_second(primals: Any, tangents: Any) -> Any:
+    raise NotImplementedError("second derivatives of a run are not available; use differences of exact first derivatives")
+
+
+class _Chain:
+    """Tangent and cotangent of a step: of its one solve, or of its chain of substeps where it was halved."""
+
+    def __init__(self, stepper: Stepper, inputs: Any, moving: list[jax.Array], u: Unknowns, level: jax.Array):
+        self.stepper, self.inputs, self.moving, self.u, self.level = stepper, inputs, moving, u, level
+        self.pieces = jnp.where(level >= 0, 2 ** jnp.maximum(level, 0), 0)
+
+    def _rows(self, theta: Any, u: Unknowns) -> tuple[Unknowns, State]:
+        problem = self.stepper.integrator.problem(*theta)
+        return problem.residual(u), problem.finish(u)
+
+    def forward(self, given: list[jax.Array]) -> State:
+        theta = self.inputs(self.moving)
+        whole = self._push(self.inputs, self.moving, given, self.u, self.stepper.solver)
+        if not self.stepper.halvings:
+            return whole
+        model, s, h = theta
+        _, (dmodel, ds, dh) = jax.jvp(self.inputs, (self.moving,), (given,))
+        part, dpart = h / jnp.maximum(self.pieces, 1), dh / jnp.maximum(self.pieces, 1)
+
+        def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+            i, now, dnow = carry
+            after, u, _ = _substep(self.stepper, model, now, part)
+            d = self._push(lambda x: x, (model, now, part), (dmodel, dnow, dpart), u, self.stepper.fallback)
+            return i + 1, after, d
+
+        start = (jnp.zeros((), jnp.int32), s, ds)
+        _, _, split = jax.lax.while_loop(lambda c: c[0] < self.pieces, piece, start)
+        return jax.tree.map(lambda a, b: jnp.where(self.pieces > 0, a, b), split, whole)
+
+    def backward(self, cotangent: State) -> list[jax.Array]:
+        whole = self._pull(self.inputs, self.moving, cotangent, self.u, self.stepper.solver)
+        if not self.stepper.halvings:
+            return whole
+        theta = self.inputs(self.moving)
+        model, s, h = theta
+        part = h / jnp.maximum(self.pieces, 1)
+        room = 2**self.stepper.halvings
+        shelf = jax.tree.map(lambda a: jnp.zeros((room, *a.shape), a.dtype), s)
+
+        def record(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+            i, now, shelf = carry
+            shelf = jax.tree.map(lambda all_, one: all_.at[i].set(one), shelf, now)
+            return i + 1, _substep(self.stepper, model, now, part)[0], shelf
+
+        begun = (jnp.zeros((), jnp.int32), s, shelf)
+        _, _, shelf = jax.lax.while_loop(lambda c: c[0] < self.pieces, record, begun)
+
+        def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+            i, ct, ct_model, ct_part = carry
+            now = jax.tree.map(lambda all_: all_[i], shelf)
+            _, u, _ = _substep(self.stepper, model, now, part)
+            dm, ds, dp = self._pull(lambda x: x, (model, now, part), ct, u, self.stepper.fallback)
+            return i - 1, ds, jax.tree.map(jnp.add, ct_model, dm), ct_part + dp
+
+        zero = jax.tree.map(jnp.zeros_like, model), jnp.zeros_like(part)
+        _, ct, ct_model, ct_part = jax.lax.while_loop(
+            lambda c: c[0] >= 0, piece, (self.pieces - 1, cotangent, *zero)
+        )
+        _, pull = jax.vjp(self.inputs, self.moving)
+        split = pull((ct_model, ct, ct_part / jnp.maximum(self.pieces, 1)))[0]
+        return jax.tree.map(lambda a, b: jnp.where(self.pieces > 0, a, b), split, whole)
+
+    def _push(self, inputs: Any, at: Any, given: Any, u: Unknowns, solver: str) -> State:
+        problem = self.stepper.integrator.problem(*inputs(at))
+        linear = SOLVERS[solver]
+        factor = linear.factor(problem, u)
+        rows = jax.jvp(lambda x: self._rows(inputs(x), u)[0], (at,), (given,))[1]
+        _, jacobian = jax.linearize(problem.residual, u)
+        du = refine(jacobian, partial(linear.apply, factor), jax.tree.map(jnp.negative, rows), problem.column_scale())
+        return jax.jvp(lambda x, w: self._rows(inputs(x), w)[1], (at, u), (given, du))[1]
+
+    def _pull(self, inputs: Any, at: Any, cotangent: State, u: Unknowns, solver: str) -> Any:
+        problem = self.stepper.integrator.problem(*inputs(at))
+        linear = SOLVERS[solver]
+        factor = linear.factor(problem, u)
+        (rows, _), pull = jax.vjp(lambda x, w: self._rows(inputs(x), w), at, u)
+        ct_at, ct_u = pull((jax.tree.map(jnp.zeros_like, rows), cotangent))
+        _, transpose = jax.vjp(problem.residual, u)
+        inverse_scale = jax.tree.map(lambda a: 1 / a, problem.row_scale())
+        adjoint = refine(
+            lambda w: transpose(w)[0], partial(linear.apply_transposed, factor), ct_u, inverse_scale
+        )
+        through, _ = pull((jax.tree.map(jnp.negative, adjoint), jax.tree.map(jnp.zeros_like, cotangent)))
+        return jax.tree.map(jnp.add, ct_at, through)
+
+
+__all__ = ["FULL_STEP", "TOLERANCE", "Report", "Stepper", "norm", "step"]

@@ -1,0 +1,288 @@
+"""The command line: exit codes, one object on standard output, one line for every mistake."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dropper_jax
+from dropper_jax.cli import main
+from dropper_jax.cli.output import progress
+from dropper_jax.scene import load_scene, scene_names
+from dropper_jax.solution import Solution
+
+SCENE = "dropper-release-a"
+GOOD = """
+description = "two links"
+[run]
+dt = 0.01
+duration = 0.1
+[[point]]
+name = "a"
+position = [0.0, 0.0, 0.0]
+[[point]]
+name = "b"
+position = [0.1, 0.0, 0.0]
+[[line]]
+name = "loop"
+from = "a"
+to = "b"
+links = 3
+length = 0.1
+mass = 0.01
+[effects.weight]
+"""
+
+
+def one_line_refusal(capsys, argv: list[str]) -> str:
+    """Exit code 2, one line on standard error; with --json the object too. Returns the line."""
+    assert main(argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    assert main([*argv, "--json"]) == 2
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == 1
+    assert found["status"] == "invalid_input"
+    assert f"error: {found['error']}\n" == err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named", "allowed"),
+    [
+        ("mass = 0.01", "mass = -0.01", "line.0.mass: -0.01", "> 0 kg"),
+        ("mass = 0.01", 'mass = "heavy"', "line.0.mass: 'heavy' is not a number", "> 0 kg"),
+        ("mass = 0.01", "mass = nan", "line.0.mass: nan is not finite", "> 0 kg"),
+        ("length = 0.1", "length = -0.1", "line.0.length: -0.1", "> 0 m"),
+        ("length = 0.1", "length = 0.02", "line.0.length: the links are 0.06 m long", "more than 0.1 m"),
+        ("length = 0.1", "lenth = 0.1", "line.0.lenth: unknown key", "'length'"),
+        ("dt = 0.01", "dt = 0.0", "run.dt: 0.0", "> 0 s"),
+        ("dt = 0.01", "dt = -1.0", "run.dt: -1.0", "> 0 s"),
+        ("duration = 0.1", "duration = -5.0", "run.duration: -5.0", "> 0 s"),
+        ("duration = 0.1", "duration = inf", "run.duration: inf", "> 0 s"),
+        ("[effects.weight]", "[effects.wight]", "effects.wight: unknown key", "'weight'"),
+        ("dt = 0.01", "dt = 0.01 0.02", "TOML syntax", "line 4"),
+    ],
+)
+@pytest.mark.parametrize("command", ["run", "equilibrium"])
+def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, new, named, allowed):
+    file = tmp_path / "scene.toml"
+    assert old in GOOD
+    file.write_text(GOOD.replace(old, new))
+    line = one_line_refusal(capsys, [command, str(file)])
+    assert named in line
+    assert allowed in line
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["run", "dropper-relase-a"], ["'dropper-relase-a'", "did you mean 'dropper-release-a'"]),
+        (["run", "none.toml"], ["cannot read 'none.toml'"]),
+        (["equilibrium", "none.toml"], ["cannot read 'none.toml'"]),
+        (["run", SCENE, "--dt", "0"], ["run.dt: 0.0", "> 0 s"]),
+        (["run", SCENE, "--dt", "nan"], ["run.dt: nan is not finite", "> 0 s"]),
+        (["run", SCENE, "--dt", "fast"], ["--dt", "'fast' is not a number"]),
+        (["run", SCENE, "--duration", "-3"], ["run.duration: -3.0", "> 0 s"]),
+        (["run", SCENE, "--dtype", "half"], ["run.dtype: 'half'", "float64, float32"]),
+        (["run", SCENE, "--gamma", "2"], ["run.gamma: 2.0", "0 to 1"]),
+        (["run", SCENE, "--integrator", "ratle"], ["run.integrator: 'ratle'", "'rattle'"]),
+        (["run", SCENE, "--solver", "dens"], ["run.solver: 'dens'", "'dense'"]),
+        (["run", SCENE, "--integrator", "rk4"], ["run.integrator: 'rk4'"]),
+        (["run", SCENE, "--set", "effects.linear_dampin.b_l=1"], ["did you mean 'effects.linear_damping.b_l'"]),
+        (["run", SCENE, "--set", "effects.linear_damping.b_l=-1"], ["effects.linear_damping.b_l: -1", ">= 0 kg/s"]),
+        (["run", SCENE, "--set", "run.dt"], ["--set: 'run.dt' is not KEY=VALUE"]),
+        (["run", SCENE, "--out", "run.txt"], ["--out: 'run.txt'", ".npz"]),
+        (["run", SCENE, "--out", "no-such-folder/run.npz"], ["--out", "'no-such-folder' does not exist"]),
+        (["run", SCENE, "--animate", "film.mp4"], ["--animate: 'film.mp4'", ".gif"]),
+        (["run", SCENE, "--colour"], ["unrecognized arguments: --colour"]),
+        (["run"], ["required: SCENE"]),
+        (["rnu"], ["'rnu'"]),
+        ([], ["required: COMMAND"]),
+    ],
+)
+def test_bad_argument_is_refused_in_one_line(capsys, argv, words):
+    line = one_line_refusal(capsys, argv)
+    for word in words:
+        assert word in line
+
+
+def test_scenes_lists_every_packaged_scene_with_a_description(capsys):
+    assert main(["scenes", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [scene["name"] for scene in found["scenes"]] == list(scene_names())
+    assert all(scene["description"] for scene in found["scenes"])
+    assert main(["scenes"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == len(scene_names())
+
+
+KEYS = {
+    *("schema", "status", "scene", "integrator", "solver", "dt", "duration", "steps", "failed_steps", "retried_steps"),
+    *("max_residual", "max_closure_error_m", "energy_drift_j", "energy_scale_j", "compile_s", "run_s", "us_per_step"),
+    *("realtime_factor", "final_positions_m", "tension_n"),
+}
+
+
+def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
+    out, gif, plots = tmp_path / "run.npz", tmp_path / "film.gif", tmp_path / "plots"
+    argv = ["run", SCENE, "--json", "--duration", "0.1", "--dt", "0.01", "--set", "effects.linear_damping.b_l=0.01"]
+    assert main([*argv, "--out", str(out), "--animate", str(gif), "--plot", str(plots)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found.keys() >= KEYS
+    assert (found["schema"], found["status"], found["scene"]) == (1, "ok", SCENE)
+    assert (found["steps"], found["dt"], found["duration"]) == (10, 0.01, 0.1)
+    assert np.shape(found["final_positions_m"]) == (8, 3)
+    assert found["final_positions_m"][-1] == [0.28, 0.0, 0.0]
+    assert found["tension_n"].keys() == {"first", "last", "all"}
+    assert found["tension_n"]["all"].keys() == {"min", "mean", "max", "final"}
+    solution = Solution.load(out)
+    assert solution.scene.effects["linear_damping"]["b_l"] == 0.01
+    np.testing.assert_array_equal(solution.positions[-1], found["final_positions_m"])
+    assert gif.stat().st_size > 0
+    assert {file.name for file in plots.iterdir()} == {"snapshot.png", "angles.png", "phase.png", "spectrum.png"}
+
+
+ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0", "--set", "line.0.axial.damping=0.05"]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        [],
+        ["--integrator", "rattle", "--dt", "0.004"],
+        ["--integrator", "theta_midpoint", "--gamma", "0.6", "--solver", "dense"],
+        ["--integrator", "rk4", "--dt", "0.001", *ELASTIC],
+        ["--dtype", "float32", "--set", "run.save_every=5"],
+    ],
+)
+def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, capsys, more):
+    assert main(["run", SCENE, "--duration", "0.2", "--quiet", "--out", str(tmp_path / "run.npz"), *more]) == 0
+    first = Solution.load(tmp_path / "run.npz")
+    second = first.rerun()
+    for name in ("t", "positions", "velocities", "tension", "kinetic", "potential", "work"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_run_for_people_ends_with_a_result_line(capsys):
+    assert main(["run", SCENE, "--duration", "0.05", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1].startswith("ok: 0.05 s simulated")
+    assert err == ""
+
+
+def test_equilibrium_gives_pose_angles_and_tensions(capsys):
+    assert main(["equilibrium", SCENE, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found.keys() >= {"schema", "status", "angles_rad", "positions_m", "tension_n", "residual"}
+    assert np.shape(found["positions_m"]) == (8, 3)
+    assert np.shape(found["angles_rad"]) == (7, 2)
+    assert np.shape(found["tension_n"]) == (7,)
+    assert main(["equilibrium", SCENE]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("ok: ")
+
+
+def failed_run(scene, **_) -> Solution:
+    """What a run that blew up in its first step leaves."""
+    rest = np.zeros((1, 8, 3))
+    return Solution(
+        scene=scene,
+        settings={
+            "integrator": "theta",
+            "solver": "dense",
+            "dtype": "float64",
+            "dt": 0.01,
+            "duration": 1.0,
+            "steps": 100,
+        },
+        t=np.zeros(1),
+        positions=rest,
+        velocities=rest,
+        tension=np.full((1, 7), np.nan),
+        t_tension=np.zeros(1),
+        kinetic=np.zeros(1),
+        potential=np.zeros(1),
+        work=np.zeros((1, 0)),
+        work_names=(),
+        step_status=np.ones(1, np.int8),
+        status="non_finite",
+        failed_steps=1,
+        first_bad={"step": 1, "time_s": 0.01, "residual": float("nan"), "reason": "not finite"},
+        max_residual=float("nan"),
+    )
+
+
+def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(dropper_jax, "simulate", failed_run)
+    out = tmp_path / "run.npz"
+    assert main(["run", SCENE, "--json", "--quiet", "--out", str(out)]) == 3
+    stdout, stderr = capsys.readouterr()
+    found = json.loads(stdout)
+    assert found["status"] == "non_finite"
+    assert "step 1 at t = 0.01 s" in found["error"]
+    assert found["max_residual"] is None
+    assert stderr == f"error: {found['error']}\n"
+    assert Solution.load(out).status == "non_finite"
+    assert main(["run", SCENE, "--quiet"]) == 3
+    assert "failed: non_finite: step 1" in capsys.readouterr().out
+
+
+def test_interrupted_run_exits_with_130_and_says_so(capsys, monkeypatch):
+    def interrupted(scene, **_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dropper_jax, "simulate", interrupted)
+    assert main(["run", SCENE, "--json"]) == 130
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {"schema": 1, "status": "interrupted", "error": "interrupted"}
+    assert err == "error: interrupted\n"
+
+
+def test_run_stopped_on_the_way_keeps_its_part_and_exits_with_130(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        dropper_jax, "simulate", lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)
+    )
+    assert main(["run", SCENE, "--json", "--quiet", "--out", str(tmp_path / "run.npz")]) == 130
+    found = json.loads(capsys.readouterr().out)
+    assert (found["status"], found["error"]) == ("interrupted", "interrupted: at t = 0 s of 1 s")
+    assert Solution.load(tmp_path / "run.npz").status == "interrupted"
+
+
+def test_progress_away_from_a_terminal_is_a_few_lines(capsys):
+    show = progress()
+    for i in range(1001):
+        show(i / 1000, f"t = {i} s")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split()[0] for line in lines] == ["25", "50", "75", "100"]
+    assert progress(quiet=True) is None
+
+
+def test_installed_command_keeps_standard_output_clean():
+    code = "import sys; from dropper_jax.cli import main; sys.exit(main(sys.argv[1:]))"
+    argv = [sys.executable, "-c", code, "run", "string", "--duration", "0.05", "--json"]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["status"] == "ok"
+    assert done.stdout.count("\n") == 1
+
+
+def test_set_reads_numbers_lists_and_names(capsys):
+    argv = [
+        "equilibrium",
+        SCENE,
+        "--json",
+        "--set",
+        "point.right.position=[0.3, 0.0, 0.0]",
+        "--set",
+        "run.solver=dense",
+    ]
+    assert main(argv) == 0
+    assert json.loads(capsys.readouterr().out)["positions_m"][-1] == [0.3, 0.0, 0.0]
+    assert load_scene(SCENE).points[1].position[0] == 0.28

@@ -1,0 +1,145 @@
+"""Output files are written whole or not at all, and saved runs come back as they were."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+
+import numpy as np
+import pytest
+
+from dropper_jax.errors import SceneError
+from dropper_jax.io import atomic_write
+from dropper_jax.scene import load_scene
+from dropper_jax.solution import Solution, jsonable
+
+
+def test_text_bytes_and_writer_give_the_same_file(tmp_path):
+    for i, content in enumerate(("aé", "aé".encode(), lambda file: file.write("aé".encode()))):
+        path = atomic_write(tmp_path / f"{i}.txt", content)
+        assert path.read_text(encoding="utf-8") == "aé"
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
+def test_interrupted_write_keeps_the_old_file_and_no_rest(tmp_path, error):
+    path = tmp_path / "run.npz"
+    path.write_text("old")
+
+    def writer(file):
+        file.write(b"half")
+        raise error("disk full")
+
+    with pytest.raises(error):
+        atomic_write(path, writer)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_file_has_the_usual_rights(tmp_path):
+    path = atomic_write(tmp_path / "a", b"")
+    plain = tmp_path / "b"
+    plain.touch()
+    assert os.stat(path).st_mode == os.stat(plain).st_mode
+
+
+def solution(**changes) -> Solution:
+    """Two links hanging straight down with a free end, at rest, three instants."""
+    k, n = 3, 2
+    positions = np.zeros((k, n + 1, 3))
+    positions[:, :, 2] = -np.arange(n + 1)
+    fields = {
+        "scene": load_scene("double-pendulum-periodic"),
+        "settings": {"integrator": "energy_momentum", "solver": "condensed", "dt": 0.5, "duration": 1.0, "steps": 2},
+        "t": np.array([0.0, 0.5, 1.0]),
+        "positions": positions,
+        "velocities": np.zeros_like(positions),
+        "tension": np.array([[20.0, 10.0], [22.0, 11.0], [18.0, 9.0]]),
+        "t_tension": np.array([0.0, 0.25, 0.75]),
+        "kinetic": np.array([0.0, 2.0, 1.0]),
+        "potential": np.array([5.0, 2.5, 3.0]),
+        "work": np.array([[0.0], [-0.5], [-0.75]]),
+        "work_names": ("linear_damping",),
+        "step_status": np.zeros(k, np.int8),
+        "run_s": 0.25,
+        "versions": {"jax": "0"},
+        "warnings": ("a warning",),
+    }
+    return Solution(**{**fields, **changes})
+
+
+def test_energies_of_a_solution_follow_their_definitions():
+    found = solution()
+    np.testing.assert_allclose(found.energy, [5.0, 4.5, 4.0])
+    np.testing.assert_allclose(found.balance, [5.0, 5.0, 4.75])
+    assert found.energy_drift == 0.25
+    assert found.energy_scale == 2.5
+    assert found.realtime_factor == 4.0
+    assert found.us_per_step == 125000.0
+
+
+def test_polar_angle_of_a_hanging_link_is_a_right_angle_down():
+    np.testing.assert_allclose(solution().polar, np.pi / 2)
+
+
+def test_tension_summary_has_ends_and_all_links():
+    found = solution().tension_summary()
+    assert found["first"] == {"min": 18.0, "mean": 20.0, "max": 22.0, "final": 18.0}
+    assert found["last"] == {"min": 9.0, "mean": 10.0, "max": 11.0, "final": 9.0}
+    assert found["all"] == {"min": 9.0, "mean": 15.0, "max": 22.0, "final": 13.5}
+
+
+def test_summary_is_strict_json_with_null_for_nan():
+    found = solution(
+        max_residual=float("nan"),
+        kinetic=np.array([0.0, np.inf, np.nan]),
+        status="non_finite",
+        failed_steps=1,
+        first_bad={"step": 2, "time_s": 1.0, "residual": float("nan"), "reason": "not a number"},
+    )
+    summary = json.loads(json.dumps(found.summary(), allow_nan=False))
+    assert summary["schema"] == 1
+    assert summary["status"] == "non_finite"
+    assert summary["max_residual"] is None
+    assert summary["energy_drift_j"] is None
+    assert summary["first_bad"]["residual"] is None
+    assert "step 2 at t = 1 s" in summary["error"]
+    assert np.shape(summary["final_positions_m"]) == (3, 3)
+
+
+def test_jsonable_goes_into_every_container():
+    assert jsonable({"a": (np.float64("nan"), [np.int32(2)], np.array([np.inf, 1.0]))}) == {
+        "a": [None, [2], [None, 1.0]]
+    }
+
+
+def test_saved_solution_comes_back_bit_for_bit(tmp_path):
+    first = solution()
+    path = first.save(tmp_path / "run.npz")
+    second = Solution.load(path)
+    for field in dataclasses.fields(Solution):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        if isinstance(a, np.ndarray):
+            assert a.dtype == b.dtype
+            np.testing.assert_array_equal(a, b)
+        else:
+            assert a == b
+    assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
+
+
+@pytest.mark.parametrize("content", [b"", b"text, not a run", b"PK\x03\x04 half a zip"])
+def test_file_that_is_no_saved_run_is_refused_in_one_line(tmp_path, content):
+    path = tmp_path / "other.npz"
+    path.write_bytes(content)
+    with pytest.raises(SceneError, match=r"other\.npz: not a saved run") as caught:
+        Solution.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_archive_of_something_else_and_missing_file_are_refused(tmp_path):
+    np.savez(tmp_path / "arrays.npz", a=np.zeros(3))
+    with pytest.raises(SceneError, match="not a saved run"):
+        Solution.load(tmp_path / "arrays.npz")
+    with pytest.raises(SceneError, match="cannot be read"):
+        Solution.load(tmp_path / "none.npz")

@@ -1,0 +1,175 @@
+"""Pictures of made-up motions: valid files, whole or absent, whatever the run looked like."""
+
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+from dropper_jax import plots
+from dropper_jax.plots import view
+from dropper_jax.plots.run import readable
+
+STILLS = ("snapshot", "angle_traces", "phase_space", "amplitude_spectrum", "energy_balance", "tension_traces")
+
+
+def run_of(samples, links=3, space=False, status="ok", dt=0.05):
+    """A chain whose links swing at different rates; out of the x-z plane if `space`."""
+    t = dt * np.arange(samples)
+    order = np.arange(links)
+    opening = 0.8 * np.sin((2 + 0.3 * order) * t[:, None] + order)
+    azimuth = 0.7 * t[:, None] + 0.2 * order if space else np.zeros((samples, links))
+    parts = [np.sin(opening) * np.cos(azimuth), np.sin(opening) * np.sin(azimuth), -np.cos(opening)]
+    nodes = np.concatenate([np.zeros((samples, 1, 3)), np.cumsum(0.2 * np.stack(parts, -1), axis=1)], axis=1)
+    velocities = np.gradient(nodes, dt, axis=0) if samples > 1 else np.zeros_like(nodes)
+    return SimpleNamespace(
+        t=t,
+        positions=nodes,
+        velocities=velocities,
+        tension=2.0 + np.cos(opening) + order[::-1],
+        t_tension=np.maximum(t - dt / 2, 0),
+        kinetic=np.exp(-t) * np.sin(t) ** 2,
+        potential=np.exp(-t) * np.cos(t) ** 2,
+        work=(np.exp(-t) - 1)[:, None],
+        work_names=("linear_damping",),
+        status=status,
+        scene=SimpleNamespace(name="made-up"),
+        settings={"integrator": "energy_momentum", "dt": dt},
+    )
+
+
+def check_picture(path, kind):
+    with Image.open(path) as image:
+        assert image.format == kind
+        image.load()
+        assert len(np.unique(np.asarray(image.convert("L")))) > 10
+    assert path.stat().st_size > 1000
+
+
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+@pytest.mark.parametrize("name", STILLS)
+def test_stills_are_valid_pictures(tmp_path, name, space):
+    path = getattr(plots, name)(run_of(80, space=space), tmp_path / f"{name}.png")
+    assert path == tmp_path / f"{name}.png"
+    check_picture(path, "PNG")
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+@pytest.mark.parametrize("name", STILLS)
+def test_runs_that_ended_at_once_are_drawn_too(tmp_path, name, samples):
+    getattr(plots, name)(run_of(samples, status="non_finite"), tmp_path / "early.png")
+    check_picture(tmp_path / "early.png", "PNG")
+
+
+@pytest.mark.parametrize("name", ["angle_traces", "phase_space", "amplitude_spectrum", "tension_traces"])
+@pytest.mark.parametrize("links", [1, 30])
+def test_one_link_and_many_links_are_drawn(tmp_path, name, links):
+    getattr(plots, name)(run_of(20, links=links), tmp_path / "links.png")
+    check_picture(tmp_path / "links.png", "PNG")
+
+
+def test_chain_at_rest_is_drawn_without_warnings(tmp_path):
+    run = run_of(10)
+    run.positions[:] = run.positions[0]
+    for field in (run.velocities, run.kinetic, run.potential, run.work, run.tension):
+        field[:] = 0.0
+    for name in STILLS:
+        check_picture(getattr(plots, name)(run, tmp_path / f"{name}.png"), "PNG")
+    plots.animate(run, tmp_path / "rest.gif")
+
+
+@pytest.mark.parametrize("name", [*STILLS, "animate"])
+def test_run_that_blew_up_is_drawn_up_to_there(tmp_path, name):
+    run = run_of(30, status="non_finite")
+    for field in (run.positions, run.velocities, run.tension, run.kinetic, run.potential):
+        field[20:] *= np.logspace(20, 300, 10).reshape(-1, *[1] * (field.ndim - 1))
+        field[27] = np.inf
+        field[28:] = np.nan
+    path = getattr(plots, name)(run, tmp_path / "blown.gif" if name == "animate" else tmp_path / "blown.png")
+    assert path.stat().st_size > 1000
+    assert len(readable(run).t) == 20
+
+
+def test_snapshot_takes_a_time_and_the_suffix_chooses_the_format(tmp_path):
+    path = plots.snapshot(run_of(40), tmp_path / "pose.svg", time=0.5)
+    assert "<svg" in path.read_text()[:1000]
+    assert plots.snapshot(run_of(40), str(tmp_path / "pose.png"), time=99.0).exists()
+
+
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+def test_animation_plays_all_frames_and_reports_progress(tmp_path, space):
+    told = []
+    path = plots.animate(
+        run_of(21, space=space), tmp_path / "motion.gif", fps=10, progress=lambda done, what: told.append(done)
+    )
+    with Image.open(path) as image:
+        # 1 s of motion at 10 frames per second, both ends included.
+        assert (image.format, image.n_frames, image.info["duration"]) == ("GIF", 11, 100)
+        first = np.asarray(image.convert("RGB"))
+        image.seek(10)
+        assert (first != np.asarray(image.convert("RGB"))).any()
+        assert (first[0, 0] == 255).all()
+    assert len(told) == 11
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert [p.name for p in tmp_path.iterdir()] == ["motion.gif"]
+
+
+def test_long_motion_is_thinned_out_and_small(tmp_path):
+    path = plots.animate(run_of(5001, links=7, dt=0.01), tmp_path / "long.gif")
+    with Image.open(path) as image:
+        assert 200 <= image.n_frames <= 250
+    assert path.stat().st_size < 4e6
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_animation_of_a_run_that_ended_at_once(tmp_path, samples):
+    with Image.open(plots.animate(run_of(samples, status="not_converged"), tmp_path / "early.gif")) as image:
+        assert image.format == "GIF"
+
+
+def test_animation_shows_only_the_seconds_asked_for(tmp_path):
+    with Image.open(plots.animate(run_of(100), tmp_path / "part.gif", fps=20, seconds=1.0)) as image:
+        assert image.n_frames == 21
+
+
+@pytest.mark.parametrize("wrong", [{"fps": 0}, {"seconds": -1.0}])
+def test_animation_refuses_what_is_not_positive(tmp_path, wrong):
+    with pytest.raises(ValueError, match=f"^{next(iter(wrong))}"):
+        plots.animate(run_of(5), tmp_path / "never.gif", **wrong)
+
+
+def test_nothing_is_left_behind_and_the_old_file_stays_when_writing_fails(tmp_path):
+    def stop(done, what):
+        raise KeyboardInterrupt
+
+    path = tmp_path / "motion.gif"
+    path.write_bytes(b"old")
+    with pytest.raises(KeyboardInterrupt):
+        plots.animate(run_of(20), path, progress=stop)
+    assert path.read_bytes() == b"old"
+    with pytest.raises(ValueError, match="not supported"):
+        plots.snapshot(run_of(20), tmp_path / "pose.nonsense")
+    assert [p.name for p in tmp_path.iterdir()] == ["motion.gif"]
+
+
+def test_callers_matplotlib_settings_are_untouched(tmp_path):
+    with matplotlib.rc_context({"font.size": 3.5, "axes.grid": False}):
+        before = dict(matplotlib.rcParams)
+        plots.energy_balance(run_of(5), tmp_path / "energy.png")
+        assert dict(matplotlib.rcParams) == before
+
+
+def test_planar_motion_is_told_from_motion_in_space():
+    assert view.planar(run_of(10).positions)
+    assert view.planar(run_of(10).positions + np.array([0.0, 3.0, 0.0]))
+    assert not view.planar(run_of(10, space=True).positions)
+
+
+def test_held_ends_are_those_that_never_move():
+    run = run_of(10)
+    np.testing.assert_allclose(view.fixed_ends(run.positions), [[0, 0, 0]])
+    run.positions[:, -1] = [0.4, 0.0, 0.0]
+    assert len(view.fixed_ends(run.positions)) == 2

@@ -1,0 +1,335 @@
+"""Every bad input is refused with one line: the field, its value, what is allowed, the nearest name."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dropper_jax.build import build_model
+from dropper_jax.catalogue import DAMPING
+from dropper_jax.errors import SceneError
+from dropper_jax.scene import Scene, load_scene, scene_names
+
+LOOP = {
+    "description": "a loop of four links",
+    "run": {"dt": 0.01, "duration": 1.0},
+    "point": [{"name": "left", "position": [0, 0, 0]}, {"name": "right", "position": [0.2, 0.0, 0.0]}],
+    "line": [{"name": "loop", "from": "left", "to": "right", "links": 4, "length": 0.1, "mass": 0.03}],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.002}},
+}
+REMOVE = object()
+
+
+def changed(path: str, value: object) -> dict:
+    """The loop with one value set, added or removed."""
+    table = copy.deepcopy(LOOP)
+    *parents, key = (int(part) if part.isdecimal() else part for part in path.split("."))
+    place = table
+    for part in parents:
+        place = place[part] if isinstance(place, list) else place.setdefault(part, {})
+    if value is REMOVE:
+        del place[key]
+    else:
+        place[key] = value
+    return table
+
+
+def refusal(table: object) -> str:
+    with pytest.raises(SceneError) as caught:
+        Scene.from_dict(table)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+BAD = [
+    # unknown keys, with the nearest name
+    ("runs", {}, "runs: unknown key", "'run'"),
+    ("run.durations", 1.0, "run.durations: unknown key", "'duration'"),
+    ("line.0.lenght", 0.1, "line.0.lenght: unknown key", "'length'"),
+    ("point.1.positon", [0, 0, 0], "point.1.positon: unknown key", "'position'"),
+    ("effects.linear_dampin", {"b_l": 1}, "effects.linear_dampin: unknown key", "'linear_damping'"),
+    ("effects.linear_damping.bl", 1.0, "effects.linear_damping.bl: unknown key", "'b_l'"),
+    ("start.polr", [0.0], "start.polr: unknown key", "'polar'"),
+    ("line.0.axial", {"law": "elastic", "EA": 1.0, "dampin": 0.1}, "line.0.axial.dampin: unknown key", "'damping'"),
+    # missing values
+    ("run", REMOVE, "run: missing", "`dt`"),
+    ("run.dt", REMOVE, "run.dt: missing", "> 0 s"),
+    ("line.0.mass", REMOVE, "line.0.mass: missing", "> 0 kg"),
+    ("line", REMOVE, "line: missing", "[[line]]"),
+    ("point", [], "point: missing", "[[point]]"),
+    ("effects.linear_damping.b_l", REMOVE, "effects.linear_damping.b_l: missing", ">= 0 kg/s"),
+    ("line.0.axial", {"law": "elastic"}, "line.0.axial.EA: missing", "> 0 N"),
+    # wrong types; a truth value is not a number
+    ("run.dt", "0.01", "run.dt: '0.01' is not a number", "> 0 s"),
+    ("run.dt", True, "run.dt: True is not a number", "> 0 s"),
+    ("run.save_every", 1.5, "run.save_every: 1.5 is not a whole number", ">= 1"),
+    ("line.0.links", True, "line.0.links: True is not a whole number", ">= 1"),
+    ("line.0.links", "four", "line.0.links: 'four' is not a whole number", ">= 1"),
+    ("line.0.mass", {"a": 1}, "line.0.mass: {'a': 1} is not a number", "list of 4 numbers"),
+    ("line.0.mass", [0.1, 0.1, "x", 0.1], "line.0.mass.2: 'x' is not a number", "> 0 kg"),
+    ("line.0.name", 3, "line.0.name: 3 is not a text", "text"),
+    ("point", {"name": "left"}, "point: {'name': 'left'} is not a list", "[[point]]"),
+    ("point.0", 7, "point.0: 7 is not a table", "keys"),
+    ("effects", [1], "effects: [1] is not a table", "keys"),
+    ("effects.weight", 9.81, "effects.weight: 9.81 is not a table", "keys"),
+    ("description", 5, "description: 5 is not a text", "text"),
+    (
+        "effects.nodal_force",
+        {"nodes": 2, "force_n": [[0, 0, 1]]},
+        "effects.nodal_force.nodes: 2 is not a list",
+        "whole",
+    ),
+    ("effects.nodal_force", {"nodes": [2], "force_n": [1.0]}, "effects.nodal_force.force_n.0: 1.0 is not a list", "3"),
+    # out of range
+    ("line.0.mass", -0.1, "line.0.mass: -0.1 is out of range", "> 0 kg"),
+    ("line.0.mass", 0.0, "line.0.mass: 0.0 is out of range", "> 0 kg"),
+    ("line.0.length", -1.0, "line.0.length: -1.0 is out of range", "> 0 m"),
+    ("line.0.length", [0.1, 0.1, -0.1, 0.1], "line.0.length.2: -0.1 is out of range", "> 0 m"),
+    ("line.0.links", 0, "line.0.links: 0 is out of range", ">= 1"),
+    ("run.dt", 0.0, "run.dt: 0.0 is out of range", "> 0 s"),
+    ("run.dt", -0.01, "run.dt: -0.01 is out of range", "> 0 s"),
+    ("run.duration", 0, "run.duration: 0 is out of range", "> 0 s"),
+    ("run.duration", 0.001, "run.duration: 0.001 is shorter than the step", "0.01 s"),
+    ("run.gamma", 1.5, "run.gamma: 1.5 is out of range", "0 to 1"),
+    ("run.dtype", "float16", "run.dtype: 'float16' is unknown", "float64, float32"),
+    ("point.1.kind", "fixd", "point.1.kind: 'fixd' is unknown", "'fixed'"),
+    ("line.0.axial", {"law": "rubber"}, "line.0.axial.law: 'rubber' is unknown", "rigid, elastic"),
+    ("effects.linear_damping.b_l", -1, "effects.linear_damping.b_l: -1 is out of range", ">= 0 kg/s"),
+    ("effects.nodal_force", {"nodes": [9], "force_n": [[0, 0, 1]]}, "effects.nodal_force.nodes: 9", "1 to 4"),
+    # wrong lengths of lists
+    ("line.0.mass", [0.1, 0.1], "line.0.mass: [0.1, 0.1] has 2 entries", "4 numbers"),
+    ("point.0.position", [0, 0], "point.0.position: [0, 0] has 2 entries", "3 numbers"),
+    ("effects.linear_damping.b_l", [1, 1, 1], "effects.linear_damping.b_l: [1, 1, 1] has 3 entries", "4 numbers"),
+    ("effects.joint_friction", {"dry": [1] * 4}, "effects.joint_friction.dry: [1, 1, 1, 1] has 4", "5 numbers"),
+    ("start", {"kind": "angles", "polar": [0.1]}, "start.polar: [0.1] has 1 entries", "4, one per link"),
+    ("start", {"kind": "positions", "positions": [[0, 0, 0]]}, "start.positions: [[0.0, 0.0, 0.0]] has 1 rows", "5"),
+    # how the parts belong together
+    ("point.1.name", "left", "point.1.name: 'left' is used twice", "a name of its own"),
+    ("line.0.to", "rigt", "line.0.to: 'rigt' is not a point", "'right'"),
+    ("point.0.kind", "free", "point.0.kind: 'free' cannot begin a line", "fixed"),
+    ("point.1.position", [0.5, 0, 0], "line.0.length: the links are 0.4 m long in all", "0.5 m between"),
+    ("line.0.length", [0.1, 0.1, 0.1, 0.9], "line.0.length: a link of 0.9 m cannot be closed", "less than 0.5 m"),
+    ("line.0.inertia", 1e-4, "line.0.centre_of_mass: missing", "both"),
+    ("line.0.centre_of_mass", 0.05, "line.0.inertia: missing", "both"),
+    ("start", {"release_nodes": [1]}, "start: `release_nodes` and `release_force`", "together"),
+    ("start", {"release_nodes": [4], "release_force": [[0, 0, 1]]}, "start.release_nodes.0: 4 is not", "1 to 3"),
+    ("start", {"kind": "static", "polar": [0] * 4}, "start.polar: not used by kind 'static'", "release_force"),
+    ("start", {"kind": "angles", "polar": [0.3] * 4}, "start.polar: node 4 is at", "'right' holds it"),
+]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "named", "allowed"), BAD, ids=[f"{case[0]}={case[1]!r}"[:60] for case in BAD]
+)
+def test_bad_value_is_refused_by_name_with_what_is_allowed(path, value, named, allowed):
+    message = refusal(changed(path, value))
+    assert message.startswith(named)
+    assert allowed in message[len(named) :]
+
+
+NUMBERS = [
+    "run.dt",
+    "run.duration",
+    "run.gamma",
+    "line.0.length",
+    "line.0.mass",
+    "effects.weight.gravity",
+    "effects.linear_damping.b_l",
+]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 10**400])
+@pytest.mark.parametrize("path", NUMBERS)
+def test_a_number_that_is_not_finite_is_refused_everywhere(path, bad):
+    message = refusal(changed(path, bad))
+    assert message.startswith(f"{path}: ")
+    assert "is not finite; allowed: " in message
+
+
+@pytest.mark.parametrize("path", ["point.1.position.2", "start.release_force.0.1"])
+def test_nan_inside_a_list_is_refused_with_its_place(path):
+    table = changed("start", {"release_nodes": [1], "release_force": [[0.0, 0.0, 1.0]]})
+    *parents, last = (int(part) if part.isdecimal() else part for part in path.split("."))
+    place = table
+    for part in parents:
+        place = place[part]
+    place[last] = math.nan
+    assert refusal(table).startswith(f"{path}: nan is not finite")
+
+
+def test_a_second_line_is_refused():
+    table = copy.deepcopy(LOOP)
+    table["line"].append({**table["line"][0], "name": "other"})
+    assert refusal(table).startswith("line: 2 lines")
+
+
+def test_a_point_without_a_line_is_refused():
+    table = copy.deepcopy(LOOP)
+    table["point"].append({"name": "lost", "position": [0, 0, 0]})
+    assert refusal(table).startswith("point.2.name: 'lost' is not an end of any line")
+
+
+def test_a_pose_with_wrong_link_lengths_is_refused():
+    rows = [[0, 0, 0], [0.1, 0, 0], [0.1, 0, -0.15], [0.2, 0, -0.1], [0.2, 0, 0]]
+    message = refusal(changed("start", {"kind": "positions", "positions": rows}))
+    assert message == "start.positions: link 2 is 0.15 m long; allowed: its length 0.1 m"
+
+
+def test_toml_syntax_error_gives_file_and_line(tmp_path):
+    file = tmp_path / "broken.toml"
+    file.write_text('description = "x"\n[run]\ndt = = 3\n')
+    with pytest.raises(SceneError, match=r"broken\.toml: TOML syntax: .*line 3"):
+        load_scene(file)
+
+
+def test_file_that_is_no_text_is_refused(tmp_path):
+    file = tmp_path / "binary.toml"
+    file.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SceneError, match="UTF-8"):
+        load_scene(file)
+
+
+def test_missing_file_and_folder_are_refused(tmp_path):
+    for path in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(SceneError, match="cannot read") as caught:
+            load_scene(path)
+        assert "\n" not in str(caught.value)
+
+
+def test_unknown_packaged_scene_names_the_nearest():
+    with pytest.raises(SceneError, match="did you mean 'dropper-release-a'"):
+        load_scene("dropper-relase-a")
+
+
+EXPECTED = {
+    "conical-pendulum",
+    "conical-pendulum-damped",
+    "double-pendulum-periodic",
+    "double-pendulum-chaotic",
+    "string",
+}
+for _name in (*"abcde", "3d", "a-compound"):
+    EXPECTED |= {f"dropper-release-{_name}", f"dropper-release-{_name}-undamped"}
+
+
+def test_packaged_scenes_are_the_promised_ones():
+    assert set(scene_names()) == EXPECTED
+
+
+@pytest.mark.parametrize("name", sorted(EXPECTED))
+def test_packaged_scene_survives_plain_values_and_builds(name):
+    scene = load_scene(name)
+    assert scene.description.endswith(".")
+    assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
+    model = build_model(scene)
+    assert model.line.links == scene.lines[0].links
+    assert model.dtype == np.float64
+    assert name.endswith("-undamped") <= (not any(effect in scene.effects for effect in DAMPING))
+
+
+def test_lab_dropper_has_the_links_of_table_8_1_with_b_first():
+    line = load_scene("dropper-release-b").lines[0]
+    np.testing.assert_array_equal(line.length, [0.1040, 0.1061] * 3 + [0.1040])
+    np.testing.assert_array_equal(line.mass, [0.0324, 0.0334] * 3 + [0.0324])
+
+
+def test_compound_bars_follow_from_table_d_1():
+    line = load_scene("dropper-release-a-compound").lines[0]
+    fitting, far = 6.2e-3 + 7.65e-3, 0.150
+    for j, bar in enumerate([19.5e-3, 18.6e-3] * 3 + [19.5e-3]):
+        mass = bar + fitting
+        centre = (bar * far / 2 + fitting * far) / mass
+        about_pivot = bar * far**2 / 3 + fitting * far**2
+        assert line.mass[j] == pytest.approx(mass, rel=1e-12)
+        assert line.centre_of_mass[j] == pytest.approx(centre, rel=1e-10)
+        assert line.inertia[j] == pytest.approx(about_pivot - mass * centre**2, rel=1e-9)
+
+
+def test_conical_rate_is_that_of_a_circle():
+    start = load_scene("conical-pendulum").start
+    assert start.azimuth_rate[0] ** 2 == pytest.approx(9.81 / math.sin(math.pi / 8), rel=1e-14)
+
+
+def test_values_are_changed_by_path_number_or_name():
+    scene = Scene.from_dict(LOOP)
+    new = scene.with_values(
+        {
+            "effects.linear_damping.b_l": 0.5,
+            "effects.quadratic_damping.b_q": 0.25,
+            "line.loop.mass": [1.0, 2.0, 3.0, 4.0],
+            "point.right.position.0": 0.3,
+            "line.0.axial.law": "elastic",
+            "line.0.axial.EA": 100.0,
+            "run.dt": 0.02,
+        }
+    )
+    assert new.effects["linear_damping"]["b_l"] == 0.5
+    assert new.effects["quadratic_damping"]["b_q"] == 0.25
+    np.testing.assert_array_equal(new.lines[0].mass, [1, 2, 3, 4])
+    assert new.points[1].position[0] == 0.3
+    assert (new.lines[0].axial_law, new.lines[0].EA[0], new.run.dt) == ("elastic", 100.0, 0.02)
+    assert scene == Scene.from_dict(LOOP)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("effects.linear_dampin.b_l", 1.0, "did you mean 'effects.linear_damping.b_l'"),
+        ("run.dtt", 1.0, "did you mean 'run.dt"),
+        ("line.3.mass", 1.0, "did you mean 'line.0.mass'"),
+        ("line.0.mass.1", 1.0, "has no entries, it is 0.03"),
+        ("point.0.position.3", 1.0, "entry 3 does not exist; allowed: 0 to 2"),
+        ("point.0.position.x", 1.0, "unknown path"),
+        ("line.0.mass", -1.0, "is out of range; allowed: a number or a list of 4 numbers, each > 0 kg"),
+    ],
+)
+def test_unknown_path_or_bad_value_by_path_is_refused(path, value, words):
+    with pytest.raises(SceneError) as caught:
+        Scene.from_dict(LOOP).with_values({path: value})
+    assert str(caught.value).startswith(path)
+    assert words in str(caught.value)
+
+
+def test_free_end_and_elastic_stretch_need_no_slack():
+    Scene.from_dict(changed("point.1", {"name": "right", "kind": "free", "position": [9, 0, 0]}))
+    stretched = changed("point.1.position", [0.5, 0, 0])
+    stretched["line"][0]["axial"] = {"law": "elastic", "EA": 10.0, "damping": 0.1}
+    scene = Scene.from_dict(stretched)
+    assert Scene.from_dict(scene.to_dict()) == scene
+    assert build_model(scene).line.axial.damping.shape == (4,)
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.sampled_from([10**400, "left"]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    max_leaves=6,
+)
+PLACES = [
+    *("name", "description", "run", "point", "line", "effects", "start", "odd", *NUMBERS),
+    *("run.integrator", "run.save_every", "point.0", "point.1.position", "point.1.kind", "line.0.from", "line.0.links"),
+    *("line.0.centre_of_mass", "line.0.axial", "line.0.axial.EA", "start.kind", "start.polar", "start.release_nodes"),
+    *("start.positions", "effects.weight", "effects.weight.wet_weight", "effects.joint_friction.dry"),
+    *("effects.joint_friction.axis", "effects.nodal_force.force_n", "effects.end_motion.point"),
+]
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.sampled_from(PLACES), JUNK)
+def test_junk_anywhere_is_taken_or_refused_in_one_line(path, value):
+    message = "taken"
+    try:
+        Scene.from_dict(changed(path, value))
+    except SceneError as error:
+        message = str(error)
+    assert len(message.splitlines()) == 1
+
+
+def test_model_has_the_precision_of_the_scene():
+    assert build_model(Scene.from_dict(changed("run.dtype", "float32"))).dtype == np.float32

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import safe_norm
+from dropper_jax.kinematics import dot, safe_norm
 
 
 @component
@@ -19,7 +19,7 @@ class Rigid:
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         """`(|d1|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
-        return (jnp.sum(d1 * d1, axis=-1) - length**2) / (2 * length)
+        return (dot(d1, d1) - length**2) / (2 * length)
 
     def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
         """Derivative of the residual with respect to d1, (n, 3)."""
@@ -76,7 +76,7 @@ class Elastic:
         pull = self.EA * (size - length) / length
         if self.damping is None:
             return pull
-        return pull + self.damping / length * jnp.sum(d * rate, axis=-1) / size
+        return pull + self.damping / length * dot(d, rate) / size
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""

@@ -1,4 +1,4 @@
-"""First guess of a hanging line: the continuous catenary, sampled at the nodes. Host-side NumPy."""
+"""First guess of a hanging line: the continuous catenary, sampled at the links. Host-side NumPy."""
 
 from __future__ import annotations
 

@@ -11,8 +11,13 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.integrators.thesis_angles import ThesisAngles
+from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State
 from dropper_jax.stepping import FULL_STEP, Stepper, step
+
+
+#: Largest relative change of a rigid link's length under a scheme that lets lengths drift (explicit Euler).
+DRIFT_LIMIT = 0.1
 
 
 class Trajectory(NamedTuple):
@@ -64,6 +69,8 @@ def advance(
     def one(carry: Progress, _: None) -> tuple[Progress, tuple[jax.Array, ...]]:
         s, report = step(stepper, model, carry.state, dt, carry.first_bad < 0)
         bad = ~(report.residual <= limit)
+        if not stepper.integrator.holds_length:
+            bad = bad | ~(_drift(model, s) <= DRIFT_LIMIT)
         first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
         return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
 
@@ -78,6 +85,11 @@ def advance(
         return carry, Trajectory(s.r, s.v, s.tension, s.work, residual, retried, bad, carry.first_bad)
 
     return jax.lax.scan(save, progress, None, length=saves)
+
+
+def _drift(model: Model, s: State) -> jax.Array:
+    size = safe_norm(model.links(s.r, model.ends(s.t)))
+    return jnp.max(jnp.abs(size / model.line.length - 1.0))
 
 
 def integrate(

@@ -21,8 +21,10 @@ REFINEMENTS = 200
 def newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
     """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row."""
 
+    prepared = solver.prepare(problem, u)
+
     def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-        return add(u, solver.apply(solver.factor(problem, u), problem.residual(u)), -1.0), None
+        return add(u, solver.apply(solver.factor(problem, u, prepared), problem.residual(u)), -1.0), None
 
     u, _ = jax.lax.scan(correct, u, None, length=iterations)
     return u, norm(problem.residual(u), problem.row_scale())
@@ -36,8 +38,10 @@ def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: in
     def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
         du = solver.apply(solver.factor(problem, u), problem.residual(u))
         trial = jax.vmap(lambda f: norm(problem.residual(add(u, du, -f)), scale))(fractions)
-        best = fractions[jnp.argmin(jnp.where(jnp.isfinite(trial), trial, jnp.inf))]
-        return add(u, du, -best), None
+        finite = jnp.isfinite(trial)
+        best = fractions[jnp.argmin(jnp.where(finite, trial, jnp.inf))]
+        moved = add(u, du, -best)
+        return jax.tree.map(lambda a, b: jnp.where(jnp.any(finite), a, b), moved, u), None
 
     u, _ = jax.lax.scan(correct, u, None, length=iterations)
     return u, norm(problem.residual(u), scale)

@@ -42,9 +42,11 @@ class ProjectionProblem(StepProblem):
         inertia = model.line.inertia_force(u.x, None, None, model.end_held)
         return Unknowns(inertia - model.pull(u.y, self.pull), jnp.sum(self.pull * rate, axis=-1))
 
+    def node_matrix(self, u: Unknowns) -> jax.Array:
+        return self.model.line.node_mass(self.model.free_nodes)
+
     def condensed(self, u: Unknowns) -> CondensedParts:
-        mass = self.model.line.node_mass(self.model.free_nodes)
-        return CondensedParts(mass, self.pull, self.pull, jnp.zeros_like(self.model.line.length))
+        return CondensedParts(self.pull, self.pull, jnp.zeros_like(self.model.line.length))
 
 
 def consistent_velocity(model: Model, s: State) -> jax.Array:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.effects.base import has
 from dropper_jax.system import Unknowns
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class Integrator:
     #: Newton iterations with an exact Jacobian, and with the condensed one.
     iterations: ClassVar[int] = 4
     condensed_iterations: ClassVar[int] = 12
+    #: Whether rigid links keep their lengths by construction; schemes that drift are stopped at `DRIFT_LIMIT`.
+    holds_length: ClassVar[bool] = True
     #: Where in the step the reported tension belongs: 0.5 for step averages, 1.0 for values at the new time.
     tension_time: ClassVar[float] = 1.0
 
@@ -67,7 +70,12 @@ class StepProblem:
         """Rows in physical units: forces [N], elongations [m], torques [N m]."""
         raise NotImplementedError
 
+    def node_matrix(self, u: Unknowns) -> jax.Array:
+        """K of the condensed solver, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix."""
+        raise NotImplementedError
+
     def condensed(self, u: Unknowns) -> CondensedParts:
+        """The rest of the condensed matrix."""
         raise NotImplementedError
 
     def finish(self, u: Unknowns) -> State:
@@ -86,6 +94,11 @@ class StepProblem:
     def column_scale(self) -> Unknowns:
         """Sizes of the unknowns."""
         raise NotImplementedError
+
+
+def constant_force(model: Model) -> bool:
+    """Whether no force of the model depends on positions or velocities."""
+    return all(e.constant for e in model.effects if has(e, "force"))
 
 
 def node_blocks(local, nodes: int, dtype) -> jax.Array:  # noqa: ANN001

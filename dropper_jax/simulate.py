@@ -18,7 +18,7 @@ import numpy as np
 from dropper_jax import statics
 from dropper_jax.build import build_model
 from dropper_jax.errors import SceneError, SimulationError
-from dropper_jax.integrate import Progress, Trajectory, advance, begin
+from dropper_jax.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
 from dropper_jax.integrators import make_stepper
 from dropper_jax.model import Model, State, work_names
 from dropper_jax.observe import Observed, observe
@@ -169,8 +169,7 @@ def _solution(
     status, first_bad = "ok", None
     if bad_step >= 0:
         residual = float(run.residual[min(bad_step // every, len(run.residual) - 1)])
-        reason = _reason(residual, stepper)
-        status = reason
+        status, reason = _reason(residual, stepper, stepper.limit(model))
         first_bad = {"step": bad_step + 1, "time_s": (bad_step + 1) * dt, "residual": residual, "reason": reason}
     settings = {
         "integrator": stepper.integrator.name,
@@ -202,7 +201,7 @@ def _solution(
         failed_steps=int(np.sum(run.failed)) if bad_step < 0 else 1,
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
-        max_residual=float(np.max(kept.residual)) if good else 0.0,
+        max_residual=float(np.max(run.residual[: good + 1])),
         max_closure_error=float(np.max(seen.closure)),
         versions=_versions(),
     )
@@ -214,10 +213,16 @@ def _good_saves(run: Trajectory) -> int:
     return int(bad[0]) if bad.size else len(run.first_bad)
 
 
-def _reason(residual: float, stepper: Stepper) -> str:
+def _reason(residual: float, stepper: Stepper, limit: float) -> tuple[str, str]:
+    """Status and reason of a step that failed."""
     if not np.isfinite(residual):
-        return "non_finite"
-    return "retry_exhausted" if stepper.halvings else "not_converged"
+        return "non_finite", "the step gave infinite or undefined values"
+    if residual <= limit:
+        return "not_converged", f"this scheme lets lengths drift, and a link has changed by more than {DRIFT_LIMIT:.0%}"
+    what = f"the residual stayed above the tolerance {limit:.0e}"
+    if not stepper.halvings:
+        return "not_converged", what
+    return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
 
 
 def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> Observed:

@@ -1,4 +1,4 @@
-"""Static equilibrium: catenary guess, Newton with load continuation, exact derivatives of the pose.
+"""Static equilibrium: the stable pose of dead loads, Newton with load continuation, exact derivatives of the pose.
 
     F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
 """
@@ -15,13 +15,15 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from dropper_jax.catenary import catenary_guess
-from dropper_jax.effects.base import Law
+from dropper_jax.effects.base import Law, has
 from dropper_jax.errors import SceneError
+from dropper_jax.hanging import hang
 from dropper_jax.kinematics import stack_nodes
 from dropper_jax.model import Model, State, state
 from dropper_jax.newton import damped_newton
 from dropper_jax.problem import GRAVITY_SCALE, StepProblem
 from dropper_jax.solvers import SOLVERS
+from dropper_jax.solvers.dense import Dense, residual_matrix
 from dropper_jax.system import Unknowns
 
 #: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
@@ -87,10 +89,26 @@ def _solver(model: Model) -> Any:
     return SOLVERS["banded"]
 
 
-@partial(jax.jit, static_argnames="iterations")
-def _newton(model: Model, s: State, loads: jax.Array, iterations: int = 25) -> tuple[jax.Array, jax.Array, jax.Array]:
+@dataclass(frozen=True)
+class LeastNorm(Dense):
+    """The shortest correction, where the pose may turn freely (ends above one another) and the Jacobian is singular."""
+
+    name: str = "least_norm"
+
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
+        return residual_matrix(problem, u)
+
+    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+        flat, unravel = ravel_pytree(rows)
+        return unravel(jnp.linalg.lstsq(factor, flat)[0])
+
+
+@partial(jax.jit, static_argnames=("solver", "iterations"))
+def _newton(
+    model: Model, s: State, loads: jax.Array, solver: Any, iterations: int = 25
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     problem = StaticProblem(model, s, loads)
-    u, residual = damped_newton(problem, _solver(model), Unknowns(s.r, s.tension), iterations)
+    u, residual = damped_newton(problem, solver, Unknowns(s.r, s.tension), iterations)
     return u.x, u.y, residual
 
 
@@ -116,26 +134,112 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
     """
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
-    s = _guess(model, t)
-    tolerance = STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
-    share, increment = 0.0, 1.0
-    r, tension, residual = _newton(model, s, 0.0 * loads)
-    ok = bool(residual <= tolerance)
-    if ok and not np.any(np.asarray(loads)):
-        return _result(full, s, r, tension, residual, "")
-    while ok and share < 1.0:
-        s = state(model, r, tension=tension, t=t)
+    share, message = 1.0, ""
+    s, residual = _hang_and_solve(model, loads, t)
+    if not (residual <= _tolerance(model) and stable(model, s)):
+        s, residual, share = _continue(model, loads, t)
+    if share < 1.0 or not residual <= _tolerance(model):
+        message = _complaint(model, s, loads, share, residual)
+    elif not stable(model, s):
+        message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+    return _result(full, s, residual, message)
+
+
+def stable(model: Model, s: State) -> bool:
+    """Whether no displacement that keeps rigid links' lengths lowers the energy to second order.
+
+    Smallest eigenvalue of the stiffness on the null space of the constraints, against the mean weight per length. A
+    line whose links are all in tension under dead loads is stable, and long ones are not looked at further.
+    """
+    if bool(jnp.all(s.tension > 0)) and _dead(model):
+        return True
+    if SOLVERS["dense"].size(model) > DENSE_LIMIT:
+        return True
+    problem = StaticProblem(model, s, jnp.zeros_like(s.r))
+    stiffness = residual_matrix(problem, Unknowns(s.r, s.tension))
+    nodes = 3 * model.free_nodes
+    k, g, c = np.asarray(stiffness[:nodes, :nodes]), np.asarray(stiffness[nodes:, :nodes]), stiffness[nodes:, nodes:]
+    if model.line.axial.elastic:
+        k = k - np.asarray(stiffness[:nodes, nodes:]) @ np.linalg.solve(np.asarray(c), g)
+    else:
+        k = _null_space(g).T @ k @ _null_space(g)
+    scale = float(jnp.mean(jnp.abs(s.tension)) / jnp.mean(model.line.length))
+    return k.size == 0 or float(np.linalg.eigvalsh(0.5 * (k + k.T))[0]) > -1e-6 * scale
+
+
+def _null_space(g: np.ndarray) -> np.ndarray:
+    return np.linalg.svd(g)[2][len(g) :].T
+
+
+def _tolerance(model: Model) -> float:
+    return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
+
+
+def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
+    """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
+    s = _hang(model, loads, None, t)
+    for _ in range(1 if _dead(model) else 4):
+        s = _hang(model, loads, s, t)
+    return _solve(model, s, loads, t)
+
+
+def _dead(model: Model) -> bool:
+    return all(e.constant for e in model.effects if has(e, "force"))
+
+
+def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
+    time = jnp.asarray(t, model.dtype)
+    ends, line = model.ends(time), model.line
+    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if near is None else near.r
+    k = model.kinematics(r, jnp.zeros_like(r), time, ends)
+    k = model.kinematics(r, jnp.zeros_like(r), time, ends, prepared=model.prepare(k))
+    total = np.asarray(model.force(k) + loads, float)
+    if not np.any(total):
+        raise SceneError(
+            "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
+            "'angles' or 'positions'"
+        )
+    flexibility = 1.0 / line.axial.EA if line.axial.elastic else 0.0
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = hang(
+        np.asarray(ends.start, float),
+        end,
+        np.asarray(line.length, float),
+        total,
+        np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
+    )
+    return state(model, nodes, tension=tension, t=t)
+
+
+def _solve(model: Model, s: State, loads: jax.Array, t: float, solver: Any = None) -> tuple[State, float]:
+    r, tension, residual = _newton(model, s, loads, solver or _solver(model))
+    return state(model, r, tension=tension, t=t), float(residual)
+
+
+def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
+    """The loads added little by little to the catenary; returns the share that was reached."""
+    solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
+    s, residual = _solve(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
+    if not np.any(np.asarray(loads)):
+        return s, residual, 1.0
+    share, increment = 0.0, 0.125
+    while residual <= _tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
         step = min(increment, 1.0 - share)
-        r1, tension1, residual1 = _newton(model, s, (share + step) * loads)
-        if residual1 <= tolerance and _near(s.r, r1, model):
-            r, tension, residual, share = r1, tension1, residual1, share + step
-            increment *= 2.0
-        elif step > SMALLEST_INCREMENT:
-            increment = step / 2.0
+        trial, trial_residual = _solve(model, s, (share + step) * loads, t, solver)
+        if trial_residual <= _tolerance(model) and _near(s.r, trial.r, model):
+            s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
-            ok = False
-    message = "" if ok else _complaint(model, s, loads, share, float(residual))
-    return _result(full, s, r, tension, residual, message)
+            increment = step / 2.0
+    return s, residual, share
+
+
+def _catenary(model: Model, t: float) -> State:
+    ends, line = model.ends(jnp.asarray(t, model.dtype)), model.line
+    weight = model.effect("weight")
+    total = GRAVITY_SCALE * float(jnp.sum(line.mass)) if weight is None else float(jnp.sum(weight.per_link(line)))
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
+    return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 
 
 def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
@@ -143,24 +247,8 @@ def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
     return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
 
 
-def _guess(model: Model, t: float) -> State:
-    ends = model.ends(jnp.asarray(t, model.dtype))
-    still = model.kinematics(jnp.zeros((model.free_nodes, 3), model.dtype), jnp.zeros((model.free_nodes, 3)), t, ends)
-    weight = model.effect("weight")
-    total = 0.0 if weight is None else float(jnp.sum(weight.per_link(model.line)))
-    if total == 0.0 or still.free == 0:
-        raise SceneError(
-            "start.kind: 'static' needs a weight that gives the line its shape; add [effects.weight] or start from "
-            "'angles' or 'positions'"
-        )
-    end = None if ends.end is None else np.asarray(ends.end, float)
-    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(model.line.length, float), total)
-    return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
-
-
 def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
-    problem = StaticProblem(model, s, share * loads)
-    rows = problem.residual(Unknowns(s.r, s.tension)).x
+    rows = StaticProblem(model, s, share * loads).residual(Unknowns(s.r, s.tension)).x
     worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
     return (
         f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "
@@ -168,17 +256,15 @@ def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual:
     )
 
 
-def _result(
-    model: Model, s: State, r: jax.Array, tension: jax.Array, residual: jax.Array, message: str
-) -> Equilibrium:
+def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
     ends = model.ends(s.t)
     return Equilibrium(
-        positions=np.asarray(stack_nodes(r, ends.start, ends.end)),
-        tension=np.asarray(tension),
-        residual=float(residual),
+        positions=np.asarray(stack_nodes(s.r, ends.start, ends.end)),
+        tension=np.asarray(s.tension),
+        residual=residual,
         status="not_converged" if message else "ok",
         message=message,
-        state=state(model, r, tension=tension, t=s.t),
+        state=state(model, s.r, tension=s.tension, t=s.t),
     )
 
 

@@ -108,25 +108,37 @@ def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Ar
     """End state, unknowns, residual and level of a step; no derivative rule of its own."""
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.solver]
-    limit = stepper.limit(model)
     u, residual = newton(problem, solver, problem.guess(), stepper.iterations)
-    if stepper.extra:
-        u, residual = _more_iterations(problem, solver, u, residual, limit, stepper.extra, alive)
-    s1 = problem.finish(u)
-    level = jnp.full((), FULL_STEP, jnp.int32)
-    if stepper.halvings:
-        s1, residual, level = _halve(stepper, model, s, h, alive, (s1, residual, level))
-    return s1, u, residual, level
+    first = problem.finish(u), u, residual, jnp.full((), FULL_STEP, jnp.int32)
+    if not (stepper.extra or stepper.halvings):
+        return first
+    limit = stepper.limit(model)
+
+    def resist(carry: tuple[Any, ...]) -> jax.Array:
+        tried, (_, _, residual, _) = carry
+        return ~(residual <= limit) & ~tried & alive
+
+    def escalate(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        _, (s1, u, residual, level) = carry
+        if stepper.extra:
+            u, residual = _more_iterations(problem, solver, u, residual, limit, stepper.extra)
+            s1 = problem.finish(u)
+        if stepper.halvings:
+            s1, residual, level = _halve(stepper, model, s, h, (s1, residual, level))
+        return jnp.ones((), bool), (s1, u, residual, level)
+
+    # one loop around all of it, so that a good step pays for a single test
+    return jax.lax.while_loop(resist, escalate, (jnp.zeros((), bool), first))[1]
 
 
 def _more_iterations(
-    problem: StepProblem, solver: Any, u: Unknowns, residual: jax.Array, limit: float, extra: int, alive: jax.Array
+    problem: StepProblem, solver: Any, u: Unknowns, residual: jax.Array, limit: float, extra: int
 ) -> tuple[Unknowns, jax.Array]:
     bunch = 4
 
     def go(carry: tuple[Any, ...]) -> jax.Array:
         _, residual, count = carry
-        return (residual > limit) & (count < extra // bunch) & alive  # a NaN compares false: iterating cannot mend it
+        return (residual > limit) & (count < extra // bunch)  # a NaN compares false: iterating cannot mend it
 
     def more(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         u, residual = newton(problem, solver, carry[0], bunch)
@@ -145,13 +157,13 @@ def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[St
     return problem.finish(u), u, residual
 
 
-def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array, first: tuple[Any, ...]) -> Any:
+def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, first: tuple[Any, ...]) -> Any:
     limit = stepper.limit(model)
     start = jax.tree.map(jnp.asarray, s)
 
     def go(carry: tuple[Any, ...]) -> jax.Array:
         _, residual, level = carry
-        return ~(residual <= limit) & (level < stepper.halvings) & alive
+        return ~(residual <= limit) & (level < stepper.halvings)
 
     def retry(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         level = carry[2] + 1

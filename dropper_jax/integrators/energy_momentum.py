@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from dropper_jax.effects.base import has
 from dropper_jax.kinematics import Ends
 from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, node_blocks
+from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, constant_force, node_blocks
 from dropper_jax.solvers.condensed import CondensedParts
 from dropper_jax.system import Unknowns
 
@@ -109,19 +109,20 @@ class MidpointProblem(StepProblem):
         )
         return Unknowns(force, axial, rows)
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
+    def node_matrix(self, u: Unknowns) -> jax.Array:
         model, line = self.model, self.model.line
-        links1 = self._links1(u.x)
         stiffness = u.y / line.length
         following = jnp.concatenate([stiffness[1:], jnp.zeros_like(stiffness[:1])])
         geometric = GEOMETRIC_SHARE * self.gamma * jnp.maximum((stiffness + following)[: model.free_nodes], 0.0)
-        if all(e.constant for e in model.effects if has(e, "force")) and not any(has(e, "inertia") for e in model.effects):
-            node = line.node_mass(model.free_nodes) / (self.gamma * self.h**2) + geometric
-        else:
-            node = node_blocks(lambda x: self._local(u.x + x), model.free_nodes, u.x.dtype)
-            node = node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
+        if constant_force(model) and not any(has(e, "inertia") for e in model.effects):
+            return line.node_mass(model.free_nodes) / (self.gamma * self.h**2) + geometric
+        node = node_blocks(lambda x: self._local(u.x + x), model.free_nodes, u.x.dtype)
+        return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
+
+    def condensed(self, u: Unknowns) -> CondensedParts:
+        line, links1 = self.model.line, self._links1(u.x)
         gradient = line.axial.gradient(links1, line.length)
-        return CondensedParts(node, self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
+        return CondensedParts(self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
 
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h

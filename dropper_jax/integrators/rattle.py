@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.effects.base import has
-from dropper_jax.kinematics import Kinematics, link_differences
+from dropper_jax.kinematics import Kinematics, dot, link_differences
 from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, node_blocks
+from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, constant_force, node_blocks
 from dropper_jax.solvers.condensed import CondensedParts
 from dropper_jax.system import Unknowns
 
@@ -33,11 +33,6 @@ def point_mass_links_only(integrator: Integrator, model: Model) -> str | None:
     if any(has(e, "inertia") for e in model.effects):
         return "it needs constant masses on the nodes, but the scene has added mass; use energy_momentum"
     return Integrator.refuse(integrator, model)
-
-
-def constant_force(model: Model) -> bool:
-    """Whether no force of the model depends on positions or velocities."""
-    return all(e.constant for e in model.effects if has(e, "force"))
 
 
 @dataclass(frozen=True)
@@ -88,15 +83,16 @@ class RattleProblem(StepProblem):
         force = self._local(u.x) - self.model.pull(u.y, self.pull0)
         return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
 
+    def node_matrix(self, u: Unknowns) -> jax.Array:
+        if constant_force(self.model):
+            return (2 / self.h) * self.mass
+        return node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
+
     def condensed(self, u: Unknowns) -> CondensedParts:
         line = self.model.line
         links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
-        if constant_force(self.model):
-            node = (2 / self.h) * self.mass
-        else:
-            node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
         gradient = self.h * line.axial.gradient(links1, line.length)
-        return CondensedParts(node, self.pull0, gradient, jnp.zeros_like(line.length))
+        return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:
         model, s, h = self.model, self.s, self.h
@@ -123,10 +119,10 @@ class RattleProblem(StepProblem):
         zero = jnp.zeros_like(light[:1])
         near = jnp.concatenate([zero, light]) if held else jnp.concatenate([zero, light[:-1]])
         far = jnp.concatenate([light, zero]) if held else light
-        diagonal = (near + far) * jnp.sum(pull * pull, axis=-1)
+        diagonal = (near + far) * dot(pull, pull)
         shared = light if held else light[:-1]
-        off = -shared * jnp.sum(pull[1:] * pull[:-1], axis=-1)
-        rhs = jnp.sum(pull * rate, axis=-1)
+        off = -shared * dot(pull[1:], pull[:-1])
+        rhs = dot(pull, rate)
         lower, upper = jnp.concatenate([zero, off]), jnp.concatenate([off, zero])
         return tridiagonal_solve(lower, diagonal, upper, rhs[:, None])[:, 0]
 

@@ -61,10 +61,13 @@ class SemiImplicitProblem(StepProblem):
         force = self.mass[:, None] * (u.x - self.s.v) / self.h - self.force0 - self.model.pull(u.y, self.pull0)
         return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
 
+    def node_matrix(self, u: Unknowns) -> jax.Array:
+        return self.mass / self.h
+
     def condensed(self, u: Unknowns) -> CondensedParts:
         line = self.model.line
         gradient = self.h * line.axial.gradient(self._links1(u.x), line.length)
-        return CondensedParts(self.mass / self.h, self.pull0, gradient, jnp.zeros_like(line.length))
+        return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h

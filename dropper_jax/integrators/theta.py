@@ -37,6 +37,10 @@ class Theta(Integrator):
         if not 0.0 <= self.gamma <= 1.0:
             raise ValueError(f"run.gamma: {self.gamma} for theta; allowed 0 (explicit Euler) to 1 (implicit Euler)")
 
+    @property
+    def holds_length(self) -> bool:
+        return self.gamma > 0.0
+
     def refuse(self, model: Model) -> str | None:
         return point_mass_links_only(self, model)
 
@@ -87,19 +91,20 @@ class ThetaProblem(StepProblem):
         force = force - (1 - gamma) * model.pull(self.s.tension, self.pull0)
         return Unknowns(force, line.axial.residual(after.links, after.links, u.y, line.length, self.h))
 
+    def node_matrix(self, u: Unknowns) -> jax.Array:
+        line, gamma, h = self.model.line, self.gamma, self.h
+        node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
+        stiffness = u.y / line.length
+        both = (stiffness + jnp.concatenate([stiffness[1:], jnp.zeros_like(stiffness[:1])]))[: self.model.free_nodes]
+        geometric = 0.5 * gamma**2 * h * jnp.maximum(both, 0.0)
+        return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
+
     def condensed(self, u: Unknowns) -> CondensedParts:
         line, gamma, h = self.model.line, self.gamma, self.h
-        after = self._after(u.x)
-        pull1 = self._pull1(after)
-        node = node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
-        none = jnp.zeros_like(line.length)
-        if gamma == 0.0:
-            return CondensedParts(node, self.pull0, h * pull1, none)
-        stiffness = u.y / line.length
-        both = (stiffness + jnp.concatenate([stiffness[1:], none[:1]]))[: self.model.free_nodes]
-        geometric = 0.5 * gamma**2 * h * jnp.maximum(both, 0.0)
-        node = node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
-        return CondensedParts(node, gamma * pull1, gamma * h * pull1, none)
+        pull1 = self._pull1(self._after(u.x))
+        pull = self.pull0 if gamma == 0.0 else gamma * pull1
+        gradient = h * pull1 if gamma == 0.0 else gamma * h * pull1
+        return CondensedParts(pull, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h

@@ -93,7 +93,10 @@ class Banded:
         model = problem.model
         return Layout(model.free_nodes, model.line.links, max(1, model.reach))
 
-    def factor(self, problem: StepProblem, u: Unknowns) -> Any:
+    def prepare(self, problem: StepProblem, u: Unknowns) -> None:
+        return None
+
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
         layout = self._layout(problem)
         lower, diagonal, upper = _bands(problem, u, layout)
 

@@ -23,72 +23,104 @@ if TYPE_CHECKING:
 
 
 class CondensedParts(NamedTuple):
-    """The matrix, in pieces.
+    """The matrix without K, in pieces.
 
     Attributes:
-        node: K, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix.
         pull: nodal force of unit tensions along (n, 3).
         gradient: derivative of the axial rows with respect to link differences of x, (n, 3).
         compliance: minus their derivative with respect to the tensions, (n,).
     """
 
-    node: jax.Array
     pull: jax.Array
     gradient: jax.Array
     compliance: jax.Array
 
 
+Components = tuple[jax.Array, jax.Array, jax.Array]
+
+
+def components(x: jax.Array) -> Components:
+    """The three components of vectors (..., 3) as separate arrays.
+
+    Sums over an axis of three are kernels of their own on the CPU; sums of three arrays fuse with what is around them.
+    """
+    return x[..., 0], x[..., 1], x[..., 2]
+
+
+def dot(a: Components, b: Components) -> jax.Array:
+    """Scalar products."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Components, b: Components) -> Components:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
+    """Rows of the inverses of 3x3 matrices (..., 3, 3) by cofactors, elementwise."""
+    columns = [components(node[..., :, i]) for i in range(3)]
+    crosses = [_cross(columns[1], columns[2]), _cross(columns[2], columns[0]), _cross(columns[0], columns[1])]
+    scale = 1.0 / dot(columns[0], crosses[0])
+    return tuple(tuple(c * scale for c in row) for row in crosses)
+
+
 def inverse3(m: jax.Array) -> jax.Array:
-    """Inverse of 3x3 matrices (..., 3, 3) by cofactors: elementwise work that fuses, no LAPACK call per block."""
-    a, b, c = m[..., 0, :], m[..., 1, :], m[..., 2, :]
-    bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
-    determinant = jnp.sum(a * bc, axis=-1)
-    return jnp.stack([bc, ca, ab], axis=-1) / determinant[..., None, None]
-
-
-def _times(node: jax.Array, x: jax.Array) -> jax.Array:
-    if node.ndim == 1:
-        return node[:, None] * x
-    return jnp.sum(node * x[:, None, :], axis=-1)
+    """Inverse of 3x3 matrices (..., 3, 3) by cofactors: elementwise work, no LAPACK call per block."""
+    return jnp.stack([jnp.stack(row, axis=-1) for row in _inverse_rows(m)], axis=-2)
 
 
 class _Factor(NamedTuple):
-    inverse: jax.Array
-    pull: jax.Array
-    gradient: jax.Array
+    inverse: Any  # (nodes,), or three rows of three components (nodes,)
+    pull: Components
+    gradient: Components
     lower: jax.Array
     diagonal: jax.Array
     upper: jax.Array
 
 
-def _eliminate(inverse: jax.Array, pull: jax.Array, gradient: jax.Array, compliance: jax.Array) -> _Factor:
-    free = inverse.shape[0]
-    links = pull.shape[0]
-    dot = lambda p, q: jnp.sum(p * q, axis=-1)  # noqa: E731
-    own = _times(inverse, pull[:free])  # node i moved by its link i
-    diagonal = -dot(gradient[:free], own)
+def _times(inverse: Any, x: Components) -> Components:
+    if isinstance(inverse, tuple):
+        return tuple(dot(row, x) for row in inverse)
+    return tuple(inverse * c for c in x)
+
+
+def _part(x: Components, where: slice) -> Components:
+    return tuple(c[where] for c in x)
+
+
+def _eliminate(inverse: Any, pull: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
+    """The tridiagonal matrix left in the tensions: node i joins link i before it and link i + 1 after it."""
+    links = compliance.shape[0]
+    held = free < links
+    own = _times(inverse, _part(pull, slice(free)))
+    joined = slice(None) if held else slice(-1)  # nodes with a link after them
+    inner = tuple(_part(row, joined) for row in inverse) if isinstance(inverse, tuple) else inverse[joined]
+    after = slice(1, None)
+    following = _times(inner, _part(pull, after))
     zero = jnp.zeros_like(compliance[:1])
-    if free == links:  # free end: the last node has no next link
-        following = _times(inverse[:-1], pull[1:])
-        near = jnp.concatenate([zero, -dot(gradient[1:], following)])
-        crossing, back = dot(gradient[:-1], following), dot(gradient[1:], own[:-1])
-    else:
-        following = _times(inverse, pull[1:])
-        diagonal = jnp.concatenate([diagonal, zero])
-        near = jnp.concatenate([zero, -dot(gradient[1:], following)])
-        crossing, back = dot(gradient[:-1], following), dot(gradient[1:], own)
-    diagonal = diagonal + near - compliance
+    far = -dot(_part(gradient, slice(free)), own)
+    far = jnp.concatenate([far, zero]) if held else far
+    near = jnp.concatenate([zero, -dot(_part(gradient, after), following)])
+    upper = dot(_part(gradient, slice(links - 1)), following)
+    lower = dot(_part(gradient, after), _part(own, joined))
     return _Factor(
-        inverse, pull, gradient, jnp.concatenate([zero, back]), diagonal, jnp.concatenate([crossing, zero])
+        inverse,
+        pull,
+        gradient,
+        jnp.concatenate([zero, lower]),
+        far + near - compliance,
+        jnp.concatenate([upper, zero]),
     )
 
 
 def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
-    held = f.inverse.shape[0] < f.pull.shape[0]
-    loose = _times(f.inverse, rows.x)
-    b = rows.y - jnp.sum(f.gradient * link_differences(loose, None, None, held), axis=-1)
+    held = rows.x.shape[0] < rows.y.shape[0]
+    loose = _times(f.inverse, components(rows.x))
+    moved = tuple(link_differences(c, None, None, held) for c in loose)
+    b = rows.y - dot(f.gradient, moved)
     y = tridiagonal_solve(f.lower, f.diagonal, f.upper, b[:, None])[:, 0]
-    return Unknowns(loose + _times(f.inverse, gather_links(y[:, None] * f.pull, held)), y)
+    back = _times(f.inverse, tuple(gather_links(y * p, held) for p in f.pull))
+    return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
 
 @dataclass(frozen=True)
@@ -107,15 +139,21 @@ class Condensed:
             return f"it eliminates node by node, but {what} neighbouring nodes; use banded or dense"
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns) -> Any:
+    def prepare(self, problem: StepProblem, u: Unknowns) -> Any:
+        """Inverses of the node blocks, kept over the iterations of a step: they change little, and cost the most."""
+        node = problem.node_matrix(u)
+        return 1.0 / node if node.ndim == 1 else _inverse_rows(node)
+
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: Any = None) -> Any:
+        inverse = self.prepare(problem, u) if prepared is None else prepared
         parts = problem.condensed(u)
-        node = 1.0 / parts.node if parts.node.ndim == 1 else inverse3(parts.node)
-        return _eliminate(node, parts.pull, parts.gradient, parts.compliance), parts.compliance
+        free = u.x.shape[0]
+        return _eliminate(inverse, components(parts.pull), components(parts.gradient), parts.compliance, free), parts
 
     def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
         return _solve(factor[0], rows)
 
     def apply_transposed(self, factor: Any, rows: Unknowns) -> Unknowns:
-        f, compliance = factor
-        node = f.inverse if f.inverse.ndim == 1 else jnp.swapaxes(f.inverse, -1, -2)
-        return _solve(_eliminate(node, f.gradient, f.pull, compliance), rows)
+        f, parts = factor
+        inverse = tuple(zip(*f.inverse, strict=True)) if isinstance(f.inverse, tuple) else f.inverse
+        return _solve(_eliminate(inverse, f.gradient, f.pull, parts.compliance, rows.x.shape[0]), rows)

@@ -26,7 +26,10 @@ class Dense:
     def refuse(self, model: Model, integrator: Any) -> str | None:
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns) -> Any:
+    def prepare(self, problem: StepProblem, u: Unknowns) -> None:
+        return None
+
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
         flat, unravel = ravel_pytree(u)
         jacobian = jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(flat)
         return lu_factor(jacobian)

@@ -9,13 +9,19 @@ OLDEST := $(firstword $(PYTHONS))
 PYTHON ?= $(NEWEST)
 BIN := .venv/bin
 
-.PHONY: demo test test-matrix lint clean
+# Measured free-swing traces are not part of the project; tests that need them say so where the folder is missing.
+export DROPPER_MEASURED_DATA ?= $(abspath $(wildcard ../shared/data/measured))
+
+.PHONY: demo test fuzz test-matrix lint clean
 
 demo: .venv/.installed
 	$(BIN)/dropper demo --out demo
 
 test: .venv/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+fuzz: .venv/.installed-test
+	FUZZ_EXAMPLES=2000 $(BIN)/python -m pytest tests/test_fuzz.py
 
 test-matrix:
 	$(call suite,$(OLDEST),.venv-oldest,jax==0.9.2 jaxlib==0.9.2)
@@ -24,7 +30,7 @@ test-matrix:
 define suite
 	$(1) -m venv $(2)
 	$(2)/bin/python -m pip install --quiet --upgrade --editable '.[test]' $(3)
-	$(2)/bin/python -m pytest
+	$(2)/bin/python -m pytest -n 2 --dist loadfile
 endef
 
 lint: .venv/.installed-test

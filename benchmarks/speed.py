@@ -39,7 +39,14 @@ def dropper(links: int) -> dict[str, Any]:
         "run": {"dt": SIZES[links][0], "duration": 1.0},
         "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [2.5, 0.0, 0.0]}],
         "line": [
-            {"name": "line", "from": "left", "to": "right", "links": links, "length": 17.0 / links, "mass": 238.0 / links}
+            {
+                "name": "line",
+                "from": "left",
+                "to": "right",
+                "links": links,
+                "length": 17.0 / links,
+                "mass": 238.0 / links,
+            }
         ],
         "effects": {"weight": {}, "linear_damping": {"b_l": 0.5}, "quadratic_damping": {"b_q": 5.0}},
     }
@@ -65,9 +72,7 @@ class Variant:
 
     def _settle(self) -> tuple[int, float, Any]:
         for iterations in range(2, 33):
-            stepper = dj.make_stepper(
-                self.model, self.integrator, self.solver, iterations=iterations, track_work=False
-            )
+            stepper = dj.make_stepper(self.model, self.integrator, self.solver, iterations=iterations, track_work=False)
             bare = dj.make_stepper(
                 self.model, self.integrator, self.solver, iterations=iterations, extra=0, halvings=0, track_work=False
             )

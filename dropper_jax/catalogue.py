@@ -9,9 +9,10 @@ from typing import Any
 
 from dropper_jax.errors import SceneError, nearest
 
-#: `NAME-undamped` is the packaged scene NAME without these effects.
+#: `NAME-undamped` is the packaged scene NAME without these effects, for the releases of the lab dropper.
 DAMPING = ("linear_damping", "quadratic_damping")
 UNDAMPED = "-undamped"
+RELEASES = "dropper-release-"
 
 
 def _folder() -> Any:
@@ -38,7 +39,7 @@ def packaged() -> dict[str, dict[str, Any]]:
     for name, item in _files().items():
         table = _parse(item.read_bytes(), item.name)
         found[name] = table
-        if not name.endswith("-damped") and any(effect in table["effects"] for effect in DAMPING):
+        if name.startswith(RELEASES):
             found[name + UNDAMPED] = _undamped(table)
     return found
 

@@ -14,7 +14,7 @@ from typing import Any, dataclass_transform
 import jax
 
 #: Shapes a parameter may declare. `node` and `link` values may also be given as one number for all.
-SHAPES = ("number", "node", "link", "joint", "vector", "table", "vectors")
+SHAPES = ("number", "node", "link", "joint", "vector", "table", "vectors", "numbers")
 
 
 def parameter(
@@ -33,7 +33,8 @@ def parameter(
     Args:
         meaning: one line for people.
         unit: SI unit as printed, `-` when dimensionless.
-        shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3).
+        shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3),
+            numbers (one, or a table).
         low, high: allowed range, ends included; `open_low` excludes the lower end.
         optional: the scene may leave it out, the field is then None and costs nothing.
         **kwargs: `default` and friends, passed to `dataclasses.field`.

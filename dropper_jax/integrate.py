@@ -15,7 +15,6 @@ from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State
 from dropper_jax.stepping import FULL_STEP, Stepper, step
 
-
 #: Largest relative change of a rigid link's length under a scheme that lets lengths drift (explicit Euler).
 DRIFT_LIMIT = 0.1
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 if TYPE_CHECKING:
     from dropper_jax.model import Line, Model
+    from dropper_jax.sea import Water
 
 
 class Ends(NamedTuple):
@@ -41,7 +42,7 @@ def stack_nodes(free: jax.Array, start: jax.Array, end: jax.Array | None) -> jax
 
 
 def link_differences(free: jax.Array, start: jax.Array | None, end: jax.Array | None, held: bool) -> jax.Array:
-    """Differences over the links (n, 3) of a nodal field; a held end without a value counts as zero."""
+    """Differences over the links (n, ...) of a nodal field; a held end without a value counts as zero."""
     zero = jnp.zeros_like(free[:1])
     head = zero if start is None else start[None]
     if not held:
@@ -51,7 +52,7 @@ def link_differences(free: jax.Array, start: jax.Array | None, end: jax.Array | 
 
 
 def gather_links(pull: jax.Array, held: bool) -> jax.Array:
-    """Sum on the free nodes of what links pull: +pull on their first, -pull on their last node. (n, c) -> (nodes, c)."""
+    """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
     if held:
         return pull[1:] - pull[:-1]
     return jnp.concatenate([pull[1:], jnp.zeros_like(pull[:1])]) - pull
@@ -65,12 +66,20 @@ class Kinematics:
         r, v: free nodes (nodes, 3) [m], [m/s].
         t: time [s].
         free: number of free nodes.
+        h: the step [s] of which this is the middle; None at a plain instant.
     """
 
     def __init__(
-        self, model: Model, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends, prepared: dict[str, Any] | None = None
+        self,
+        model: Model,
+        r: jax.Array,
+        v: jax.Array,
+        t: jax.Array,
+        ends: Ends,
+        prepared: dict[str, Any] | None = None,
+        h: jax.Array | None = None,
     ):
-        self.model, self.r, self.v, self.t, self.ends = model, r, v, t, ends
+        self.model, self.r, self.v, self.t, self.ends, self.h = model, r, v, t, ends, h
         self._prepared = prepared or {}
 
     @property
@@ -83,11 +92,16 @@ class Kinematics:
 
     def with_velocity(self, v: jax.Array) -> Kinematics:
         """The same places with other velocities of the free nodes."""
-        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared)
+        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h)
 
     def prepared(self, effect: Any) -> Any:
         """What the effect's `prepare` returned for this step."""
         return self._prepared[effect.name]
+
+    @property
+    def water(self) -> Water:
+        """The water around the free nodes, frozen over the step (see `dropper_jax.sea`)."""
+        return self._prepared["water"]
 
     @cached_property
     def nodes(self) -> jax.Array:

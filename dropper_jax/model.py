@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,9 @@ from dropper_jax.axial import Axial, Rigid
 from dropper_jax.effects.base import Effect, Law, has
 from dropper_jax.fields import component, option, parameter
 from dropper_jax.kinematics import Ends, Kinematics, gather_links, link_differences
+
+if TYPE_CHECKING:
+    from dropper_jax.sea import Sea
 
 
 @component
@@ -39,6 +42,9 @@ class Line:
     inertia: jax.Array | None = parameter(
         "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
     )
+    diameter: jax.Array | None = parameter(
+        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
+    )
     axial: Axial = Rigid()
     name: str = option("name", type=str, default="line")
     start: int = option("index of the first point", type=int, default=0)
@@ -51,6 +57,11 @@ class Line:
     @property
     def compound(self) -> bool:
         return self.centre_of_mass is not None
+
+    @property
+    def volume(self) -> jax.Array:
+        """Displaced volume of each link (n,) [m^3]."""
+        return 0.25 * jnp.pi * self.diameter**2 * self.length
 
     @property
     def second_moment(self) -> jax.Array:
@@ -103,6 +114,7 @@ class Model:
     points: tuple[Point, ...] = ()
     lines: tuple[Line, ...] = ()
     effects: tuple[Effect, ...] = ()
+    sea: Sea | None = None
 
     @property
     def line(self) -> Line:
@@ -125,7 +137,7 @@ class Model:
     def reach(self) -> int:
         """How far the forces (tensions aside) couple nodes: 0 own node only."""
         inertia = 1 if self.line.compound else 0
-        return max([inertia, *(e.reach for e in self.effects if has(e, "force"))])
+        return max([inertia, *(e.reach for e in self.effects if has(e, "force") or has(e, "inertia"))])
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -142,7 +154,8 @@ class Model:
 
     def _position(self, index: int, t: jax.Array) -> jax.Array:
         point = self.points[index]
-        shifts = [e.displace(t) for e in self.effects if has(e, "displace") and e.point == point.name]
+        moving = [e for e in self.effects if has(e, "displace") and e.point == point.name]
+        shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 
     def ends(self, t: jax.Array) -> Ends:
@@ -175,14 +188,17 @@ class Model:
         return sum((e.force(k) for e in self.effects if has(e, "force")), jnp.zeros_like(k.r))
 
     def inertia(self, k: Kinematics, a: jax.Array, ends: Ends | None = None) -> jax.Array:
-        """Inertia force (nodes, 3) [N] for accelerations a, added mass included; `ends` holds the ends' accelerations."""
+        """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` holds those of the ends."""
         start, end = (None, None) if ends is None else (ends.start, ends.end)
         own = self.line.inertia_force(a, start, end, self.end_held)
         return sum((e.inertia(k, a) for e in self.effects if has(e, "inertia")), own)
 
     def prepare(self, k: Kinematics) -> dict[str, Any]:
         """What effects freeze over a step."""
-        return {e.name: e.prepare(k) for e in self.effects if has(e, "prepare")}
+        own = {e.name: e.prepare(k) for e in self.effects if has(e, "prepare")}
+        if self.sea is None or not any(e.needs_water for e in self.effects):
+            return own
+        return {**own, "water": self.sea.water(k, any(e.needs_material for e in self.effects))}
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
         """Kinetic energy, scalar [J]; with held ends that move, of the links they carry too."""
@@ -236,9 +252,10 @@ class State:
 
 
 def work_names(model: Model) -> tuple[str, ...]:
-    """What `State.work` counts, in order: non-conservative effects, laws, internal damping, moving ends."""
+    """What `State.work` counts, in order: non-conservative effects, laws, turning added mass, damping, moving ends."""
     names = [e.name for e in model.effects if has(e, "force") and not has(e, "potential")]
     names += [e.name for e in model.laws if e.name not in names]
+    names += [f"{e.name}_turning" for e in model.effects if has(e, "kinetic")]
     if model.line.axial.elastic and model.line.axial.damping is not None:
         names.append("internal_damping")
     if model.moving:

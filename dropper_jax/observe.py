@@ -28,7 +28,7 @@ class Observed(NamedTuple):
 class ProjectionProblem(StepProblem):
     """Smallest change x of the velocities (in the mass metric) that stops rigid links from stretching.
 
-        M x - G' y = 0,    d/L . (rate of the links) = 0
+    M x - G' y = 0,    d/L . (rate of the links) = 0
     """
 
     def __init__(self, model: Model, s: State):

@@ -46,7 +46,8 @@ class Integrator:
     def refuse(self, model: Model) -> str | None:
         """Why this integrator cannot run the model, or None."""
         if model.laws and not self.takes_laws:
-            return f"effect {model.laws[0].name!r} brings a set-valued law, which it does not solve; use energy_momentum"
+            name = model.laws[0].name
+            return f"effect {name!r} brings a set-valued law, which it does not solve; use energy_momentum"
         return None
 
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
@@ -88,7 +89,8 @@ class StepProblem:
         line = model.line
         mass = line.node_mass(model.free_nodes)
         force = mass * jnp.maximum(GRAVITY_SCALE, line.length[: model.free_nodes] / h**2)
-        z = tuple(jnp.broadcast_to(law.law_scale(line, h), z.shape) for law, z in zip(model.laws, self.s.law, strict=True))
+        laws = zip(model.laws, self.s.law, strict=True)
+        z = tuple(jnp.broadcast_to(law.law_scale(line, h), guess.shape) for law, guess in laws)
         return Unknowns(force[:, None], line.length, z)
 
     def column_scale(self) -> Unknowns:

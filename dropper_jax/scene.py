@@ -14,11 +14,13 @@ from dropper_jax.catalogue import read_toml, scene_names
 from dropper_jax.effects import EFFECTS
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
+from dropper_jax.sea.checks import check_water
+from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sections import POSE_TOLERANCE, LineSpec, PointSpec, RunSpec, StartSpec, as_table, directions
 
 __all__ = ["Scene", "load_scene", "scene_names"]
 
-SECTIONS = ("name", "description", "run", "point", "line", "effects", "start")
+SECTIONS = ("name", "description", "run", "point", "line", "effects", "start", "sea")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,6 +33,7 @@ class Scene:
         effects: values of all fields of each effect, in the order of the registry; None where left out.
         start: pose and velocities at t = 0.
         run: default time step, duration, integrator, solver and precision.
+        sea: the water, or None.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Scene:
     effects: dict[str, dict[str, Any]]
     start: StartSpec
     run: RunSpec
+    sea: SeaSpec | None = None
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
@@ -65,8 +69,11 @@ class Scene:
             effects=_read_effects(table.get("effects", {}), lines[0].links),
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held),
             run=RunSpec.read(table["run"], "run"),
+            sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
         )
         for effect, values in scene.effects.items():
+            if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
+                check_water(effect, scene)
             EFFECTS[effect].check(values, scene)
         _check_pose(scene)
         return scene
@@ -84,6 +91,7 @@ class Scene:
                 for name, values in self.effects.items()
             },
             "start": as_table(self.start),
+            **({} if self.sea is None else {"sea": self.sea.table()}),
         }
 
     def with_values(self, values: Mapping[str, Any]) -> Scene:
@@ -226,6 +234,7 @@ def _paths(table: Mapping[str, Any]) -> list[str]:
     found = ["name", "description"]
     found += [f"run.{key}" for key in _fields(RunSpec)]
     found += [f"start.{key}" for key in _fields(StartSpec)]
+    found += SeaSpec.paths()
     found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in _fields(cls)]
     line_keys = [*_fields(LineSpec, LineSpec.KEYS), "axial.law", "axial.EA", "axial.damping"]
     for section, keys in (("point", _fields(PointSpec)), ("line", line_keys)):
@@ -255,7 +264,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
         return table, section
     if section not in ("point", "line"):
         *tables, key = rest.split(".")
-        parent = table[section]
+        parent = table.setdefault(section, {})
     else:
         items = table[section]
         label, item = next(

@@ -126,7 +126,7 @@ def read_parameter(value: Any, path: str, declared: Mapping[str, Any], counts: M
     each = limits(declared) or _in_unit(declared)
     each = f", each {each}" if each else ""
     value = plain(value)
-    if shape == "number":
+    if shape == "number" or (shape == "numbers" and not isinstance(value, list)):
         return read_number(value, path, declared)
     if shape in ("node", "link", "joint"):
         count = counts[shape]

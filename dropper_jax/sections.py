@@ -60,6 +60,9 @@ class LineSpec:
     inertia: np.ndarray | None = parameter(
         "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
     )
+    diameter: np.ndarray | None = parameter(
+        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
+    )
     axial_law: str = "rigid"
     EA: np.ndarray | None = None
     axial_damping: np.ndarray | None = None
@@ -75,7 +78,7 @@ class LineSpec:
             missing = "inertia" if values["inertia"] is None else "centre_of_mass"
             raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
         values.update(_read_axial(axial, f"{path}.axial", count))
-        spread = ("length", "mass", "centre_of_mass", "inertia", "EA", "axial_damping")
+        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "EA", "axial_damping")
         values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
         return cls(**values)
 

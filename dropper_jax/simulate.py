@@ -23,6 +23,7 @@ from dropper_jax.integrators import make_stepper
 from dropper_jax.model import Model, State, work_names
 from dropper_jax.observe import Observed, observe
 from dropper_jax.scene import Scene, load_scene
+from dropper_jax.sea.checks import sea_warnings
 from dropper_jax.solution import Solution
 from dropper_jax.start import initial_state
 from dropper_jax.stepping import Stepper
@@ -61,6 +62,7 @@ def simulate(
     save_every: int | None = None,
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
+    tolerance: float | None = None,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; what is not given is taken from its `[run]`.
@@ -73,7 +75,10 @@ def simulate(
         save_every: steps between saved times.
         progress: called with the fraction done and a line of text.
         throw: raise `SimulationError` (with the partial solution) where the status is not `ok`.
-        **settings: further fields of `Stepper` (iterations, tolerance, extra, halvings).
+        tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
+            `study.step_choice`); with it the pilot only checks, and a run that misses is `not_converged`. The
+            estimate and the time it holds for are in `settings["estimated_error"]`.
+        **settings: further fields of `Stepper` (iterations, residual_tolerance, extra, halvings).
 
     Raises:
         SceneError: for anything a user can mend, before the run starts.
@@ -90,11 +95,16 @@ def simulate(
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene
-    run = scene.run
     say = progress or (lambda fraction, text: None)
+    choice = None
+    if tolerance is not None:
+        say(0.0, "choosing the step")
+        scene, choice = _choose_step(scene, tolerance, dt is not None)
+    run = scene.run
     say(0.0, "finding the start")
     model, start = build(scene)
-    stepper = make_stepper(model, run.integrator, run.solver, run.gamma, **settings)
+    renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
+    stepper = make_stepper(model, run.integrator, run.solver, run.gamma, **renamed)
     steps = _whole_steps(run.duration, run.dt, run.save_every)
     begun = time.perf_counter()
     compiled, chunk = _compile(stepper, model, start, steps // run.save_every, run.save_every)
@@ -104,10 +114,31 @@ def simulate(
     solution = replace(solution, compile_s=compile_s, run_s=run_s)
     if interrupted:
         solution = replace(solution, status="interrupted")
+    if choice is not None:
+        solution = _judged(solution, tolerance, choice)
     say(1.0, solution.status)
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)
     return solution
+
+
+def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
+    """The scene with its step chosen for the tolerance (or as it is, where the caller fixed it), and the estimate."""
+    from dropper_jax.study.step_choice import choose_step, estimate_error
+
+    if fixed:
+        return scene, estimate_error(scene)
+    choice = choose_step(scene, tolerance)
+    return scene.with_values({"run.dt": choice.dt}), choice
+
+
+def _judged(solution: Solution, tolerance: float, choice: Any) -> Solution:
+    """The solution with its estimated error; one that misses the tolerance is not called ok."""
+    solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
+    if choice.estimate <= tolerance or solution.status != "ok":
+        return solution
+    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad: take a smaller step"
+    return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
 
 
 def _whole_steps(duration: float, dt: float, save_every: int) -> int:
@@ -179,10 +210,10 @@ def _solution(
         "steps": steps,
         "dtype": scene.run.dtype,
         "gamma": getattr(stepper.integrator, "gamma", None),
-        "tolerance": stepper.limit(model),
+        "residual_tolerance": stepper.limit(model),
         "iterations": stepper.iterations,
         "save_every": every,
-        **{key: value for key, value in extra.items() if key not in ("iterations", "tolerance")},
+        **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
     return Solution(
         scene=scene,
@@ -204,6 +235,7 @@ def _solution(
         max_residual=float(np.max(run.residual[: good + 1])),
         max_closure_error=float(np.max(seen.closure)),
         versions=_versions(),
+        warnings=() if model.sea is None else sea_warnings(scene, model.sea),
     )
 
 

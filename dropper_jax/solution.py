@@ -40,7 +40,8 @@ class Solution:
 
     Attributes:
         scene: what was simulated.
-        settings: integrator, solver, dt, duration, steps, dtype, gamma, tolerance, save_every.
+        settings: integrator, solver, dt, duration, steps, dtype, gamma, residual_tolerance, save_every; with a
+            tolerance also `estimated_error` {rms_angle_rad, until_s}.
         t: saved times (k,) [s].
         positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s].
         tension: (k, n) [N] at the times `t_tension` (k,) [s] (the step's midpoint in midpoint schemes).
@@ -162,7 +163,7 @@ class Solution:
 
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
-        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "tolerance", "save_every")
+        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "residual_tolerance", "save_every")
         found = {
             "schema": SCHEMA,
             "status": self.status,
@@ -184,6 +185,7 @@ class Solution:
             "final_time_s": self.t[-1],
             "final_positions_m": self.positions[-1],
             "tension_n": self.tension_summary(),
+            "estimated_error": self.settings.get("estimated_error"),
             "warnings": self.warnings,
             "versions": self.versions,
         }
@@ -191,21 +193,53 @@ class Solution:
             found["error"] = self.failure
         return jsonable(found)
 
-    def save(self, path: str | Path) -> Path:
-        """Write to an `.npz` file, with the scene and all settings inside, so that `rerun` can repeat the run."""
+    def provenance(self) -> dict[str, Any]:
+        """Everything but the arrays, as plain values: scene, settings, status, versions."""
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "scene")]
         meta = {"format": FORMAT, "scene": self.scene.to_dict(), **{name: getattr(self, name) for name in names}}
+        return json.loads(json.dumps(meta, default=_plain))
+
+    @classmethod
+    def restore(cls, meta: Any, arrays: dict[str, np.ndarray]) -> Solution:
+        """The solution of saved provenance and arrays.
+
+        Raises:
+            ValueError: provenance of another format.
+        """
+        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+            raise ValueError(f"another format; allowed: format {FORMAT}")
+        meta = {key: value for key, value in meta.items() if key != "format"}
+        scene = Scene.from_dict(meta.pop("scene"))
+        tuples = {key: tuple(meta.pop(key)) for key in ("work_names", "warnings")}
+        return cls(scene=scene, **arrays, **tuples, **meta)
+
+    def to_xarray(self) -> Any:
+        """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
+        from dropper_jax.storage import to_xarray
+
+        return to_xarray(self)
+
+    def save(self, path: str | Path) -> Path:
+        """Write to an `.npz` or `.nc` file with the scene and all settings inside, so that `rerun` can repeat the run."""
+        if Path(path).suffix.lower() == ".nc":
+            from dropper_jax.storage import write_netcdf
+
+            return write_netcdf(self, path)
         arrays = {name: getattr(self, name) for name in ARRAYS}
-        text = np.array(json.dumps(meta, default=_plain))
+        text = np.array(json.dumps(self.provenance()))
         return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
-        """Read a saved run.
+        """Read a saved run, `.npz` or `.nc`.
 
         Raises:
             SceneError: one line, where the file is missing or is not a saved run.
         """
+        if Path(path).suffix.lower() == ".nc":
+            from dropper_jax.storage import read_netcdf
+
+            return read_netcdf(path)
         try:
             with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
                 meta = json.loads(str(file["meta"]))
@@ -214,18 +248,16 @@ class Solution:
             raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
         except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
             raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
-        if not isinstance(meta, dict) or meta.pop("format", None) != FORMAT:
+        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
             raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
-        scene = Scene.from_dict(meta.pop("scene"))
-        tuples = {key: tuple(meta.pop(key)) for key in ("work_names", "warnings")}
-        return cls(scene=scene, **arrays, **tuples, **meta)
+        return cls.restore(meta, arrays)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""
         from dropper_jax import simulate
 
         implicit = self.settings["solver"] != "none"
-        keys = (*(("iterations",) if implicit else ()), "tolerance", "extra", "halvings", "track_work")
+        keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")
         used = {key: self.settings[key] for key in keys if key in self.settings}
         return simulate(self.scene, **{**used, **kwargs})
 

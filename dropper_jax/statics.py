@@ -1,11 +1,11 @@
 """Static equilibrium: the stable pose of dead loads, Newton with load continuation, exact derivatives of the pose.
 
-    F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
+F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -68,6 +68,8 @@ class StaticProblem(StepProblem):
     def residual(self, u: Unknowns) -> Unknowns:
         model, line = self.model, self.model.line
         k = model.kinematics(u.x, jnp.zeros_like(u.x), self.s.t, self.ends, prepared=self.prepared)
+        if model.sea is not None:  # a current meets the line as it lies in the end, not as it was guessed
+            k = model.kinematics(k.r, k.v, k.t, self.ends, prepared=model.prepare(k))
         direction = line.axial.direction(k.links, k.links, k.links, line.length)
         rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
         return Unknowns(rows, line.axial.residual(k.links, k.links, u.y, line.length, self.h))
@@ -79,8 +81,12 @@ class StaticProblem(StepProblem):
 
 
 def rest(model: Model) -> Model:
-    """The model without laws of their own: dry friction may hold many poses, the frictionless one is taken."""
-    return Model(model.points, model.lines, tuple(e for e in model.effects if not isinstance(e, Law)))
+    """The model without laws of their own and without waves.
+
+    Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
+    """
+    effects = tuple(e for e in model.effects if not isinstance(e, Law))
+    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
 
 
 def _solver(model: Model) -> Any:

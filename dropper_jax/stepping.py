@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 
 from dropper_jax.model import Model, State
 from dropper_jax.newton import damped_newton, newton, refine
@@ -76,7 +78,9 @@ class Report(NamedTuple):
     level: jax.Array
 
 
-def step(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool = True) -> tuple[State, Report]:
+def step(
+    stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool = True
+) -> tuple[State, Report]:
     """Advance `s` by `h`. Dead runs (`alive` False: an earlier step failed) are not retried."""
     integrator = stepper.integrator
     if not integrator.implicit:
@@ -233,14 +237,23 @@ def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) 
     return jax.lax.custom_linear_solve(matrix, (given, zeros), solve, transpose_solve)[1]
 
 
-@jax.custom_jvp
 def _first_derivatives_only(residuals: Any) -> jax.Array:
-    return jnp.ones(())
+    """A one that depends on the residuals and refuses to be differentiated."""
+    return 1.0 + _refusing.bind(0.0 * sum(jnp.sum(leaf) for leaf in jax.tree.leaves(residuals)))
 
 
-@_first_derivatives_only.defjvp
 def _refuse_second(primals: Any, tangents: Any) -> Any:
-    raise NotImplementedError("second derivatives of a run are not available; use differences of exact first derivatives")
+    raise NotImplementedError("second derivatives of a run are not available; take differences of first derivatives")
+
+
+# A primitive, because partial evaluation (reverse mode) forgets the rules of custom_jvp functions. It stands in a
+# matrix that is never applied, so that it is in no compiled program.
+_refusing = Primitive("first_derivatives_only")
+_refusing.def_impl(lambda x: x)
+_refusing.def_abstract_eval(lambda x: x)
+mlir.register_lowering(_refusing, lambda _, x: [x])
+batching.primitive_batchers[_refusing] = lambda args, dims: (_refusing.bind(*args), dims[0])
+ad.primitive_jvps[_refusing] = _refuse_second
 
 
 class _Chain:
@@ -299,9 +312,7 @@ class _Chain:
             return i - 1, ds, jax.tree.map(jnp.add, ct_model, dm), ct_part + dp
 
         zero = jax.tree.map(jnp.zeros_like, model), jnp.zeros_like(part)
-        _, ct, ct_model, ct_part = jax.lax.while_loop(
-            lambda c: c[0] >= 0, piece, (self.pieces - 1, cotangent, *zero)
-        )
+        _, ct, ct_model, ct_part = jax.lax.while_loop(lambda c: c[0] >= 0, piece, (self.pieces - 1, cotangent, *zero))
         _, pull = jax.vjp(self.inputs, self.moving)
         split = pull((ct_model, ct, ct_part / jnp.maximum(self.pieces, 1)))[0]
         return jax.tree.map(lambda a, b: jnp.where(self.pieces > 0, a, b), split, whole)
@@ -323,9 +334,7 @@ class _Chain:
         ct_at, ct_u = pull((jax.tree.map(jnp.zeros_like, rows), cotangent))
         _, transpose = jax.vjp(problem.residual, u)
         inverse_scale = jax.tree.map(lambda a: 1 / a, problem.row_scale())
-        adjoint = refine(
-            lambda w: transpose(w)[0], partial(linear.apply_transposed, factor), ct_u, inverse_scale
-        )
+        adjoint = refine(lambda w: transpose(w)[0], partial(linear.apply_transposed, factor), ct_u, inverse_scale)
         through, _ = pull((jax.tree.map(jnp.negative, adjoint), jax.tree.map(jnp.zeros_like, cotangent)))
         return jax.tree.map(jnp.add, ct_at, through)
 

@@ -153,7 +153,14 @@ def test_weights_above_one_half_take_energy_and_implicit_euler_takes_most(march,
 def test_midpoint_weighting_of_one_half_is_the_energy_momentum_scheme(march):
     model, s = dj.build("dropper-release-a")
     default = march(dj.make_stepper(model, halvings=0, track_work=False), model, s, 0.5, 128, SAVES // 3)[0]
-    weighted = march(dj.make_stepper(model, "theta_midpoint", gamma=0.5, halvings=0, track_work=False), model, s, 0.5, 128, SAVES // 3)[0]
+    weighted = march(
+        dj.make_stepper(model, "theta_midpoint", gamma=0.5, halvings=0, track_work=False),
+        model,
+        s,
+        0.5,
+        128,
+        SAVES // 3,
+    )[0]
     np.testing.assert_array_equal(default, weighted)
 
 

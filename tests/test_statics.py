@@ -31,7 +31,7 @@ def funicular(length, weight, span):
 
     half = before[-1] / 2
     for guess in half * np.logspace(-1.5, 1.5, 13):
-        found = root(lambda x: (nodes(x)[0][-1] - span), [np.log(guess), half], tol=1e-13)
+        found = root(lambda x: nodes(x)[0][-1] - span, [np.log(guess), half], tol=1e-13)
         if found.success and np.max(np.abs(nodes(found.x)[0][-1] - span)) < 1e-12:
             r, force = nodes(found.x)
             return r[:-1], np.linalg.norm(force, axis=1)

@@ -1,7 +1,7 @@
 """What a motion means: link angles, spectra, phase space, energy bookkeeping. Plain numpy, after the run."""
 
 from dropper_jax.analysis.angles import angle_rates, angles_to_links, link_angles
-from dropper_jax.analysis.energy import balance_drift, energy_table
+from dropper_jax.analysis.energy import balance_drift, effect_power, energy_table
 from dropper_jax.analysis.phase import phase_curve
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 
@@ -10,6 +10,7 @@ __all__ = [
     "angle_rates",
     "angles_to_links",
     "balance_drift",
+    "effect_power",
     "energy_table",
     "link_angles",
     "phase_curve",

@@ -27,6 +27,15 @@ def balance_drift(solution: Energies) -> np.ndarray:
         return (total - total[0]) - (work - work[0])
 
 
+def effect_power(solution: Energies, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Mean power of each contribution between saved times, {name: (k - 1,)} [W]: `(W_i+1 - W_i)/(t_i+1 - t_i)`.
+
+    Exact as a mean, because the work is counted step by step along with the motion.
+    """
+    power = np.diff(_work(solution), axis=0) / np.diff(np.asarray(t))[:, None]
+    return dict(zip(solution.work_names, power.T, strict=True))
+
+
 def energy_table(solution: Energies) -> dict[str, Any]:
     """Energies at both ends of a run, work by contribution, and how well the balance closes.
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import add_scene, number, output_file, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
 from dropper_jax.errors import SceneError
+from dropper_jax.storage import RUN_SUFFIXES, netcdf_packages
 
 if TYPE_CHECKING:
     from dropper_jax.solution import Solution
@@ -20,6 +21,13 @@ help = "simulate a scene"
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "gamma")
 PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}
+#: Further pictures of a scene with water.
+WATER_PICTURES = {
+    "elevation": "elevation",
+    "surface": "under_surface",
+    "response": "response",
+    "tension_envelope": "tension_envelope",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=number, help="simulated time [s]")
     parser.add_argument("--dtype", help="float64 or float32")
     parser.add_argument("--gamma", type=number, help="weight of the new time in the theta schemes, 0 to 1")
-    parser.add_argument("--out", metavar="FILE.npz", help="save the solution")
+    parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
+    parser.add_argument("--tables", metavar="DIR", help="write angles.csv (what `dropper fit` reads) and tensions.csv")
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
     parser.add_argument("--animate", metavar="FILE.gif", help="write an animation")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -38,17 +47,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
-    out = output_file(args.out, "--out", (".npz",))
+    out = output_file(args.out, "--out", RUN_SUFFIXES)
+    if out and out.suffix.lower() == ".nc":
+        netcdf_packages()
     gif = output_file(args.animate, "--animate", (".gif",))
     plot = _plot_target(args.plot)
+    tables = _tables_folder(args.tables)
 
     from dropper_jax import simulate
+    from dropper_jax.tables import write_angles, write_tensions
 
     solution = simulate(scene, progress=progress(args.quiet))
     for warning in solution.warnings:
         print_line(f"warning: {warning}")
     if out:
         solution.save(out)
+    if tables:
+        write_angles(solution, tables / "angles.csv")
+        write_tensions(solution, tables / "tensions.csv")
     if plot:
         draw(solution, plot)
     if gif:
@@ -67,6 +83,16 @@ def _plot_target(text: str | None) -> Path | None:
     return path
 
 
+def _tables_folder(text: str | None) -> Path | None:
+    if text is None:
+        return None
+    path = Path(text)
+    if path.exists() and not path.is_dir():
+        raise SceneError(f"--tables: {text!r} is a file; allowed: a folder")
+    path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
 def draw(solution: Solution, target: Path) -> list[Path]:
     """A snapshot to a PNG file, or all pictures to a folder."""
     from dropper_jax import plots
@@ -76,7 +102,8 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         return [target]
     target.mkdir(parents=True, exist_ok=True)
     files = []
-    for name, function in PICTURES.items():
+    pictures = PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES}
+    for name, function in pictures.items():
         files.append(target / f"{name}.png")
         getattr(plots, function)(solution, files[-1])
     return files
@@ -85,12 +112,22 @@ def draw(solution: Solution, target: Path) -> list[Path]:
 def report(solution: Solution, as_json: bool) -> int:
     """Print the result; returns the exit code."""
     if as_json:
-        print_json(solution.summary())
+        print_json({**solution.summary(), **_flow(solution)})
     else:
         print(text(solution))
     if solution.failure:
         print_line(f"error: {solution.failure}")
     return {"ok": OK, "interrupted": INTERRUPTED}.get(solution.status, FAILED)
+
+
+def _flow(solution: Solution) -> dict[str, Any]:
+    """Keulegan-Carpenter and Reynolds number and diameter over wavelength, where the scene has water on a line."""
+    from dropper_jax.sea.regime import regime
+    from dropper_jax.solution import jsonable
+
+    if solution.scene.sea is None or solution.scene.lines[0].diameter is None:
+        return {}
+    return {"flow": jsonable(regime(solution))}
 
 
 def text(solution: Solution) -> str:

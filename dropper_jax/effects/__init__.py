@@ -1,26 +1,49 @@
 """The effects a scene can name. A new effect is one file and one line here."""
 
 from dropper_jax.effects.base import Effect, Law
+from dropper_jax.effects.buoyancy import Buoyancy
 from dropper_jax.effects.end_motion import EndMotion
 from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.effects.linear_damping import LinearDamping
+from dropper_jax.effects.morison_drag import MorisonDrag
+from dropper_jax.effects.morison_inertia import MorisonInertia
 from dropper_jax.effects.nodal_force import NodalForce
 from dropper_jax.effects.quadratic_damping import QuadraticDamping
+from dropper_jax.effects.sea_following_end import SeaFollowingEnd
+from dropper_jax.effects.thesis_wave_force import ThesisWaveForce
 from dropper_jax.effects.weight import Weight
 
 #: Effects by their name in a scene, in the order in which a model lists them.
 EFFECTS: dict[str, type[Effect]] = {
-    cls.name: cls for cls in (Weight, LinearDamping, QuadraticDamping, JointFriction, NodalForce, EndMotion)
+    cls.name: cls
+    for cls in (
+        Weight,
+        LinearDamping,
+        QuadraticDamping,
+        JointFriction,
+        NodalForce,
+        EndMotion,
+        Buoyancy,
+        MorisonDrag,
+        MorisonInertia,
+        ThesisWaveForce,
+        SeaFollowingEnd,
+    )
 }
 
 __all__ = [
     "EFFECTS",
+    "Buoyancy",
     "Effect",
     "EndMotion",
     "JointFriction",
     "Law",
     "LinearDamping",
+    "MorisonDrag",
+    "MorisonInertia",
     "NodalForce",
     "QuadraticDamping",
+    "SeaFollowingEnd",
+    "ThesisWaveForce",
     "Weight",
 ]

@@ -35,6 +35,15 @@ class Effect:
     reach: ClassVar[int] = 0
     #: Whether the force depends on neither positions nor velocities, so that it adds nothing to a Jacobian.
     constant: ClassVar[bool] = False
+    #: Whether its `displace` takes the sea as a second argument.
+    needs_sea: ClassVar[bool] = False
+    #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are taken once per step.
+    needs_water: ClassVar[bool] = False
+
+    @property
+    def needs_material(self) -> bool:
+        """Whether it reads `k.water.material`, the material acceleration of the water."""
+        return False
 
     def force(self, k: Kinematics) -> jax.Array | None:
         return None

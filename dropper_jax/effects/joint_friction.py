@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 #: Part of a stuck joint's torque along its links, which moves nothing and would be undetermined otherwise.
 SPIN_COMPLIANCE = 1e-9
+#: A joint counts as still where stopping it within the step takes less than this share of the dry torque. A held joint
+#: keeps a rate of rounding size; its sign, taken for a motion, let go of the joint in every few steps.
+AT_REST = 1e-9
 
 
 @component
@@ -104,7 +107,8 @@ class JointFriction(Law):
         p_end = z - rho * (2 * rate - rate0)
         size_mid, size_end = safe_norm(p_mid)[:, None], safe_norm(p_end)[:, None]
         slide = z - limit * p_mid / size_mid
-        pushes = jnp.sum(p_end * rate0, axis=-1, keepdims=True) > 0
+        moving = rho * safe_norm(rate0)[:, None] > AT_REST * limit  # else its direction is rounding
+        pushes = moving & (jnp.sum(p_end * rate0, axis=-1, keepdims=True) > 0)
         held = z - p_end + self._spin(mid, z)
         clipped = z - limit * p_end / size_end
         stuck = jnp.where(size_end <= limit, held, clipped)

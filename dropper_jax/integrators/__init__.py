@@ -11,9 +11,9 @@ from dropper_jax.integrators.rattle import Rattle
 from dropper_jax.integrators.rk2 import RK2
 from dropper_jax.integrators.rk4 import RK4
 from dropper_jax.integrators.semi_implicit_euler import SemiImplicitEuler
+from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.integrators.theta import Theta
 from dropper_jax.integrators.theta_midpoint import ThetaMidpoint
-from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.model import Model
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping import Stepper

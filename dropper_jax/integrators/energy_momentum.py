@@ -15,8 +15,8 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import has
-from dropper_jax.kinematics import Ends
+from dropper_jax.effects.base import Effect, has
+from dropper_jax.kinematics import Ends, Kinematics
 from dropper_jax.model import Model, State
 from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, constant_force, node_blocks
 from dropper_jax.solvers.condensed import CondensedParts
@@ -53,7 +53,8 @@ class MidpointProblem(StepProblem):
         self.gamma = gamma
         t1 = s.t + h
         self.t_mid = s.t + gamma * h
-        ends0, self.ends1 = model.ends(s.t), model.ends(t1)
+        self.ends0 = ends0 = model.ends(s.t)
+        self.ends1 = model.ends(t1)
         self.links0 = model.links(s.r, ends0)
         self.ends = self.ends1
         self.end_acceleration = None
@@ -66,6 +67,10 @@ class MidpointProblem(StepProblem):
             self.end_acceleration = Ends(
                 rate(ends0.start_velocity, self.ends1.start_velocity), rate(ends0.end_velocity, self.ends1.end_velocity)
             )
+            mean = lambda a, b: None if a is None else 0.5 * (a + b)  # noqa: E731
+            self.end_mean_velocity = Ends(
+                mean(ends0.start_velocity, self.ends1.start_velocity), mean(ends0.end_velocity, self.ends1.end_velocity)
+            )
         predicted = model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends)
         self.prepared = model.prepare(predicted)
 
@@ -76,7 +81,7 @@ class MidpointProblem(StepProblem):
     def _middle(self, x: jax.Array):  # noqa: ANN202 - Kinematics
         s, h = self.s, self.h
         v = s.v + x / h
-        return self.model.kinematics(s.r + self.gamma * h * v, v, self.t_mid, self.ends, prepared=self.prepared)
+        return self.model.kinematics(s.r + self.gamma * h * v, v, self.t_mid, self.ends, prepared=self.prepared, h=h)
 
     def _local(self, x: jax.Array) -> jax.Array:
         """Inertia minus forces (nodes, 3) [N], tensions and laws aside."""
@@ -104,9 +109,7 @@ class MidpointProblem(StepProblem):
         v1 = self.s.v + u.x / (self.gamma * self.h)
         for law, z in zip(model.laws, u.z, strict=True):
             force = force - law.law_force(mid, z)
-        rows = tuple(
-            law.law_residual(mid, self.s.v, v1, z, self.h) for law, z in zip(model.laws, u.z, strict=True)
-        )
+        rows = tuple(law.law_residual(mid, self.s.v, v1, z, self.h) for law, z in zip(model.laws, u.z, strict=True))
         return Unknowns(force, axial, rows)
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
@@ -145,6 +148,7 @@ class MidpointProblem(StepProblem):
         for law, z in zip(model.laws, u.z, strict=True):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = [h * jnp.sum(f * k.v) for f in forces.values()]
+        works += [self._turning(e, k, u) for e in model.effects if has(e, "kinetic")]
         links1 = self._links1(u.x)
         if line.axial.elastic and line.axial.damping is not None:
             works.append(line.axial.damping_work(self.links0, links1, line.length, h))
@@ -152,21 +156,37 @@ class MidpointProblem(StepProblem):
             works.append(h * self._end_power(u, self._directions(links1)))
         return jnp.stack(works)
 
+    def _turning(self, effect: Effect, k: Kinematics, u: Unknowns) -> jax.Array:
+        """What added mass gains by turning [J]: change of its kinetic energy less the work against its inertia.
+
+        `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding.
+        """
+        model, s, h = self.model, self.s, self.h
+        x = u.x
+        before = model.kinematics(s.r, s.v, s.t, self.ends0)
+        after = model.kinematics(s.r + (h * s.v + x), s.v + x / (self.gamma * h), s.t + h, self.ends1)
+        spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
+        return effect.kinetic(after) - effect.kinetic(before) - spent
+
     def _end_power(self, u: Unknowns, directions: jax.Array) -> jax.Array:
         """Power of the moving ends, scalar [W]: what holds each end (own weight aside) times its velocity."""
         model, line = self.model, self.model.line
+        rate = self.ends
+        power = -jnp.sum(u.y[0] * directions[0] * rate.start_velocity)
+        if model.end_held:
+            power = power + jnp.sum(u.y[-1] * directions[-1] * rate.end_velocity)
+        if not line.compound:
+            return power
+        # what accelerates the links' shares of mass, times the mean of the end's velocities: that is exactly the
+        # change of the kinetic energy, while tensions work along the end's path
         first, coupling, last = line.blocks()
         a = u.x / (self.gamma * self.h**2)
-        acc, rate = self.end_acceleration, self.ends
-        hold = -u.y[0] * directions[0]
-        if line.compound:
-            hold = hold + first[0] * acc.start + (coupling[0] * a[0] if model.free_nodes else 0.0)
-        power = jnp.sum(hold * rate.start_velocity)
+        acc, mean, free = self.end_acceleration, self.end_mean_velocity, model.free_nodes
+        hold = first[0] * acc.start + (coupling[0] * a[0] if free else 0.0)
+        power = power + jnp.sum(hold * mean.start)
         if model.end_held:
-            hold = u.y[-1] * directions[-1]
-            hold = hold + last[-1] * acc.end if line.compound else hold
-            hold = hold + coupling[-1] * a[-1] if line.compound and model.free_nodes else hold
-            power = power + jnp.sum(hold * rate.end_velocity)
+            hold = last[-1] * acc.end + (coupling[-1] * a[-1] if free else 0.0)
+            power = power + jnp.sum(hold * mean.end)
         return power
 
     def column_scale(self) -> Unknowns:
@@ -174,4 +194,3 @@ class MidpointProblem(StepProblem):
         rows = self.row_scale()
         force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
         return Unknowns(line.length[: model.free_nodes, None], jnp.broadcast_to(force, line.length.shape), rows.z)
-

@@ -22,7 +22,8 @@ class RK4(RungeKutta):
         track = bool(s.work.size)
 
         def at(fraction: float, slope) -> tuple:  # noqa: ANN001
-            return rates(model, s.r + fraction * h * slope[0], s.v + fraction * h * slope[1], s.t + fraction * h, track)[0]
+            part = fraction * h
+            return rates(model, s.r + part * slope[0], s.v + part * slope[1], s.t + part, track)[0]
 
         k1 = rates(model, s.r, s.v, s.t, track)[0]
         k2 = at(0.5, k1)

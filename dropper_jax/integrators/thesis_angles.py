@@ -95,7 +95,8 @@ class AnglesProblem(StepProblem):
     def guess(self) -> Unknowns:
         theta, phi, theta_rate, phi_rate = self.s.angles
         h = self.h
-        return Unknowns(jnp.stack([theta + h * theta_rate, phi + h * phi_rate, theta_rate, phi_rate], -1), self.s.tension)
+        moved = theta + h * theta_rate, phi + h * phi_rate, theta_rate, phi_rate
+        return Unknowns(jnp.stack(moved, -1), self.s.tension)
 
     def _sum(self, per_link: jax.Array) -> jax.Array:
         return jnp.cumsum(per_link, axis=0)
@@ -168,4 +169,5 @@ class AnglesProblem(StepProblem):
         after = model.kinematics(r, v, self.s.t + h, self.ends1)
         mean = gamma * after.v + (1 - gamma) * before.v
         effects = [e for e in model.effects if has(e, "force") and not has(e, "potential")]
-        return jnp.stack([h * jnp.sum((gamma * e.force(after) + (1 - gamma) * e.force(before)) * mean) for e in effects])
+        forces = [gamma * e.force(after) + (1 - gamma) * e.force(before) for e in effects]
+        return jnp.stack([h * jnp.sum(force * mean) for force in forces])

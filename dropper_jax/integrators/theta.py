@@ -123,10 +123,8 @@ class ThetaProblem(StepProblem):
         """Weighted power of both ends (k,) [J]; first order like the scheme."""
         gamma, h, before = self.gamma, self.h, self.before
         effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
-        works = [
-            h * jnp.sum((gamma * e.force(after) + (1 - gamma) * e.force(before)) * (gamma * after.v + (1 - gamma) * before.v))
-            for e in effects
-        ]
+        mean = gamma * after.v + (1 - gamma) * before.v
+        works = [h * jnp.sum((gamma * e.force(after) + (1 - gamma) * e.force(before)) * mean) for e in effects]
         if self.model.moving:
             works.append(h * end_power(self.model, self.ends1, u.y, self._pull1(after)))
         return jnp.stack(works)

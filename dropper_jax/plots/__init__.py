@@ -8,13 +8,18 @@ from dropper_jax.plots.animation import animate
 from dropper_jax.plots.figures import energy_balance, tension_traces
 from dropper_jax.plots.motion import amplitude_spectrum, angle_traces, phase_space
 from dropper_jax.plots.pose import snapshot
+from dropper_jax.plots.water import elevation, response, tension_envelope, under_surface
 
 __all__ = [
     "amplitude_spectrum",
     "angle_traces",
     "animate",
+    "elevation",
     "energy_balance",
     "phase_space",
+    "response",
     "snapshot",
+    "tension_envelope",
     "tension_traces",
+    "under_surface",
 ]

@@ -1,7 +1,8 @@
 """Linear solvers for the Newton correction of a step: dense, banded, condensed.
 
 Each offers `refuse(model, integrator)`, `prepare(problem, u)` once per step, `factor(problem, u, prepared)` once per
-iteration, `apply(factor, rows)` and `apply_transposed(factor, rows)` on `Unknowns`. What they invert may be approximate; derivatives are refined to the exact Jacobian.
+iteration, `apply(factor, rows)` and `apply_transposed(factor, rows)` on `Unknowns`. What they invert may be
+approximate; derivatives are refined to the exact Jacobian.
 """
 
 from dropper_jax.solvers.banded import Banded

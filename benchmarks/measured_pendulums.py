@@ -1,0 +1,136 @@
+"""Calibration of the measured single and double pendulum: error on held-out windows against the published parameters.
+
+The traces are the public data set of Kaheman et al. (arXiv 2205.06231; MIT licence, repository
+dynamicslab/MultiArm-Pendulum), thinned to 250 Hz; their folder is named by DROPPER_MEASURED_DATA. The fit sees only
+what comes before the held-out windows.
+
+    DROPPER_MEASURED_DATA=FOLDER python benchmarks/measured_pendulums.py [single] [double]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax import load_scene
+from dropper_jax.io import atomic_write
+from fitting.comparison import compare
+from fitting.fit import estimate, prepare, summarise
+from fitting.heldout import score_held_out
+from fitting.traces import convention, read_trace
+
+RESULTS = Path(__file__).parent / "results"
+DOWN = convention("down", 1, "rad")
+#: Windows of the law comparison [s]: many enough for a standard error of the score.
+LAW_WINDOW = 2.6
+
+
+@dataclass(frozen=True)
+class Case:
+    """One rig: what is free, what is held out [s], the published parameters' errors there [rad], the part to reach."""
+
+    scene: str
+    file: str
+    free: tuple[str, ...]
+    until: float
+    held_out: tuple[tuple[float, float], ...]
+    published: tuple[float, ...]
+    target: float
+    window: float
+    per_joint: bool = False
+    long: tuple[float, float] | None = None
+
+
+CASES = {
+    "single": Case(
+        "measured-single-pendulum",
+        "single_pendulum.csv",
+        ("line.0.inertia", "viscous", "dry", "b_q", "camera.offset"),
+        36.668,
+        ((36.668, 45.834), (45.834, 55.0)),
+        (0.0067, 0.0129),
+        0.6,
+        9.16,
+    ),
+    "double": Case(
+        "measured-double-pendulum",
+        "double_pendulum.csv",
+        ("line.0.inertia", "line.0.centre_of_mass.1", "viscous", "dry", "b_q", "camera.offset"),
+        69.342,
+        tuple((69.342 + 2.6645 * k, 69.342 + 2.6645 * (k + 1)) for k in range(4)),
+        (0.0023, 0.0024, 0.0022, 0.0021),
+        0.65,
+        2.664,
+        per_joint=True,
+        long=(69.342, 79.342),
+    ),
+}
+
+
+def scene_of(case: Case):  # noqa: ANN201
+    """The packaged scene, with friction of its own in each joint where there are two."""
+    scene = load_scene(case.scene)
+    if not case.per_joint:
+        return scene
+    return scene.with_values({f"effects.joint_friction.{key}": [1e-4] * 3 for key in ("viscous", "dry")})
+
+
+def run(case: Case, folder: Path) -> dict:
+    """Fit, score, compare laws."""
+    trace = read_trace(folder / case.file)
+    trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
+    spans = case.held_out
+    prepared = prepare(
+        trace,
+        scene_of(case),
+        list(case.free),
+        until=case.until,
+        held_out=spans,
+        window=case.window,
+        dt=0.004,
+        asked=DOWN,
+    )
+    solution, windows = estimate(prepared, "windows")
+    result = summarise(prepared, "windows", solution, windows)
+    held = [h.rms for h in result.held_out]
+    found = {
+        "fitted_before_s": case.until,
+        "held_out_s": [list(span) for span in spans],
+        "published_rad": list(case.published),
+        "held_out_rad": held,
+        "ratio_of_means": float(np.mean(held) / np.mean(case.published)),
+        "target_ratio": case.target,
+        "fit": {key: value for key, value in result.to_json().items() if key != "correlation"},
+    }
+    if case.long:
+        long = score_held_out(replace(prepared, held_out=(case.long,), lyapunov=0.0), result.values, case.long)
+        found["long_prediction"] = {"span_s": list(case.long), "rms_rad": long.rms}
+    # the laws are compared on windows before the held-out part: choosing one must not use it either
+    shorter = prepare(trace, scene_of(case), list(case.free), until=case.until, window=LAW_WINDOW, dt=0.004, asked=DOWN)
+    laws = compare(shorter)
+    found["laws_on_windows_before_the_held_out_part"] = [law.to_json() for law in laws]
+    return found
+
+
+def main() -> None:
+    named = os.environ.get("DROPPER_MEASURED_DATA")
+    if not named or not Path(named).is_dir():
+        sys.exit("error: DROPPER_MEASURED_DATA names no folder; allowed: the folder with the measured CSV files")
+    RESULTS.mkdir(exist_ok=True)
+    for name in sys.argv[1:] or CASES:
+        found = run(CASES[name], Path(named))
+        atomic_write(RESULTS / f"measured_{name}_pendulum.json", json.dumps(found, indent=1) + "\n")
+        print(name, "held out", np.round(found["held_out_rad"], 5), "ratio", round(found["ratio_of_means"], 3))
+        for law in found["laws_on_windows_before_the_held_out_part"]:
+            print(
+                f"  {law['name']:34s} {law['held_out']:.5f} rad  BIC {law['bic']:.0f}  {'<-' if law['chosen'] else ''}"
+            )
+
+
+if __name__ == "__main__":
+    main()

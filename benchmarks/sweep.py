@@ -1,0 +1,93 @@
+"""How fast a sweep is: the 7-link lab dropper with rattle in float64, saving included, on all cores of this machine.
+
+    python benchmarks/sweep.py [--cases 1000] [--duration 50] [--out benchmarks/results/sweep.json]
+
+Prints steps per second, the gain over a Python loop over single compiled runs, and memory against the number of cases.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from machine import describe
+
+import dropper_jax as dj
+from fitting.sweep import sweep
+from fitting.sweep_cli import use_cores
+
+DT = 0.0065
+
+
+def scene(duration: float) -> dj.Scene:
+    """The lab dropper of scenario A."""
+    return dj.load_scene("dropper-release-a").with_values(
+        {"run.integrator": "rattle", "run.dt": DT, "run.duration": duration}
+    )
+
+
+def measure(cases: int, duration: float, folder: str) -> dict[str, Any]:
+    """One sweep over a damping coefficient."""
+    cpu = time.process_time()
+    found = sweep(scene(duration), {"b_l": np.linspace(0.001, 0.004, cases)}, f"{folder}/{cases}.zarr")
+    return {
+        "cases": cases,
+        "steps_per_case": found.steps,
+        "compile_s": found.compile_s,
+        "run_s": found.run_s,
+        "cpu_s": time.process_time() - cpu,
+        "million_steps_per_s": found.steps_per_s / 1e6,
+        "ok": found.counts["ok"],
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def loop(runs: int, duration: float) -> float:
+    """Million steps per second of a Python loop over single compiled runs."""
+    model, start = dj.build(scene(duration))
+    stepper = dj.make_stepper(model, "rattle", track_work=False)
+    steps = round(duration / DT)
+    one = jax.jit(lambda m, s: dj.integrate(stepper, m, s, DT, steps)[1].tension.max())
+    one(model, start).block_until_ready()
+    begun = time.perf_counter()
+    for _ in range(runs):
+        one(model, start).block_until_ready()
+    return runs * steps / (time.perf_counter() - begun) / 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=1000)
+    parser.add_argument("--duration", type=float, default=50.0, help="simulated time [s]")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "sweep.json")
+    args = parser.parse_args()
+    use_cores(None)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [measure(cases, args.duration, folder) for cases in (max(args.cases // 4, 1), args.cases)]
+    single = loop(5, args.duration)
+    found = {
+        "machine": describe(),
+        "load": os.getloadavg()[0],
+        "versions": {"jax": jax.__version__, "python": sys.version.split()[0]},
+        "rows": rows,
+        "single_runs_million_steps_per_s": single,
+        "times_faster_than_single_runs": rows[-1]["million_steps_per_s"] / single,
+    }
+    for row in rows:
+        print(", ".join(f"{key} {value:.4g}" for key, value in row.items()))
+    print(f"single runs {single:.3f} million steps/s, sweep {found['times_faster_than_single_runs']:.1f} times that")
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    args.out.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""`dropper accuracy SCENE`: what accuracy costs in time."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_scene, number, output_file, read_scene
+from dropper_jax.cli.output import print_json, print_line, progress, table
+from dropper_jax.errors import SceneError
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+
+name = "accuracy"
+help = "measure errors and times of all integrators over a range of steps, and advise"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument(
+        "--integrators", nargs="+", metavar="NAME[:GAMMA]", help="what to compare (default: all that run)"
+    )
+    parser.add_argument("--dts", nargs="+", type=number, metavar="S", help="time steps [s] (default: 1/32 to 1/2048)")
+    parser.add_argument("--span", type=number, help="time compared [s] (default: until chaos amplifies rounding)")
+    parser.add_argument("--peers", action="store_true", help="also MuJoCo and diffrax, where installed and able")
+    parser.add_argument("--quick", action="store_true", help="only errors, times, orders and advice")
+    parser.add_argument("--plot", metavar="FILE.png", help="write the picture, and FILE-*.png for the other parts")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args)
+    plot = output_file(args.plot, "--plot", (".png",))
+    found = report(scene, args)
+    if plot:
+        draw(found, plot)
+    if args.json:
+        from dropper_jax.solution import jsonable
+
+        print_json(jsonable({"schema": 1, "status": "ok", **found}))
+    else:
+        print(text(found))
+    return OK
+
+
+def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
+    """Measure what the options ask for."""
+    for option, values in (("--dts", args.dts or ()), ("--span", [] if args.span is None else [args.span])):
+        for value in values:
+            if not 0 < value < float("inf"):
+                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
+
+    from dropper_jax.study.accuracy import DTS, accuracy
+    from dropper_jax.study.schemes import parse
+
+    schemes = [parse(name) for text in args.integrators for name in text.split(",")] if args.integrators else None
+    dts = tuple(args.dts) if args.dts else DTS
+    found = accuracy(scene, schemes, dts, args.span, not args.quick, progress(args.quiet), args.peers)
+    for item in found["refused"]:
+        print_line(f"left out: {item['scheme']}: {item['reason']}")
+    return found
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """The work-precision picture to `path`, the others beside it."""
+    from dropper_jax.study import pictures
+
+    pictures.work_precision(found, path)
+    for part, key, picture in (
+        ("convergence", "convergence", pictures.convergence),
+        ("damping", "numerical_damping", pictures.damping),
+    ):
+        if found.get(key):
+            picture(found, path.with_stem(f"{path.stem}-{part}"))
+
+
+def text(found: dict[str, Any]) -> str:
+    """The report for people."""
+    reference = found["reference"]
+    parts = [
+        f"{found['scene']}: compared over {reference['horizon_s']:.4g} s; perturbations grow at "
+        f"{reference['lyapunov_per_s']:.3g} 1/s and reach 100 times after {reference['trusted_span_s']:.4g} s",
+        f"reference: {reference['made_by']}; its error {reference['error_estimate_rad']:.2g} rad, against "
+        f"{reference['checked_by']}",
+        table([HEAD, *(_cells(row) for row in found["rows"])]),
+        "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
+        "\n".join(item["text"] for item in found["advice"]),
+    ]
+    if "numerical_damping" in found:
+        parts.append(found["numerical_damping"]["thesis"]["text"])
+        kept = sum(row["holds"] for row in found["euler"])
+        parts.append(f"Euler's schemes on the pendulums: {kept} of {len(found['euler'])} measured claims hold")
+    return "\n\n".join(parts)
+
+
+HEAD = (
+    "scheme",
+    "solver",
+    "dt [s]",
+    "angle [rad]",
+    "position [m]",
+    "tension [N]",
+    "drift [J]",
+    "us/step",
+    "s/s",
+    "status",
+)
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j")
+    speed = (_short(row["us_per_step"], "{:.3g}"), _short(row["wall_s_per_simulated_s"], "{:.2g}"))
+    errors = (_short(row[key], "{:.1e}") for key in keys)
+    return (row["label"], row["solver"], f"{row['dt']:.4g}", *errors, *speed, row["status"])
+
+
+def _short(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value)

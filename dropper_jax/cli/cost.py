@@ -1,0 +1,66 @@
+"""`dropper cost SCENE`: what each effect of a scene costs per step."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_scene, output_file, read_scene
+from dropper_jax.cli.output import print_json, print_line, table
+
+name = "cost"
+help = "operations, bytes and microseconds per step, with and without each effect"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--plot", metavar="FILE.png", help="write a bar chart")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args)
+    plot = output_file(args.plot, "--plot", (".png",))
+
+    from dropper_jax.study.cost import cost
+
+    found = cost(scene)
+    proof = found["proof"]
+    proved = proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]
+    found = {"schema": 1, "status": "ok" if proved else "not_converged", **found}
+    if not proved:
+        found["error"] = "absent effects change the program"
+        print_line(f"error: {found['error']}")
+    if plot:
+        from dropper_jax.study import pictures
+
+        pictures.costs(found, plot)
+    if args.json:
+        from dropper_jax.solution import jsonable
+
+        print_json(jsonable(found))
+    else:
+        print(text(found))
+    return OK if proved else FAILED
+
+
+def text(found: dict[str, Any]) -> str:
+    """The report for people."""
+    rows = [("", "us/step", "ratio", "flops", "bytes", "operations")]
+    for row in found["rows"]:
+        counts = ("-" if row[key] is None else f"{row[key]:.0f}" for key in ("flops", "bytes"))
+        rows.append((row["name"], f"{row['us_per_step']:.2f}", f"{row['ratio']:.2f}", *counts, str(row["operations"])))
+    proof = found["proof"]
+    yes = {True: "yes", False: "NO"}
+    return "\n".join(
+        [
+            f"{found['scene']}: {found['integrator']}, solver {found['solver']}; counts are per pass of a loop's body",
+            "",
+            table(rows),
+            "",
+            f"a scene stripped of its effects is the program of one that never had them: "
+            f"{yes[proof['removed_is_never_had']]}",
+            f"adding an effect to the package leaves this scene's program as it was: "
+            f"{yes[proof['new_effect_changes_nothing']]}",
+        ]
+    )

@@ -1,0 +1,88 @@
+"""`dropper stability`: a catalogue of hard cases, measured."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_json
+from dropper_jax.cli.output import print_json, print_line, progress, table
+from dropper_jax.errors import SceneError, nearest
+
+name = "stability"
+help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_json(parser)
+    parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
+    parser.add_argument("--short", action="store_true", help="shortened runs, without the thesis' schemes")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(args: argparse.Namespace) -> int:
+    from dropper_jax.study.stability import all_cases, evaluate
+
+    cases = all_cases()
+    known = [case.name for case in cases]
+    for wanted in args.cases or ():
+        if wanted not in known:
+            raise SceneError(f"--cases: {wanted!r} is unknown; {nearest(wanted, known)}")
+    cases = [case for case in cases if not args.cases or case.name in args.cases]
+    say = progress(args.quiet) or (lambda fraction, text: None)
+    rows = []
+    for i, case in enumerate(cases):
+        say(i / len(cases), case.name)
+        rows.append(evaluate(case, args.short, not args.short))
+    say(1.0, "done")
+    return report(rows, args.json)
+
+
+def report(rows: list[dict[str, Any]], as_json: bool) -> int:
+    """Print the rows; returns the exit code."""
+    missed = [row["name"] for row in rows if not row["ok"]]
+    found: dict[str, Any] = {"schema": 1, "status": "not_converged" if missed else "ok", "cases": rows}
+    if missed:
+        found["error"] = f"beyond their limits: {', '.join(missed)}"
+        print_line(f"error: {found['error']}")
+    if as_json:
+        from dropper_jax.solution import jsonable
+
+        print_json(jsonable(found))
+    else:
+        print(text(rows))
+    return FAILED if missed else OK
+
+
+def text(rows: list[dict[str, Any]]) -> str:
+    """A table for people."""
+    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES)]
+    for row in rows:
+        compared = row["baseline_thesis"] or {}
+        cells.append(
+            (
+                row["name"],
+                f"{row['measured']:.1e}",
+                f"{row['limit']:.0e}",
+                row["unit"],
+                "yes" if row["ok"] else "NO",
+                row["status"],
+                *(_short(compared.get(label)) for label in BASELINES),
+            )
+        )
+    return "\n".join([table(cells), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
+
+
+BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
+
+
+def _short(found: dict[str, Any] | None) -> str:
+    """A baseline in a cell: where it failed, or what became of the energy."""
+    if found is None:
+        return "-"
+    if found["status"] == "ok":
+        return f"{'WRONG' if found['wrong_energy'] else 'ok'}, energy {found['energy_drift_share']:.0e}"
+    if "failed_at_s" in found:
+        return f"{found['status']} at {found['failed_at_s']:.3g} s"
+    return found["status"]

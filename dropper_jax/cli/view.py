@@ -1,0 +1,34 @@
+"""`dropper view RUN --out view.html`: a saved run as an interactive page."""
+
+from __future__ import annotations
+
+import argparse
+
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_json, output_file
+from dropper_jax.cli.output import print_json
+
+name = "view"
+help = "make an interactive 3D page of a saved run"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
+    parser.add_argument("--out", required=True, metavar="FILE.html", help="the page; it needs no network")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    out = output_file(args.out, "--out", (".html", ".htm"))
+
+    from dropper_jax.storage import load_run
+    from dropper_jax.view import write_view
+
+    solution = load_run(args.run_file)
+    write_view(solution, out)
+    size = out.stat().st_size
+    if args.json:
+        print_json({"schema": 1, "status": "ok", "page": str(out), "bytes": size, "scene": solution.scene.name})
+    else:
+        print(f"ok: {out}, {size / 1e6:.2f} MB, {solution.scene.name} from {solution.t[0]:g} to {solution.t[-1]:g} s")
+    return OK

@@ -1,0 +1,135 @@
+"""Inertia of the water (Morison): Froude-Krylov force, and added mass on both sides of the equation of motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.effects.wetting import Part, parts, split, wetted
+from dropper_jax.fields import component, option, parameter
+from dropper_jax.kinematics import Kinematics, gather_links
+
+
+class _InertiaForce(Effect):
+    """The force on the right-hand side, with whatever coefficients the class below it has."""
+
+    @property
+    def needs_material(self) -> bool:
+        return self.fluid_acceleration == "material"
+
+    def _coefficients(self, part: Part) -> tuple[jax.Array | float, jax.Array | float]:
+        return 0.0, 0.0
+
+    def _wet_mass(self, k: Kinematics, part: Part) -> jax.Array:
+        """Mass of the water that the nodes' wet parts displace (nodes, 1) [kg]."""
+        wet = wetted(k, part, k.water.tangents, k.water.motion.elevation)
+        return (part.share * part.take(k.model.sea.density * k.line.volume) * wet)[:, None]
+
+    def force(self, k: Kinematics) -> jax.Array:
+        water = k.water
+        change = water.material if self.needs_material else water.motion.acceleration
+        total = jnp.zeros_like(k.r)
+        for part in parts(k):
+            across, along = split(change, part.take(water.tangents))
+            can, cat = self._coefficients(part)
+            total = total + self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along)
+        return total
+
+
+@component
+class FroudeKrylov(_InertiaForce):
+    """`rho V w u'`: what `morison_inertia` is without added mass, for which nothing is paid then."""
+
+    name: ClassVar[str] = "morison_inertia"
+    needs_water: ClassVar[bool] = True
+    fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
+
+
+@component
+class MorisonInertia(_InertiaForce):
+    """Force `rho V w (1 + C) u'` on the right and added mass `M_a = rho V w C` on the left, across and along the links.
+
+    (Paper (1) with (18) would count the added mass twice, thesis (6.12) has `C_M (u' - v')` for
+    `C_M u' - C_A v'`: errata.) C_A is `can` across and `cat` along a link; `fluid_acceleration` is the local du/dt or
+    the material Du/Dt. Without `can` and `cat` there is no added mass: the effect is then `FroudeKrylov`.
+
+    Where can and cat differ, added mass turns with its link. `added_mass = "morison"` takes the force `M_a v'`, which
+    is not conservative: its power `1/2 v' M_a' v` is the entry `morison_inertia_turning` of the energy balance.
+    `"lagrangian"` takes `d/dt(M_a v) - 1/2 d(v' M_a v)/dr`, which conserves energy: with `M_a = a + b d d'/L^2`,
+
+        (p1 - p0)/h + (force of the links f),    f = b/(2 L^2) (v0 (d . v1) + v1 (d . v0)),    d mid-step,
+
+    does exactly the change of `1/2 v' M_a v` of work (a discrete gradient).
+    """
+
+    name: ClassVar[str] = "morison_inertia"
+    needs_water: ClassVar[bool] = True
+    can: jax.Array | None = parameter(
+        "added mass coefficient across the link", unit="-", shape="link", low=0.0, optional=True
+    )
+    cat: jax.Array | None = parameter(
+        "added mass coefficient along the link", unit="-", shape="link", low=0.0, optional=True
+    )
+    fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
+    added_mass: str = option("how added mass turns", choices=("morison", "lagrangian"), default="morison")
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+        if values["can"] is None and values["cat"] is None:
+            return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
+        return cls(**{**values, **{key: 0.0 for key in ("can", "cat") if values[key] is None}})
+
+    @property
+    def reach(self) -> int:
+        return 0 if self.added_mass == "morison" else 1
+
+    def _coefficients(self, part: Part) -> tuple[jax.Array, jax.Array]:
+        """C_A across and along, ready to multiply (nodes, 3)."""
+        column = lambda value: value if jnp.ndim(value) == 0 else part.take(value)[:, None]  # noqa: E731
+        return column(self.can), column(self.cat)
+
+    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        """Inertia force (nodes, 3) [N] of the added mass for accelerations a."""
+        if self.added_mass == "lagrangian":
+            return self._lagrangian(k, a)
+        total = jnp.zeros_like(a)
+        for part in parts(k):
+            across, along = split(a, part.take(k.water.tangents))
+            can, cat = self._coefficients(part)
+            total = total + self._wet_mass(k, part) * (can * across + cat * along)
+        return total
+
+    def _lagrangian(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        """The same for added mass that keeps energy; k is the middle of a step of length k.h."""
+        h, length = k.h, k.line.length[:, None]
+        before, after = k.v - 0.5 * h * a, k.v + 0.5 * h * a
+        middle = k.links / length
+        turn = 0.5 * h * k.link_velocities / length
+        dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
+        total = jnp.zeros_like(a)
+        for part in parts(k):
+            mass = self._wet_mass(k, part)
+            can, cat = self._coefficients(part)
+            start, mean, end = (part.take(d) for d in (middle - turn, middle, middle + turn))
+            momentum = end * dot(end, after) - start * dot(start, before)
+            total = total + mass * (can * a + (cat - can) * momentum / h)
+            pull = 0.5 * mass * (cat - can) * (before * dot(mean, after) + after * dot(mean, before))
+            total = total + gather_links(part.spread(pull, k.line.links) / length, k.model.end_held)
+        return total
+
+    def kinetic(self, k: Kinematics) -> jax.Array:
+        """Kinetic energy of the added mass at a plain instant [J]."""
+        sea, line = k.model.sea, k.line
+        elevation = sea.elevation(k.r, k.t)
+        total = jnp.zeros((), k.r.dtype)
+        for part in parts(k):
+            wet = wetted(k, part, k.tangents, elevation)
+            mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
+            can, cat = self._coefficients(part)
+            _, along = split(k.v, part.take(k.links / line.length[:, None]))
+            total = total + 0.5 * jnp.sum(mass * k.v * (can * k.v + (cat - can) * along))
+        return total

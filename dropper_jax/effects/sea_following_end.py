@@ -1,0 +1,63 @@
+"""An end that follows the waves: a platform's or a buoy's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.fields import component, option, parameter
+
+if TYPE_CHECKING:
+    from dropper_jax.sea import Sea
+
+
+@component
+class SeaFollowingEnd(Effect):
+    """Displacement of a held point by the waves at its mean place: `heave * eta` up, `surge * xi` along each wave.
+
+    xi is the horizontal excursion of a particle at the mean surface, `-a (s/w) C(0) sin p`. `heave` and `surge` are
+    transfer factors: one number, or values at the frequencies `omega`, linear between. Surge lags the elevation as
+    the water itself does.
+    """
+
+    name: ClassVar[str] = "sea_following_end"
+    needs_sea: ClassVar[bool] = True
+    heave: jax.Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
+    surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
+    omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", optional=True)
+    place: jax.Array | None = None
+    point: str = option("name of the point that moves", type=str, default="")
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+        held = [p.name for p in scene.points if p.kind == "fixed"]
+        path = "effects.sea_following_end"
+        if values["point"] not in held:
+            raise SceneError(f"{path}.point: {values['point']!r} is not a held point; {nearest(values['point'], held)}")
+        if scene.sea.waves is None or scene.sea.ramp is None:
+            raise SceneError(f"{path}: needs waves that rise from rest; allowed: [sea.waves] and `sea.ramp`")
+        count = 1 if values["omega"] is None else len(values["omega"])
+        for key in ("heave", "surge"):
+            if np.size(values[key]) not in (1, count):
+                raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+        return cls(**values, place=scene.point(values["point"]).position)
+
+    def _factor(self, value: jax.Array, omega: jax.Array) -> jax.Array:
+        return value if jnp.ndim(value) == 0 else jnp.interp(omega, self.omega, value)
+
+    def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
+        """Displacement (3,) [m] at time t [s]."""
+        if sea.waves is None:
+            return jnp.zeros_like(self.place)
+        waves = sea.waves
+        heave, surge = (self._factor(value, waves.omega) for value in (self.heave, self.surge))
+        return waves.excursion(self.place, t, sea.depth, heave, surge)

@@ -1,0 +1,165 @@
+"""What a scene with water must agree on, and what is worth a warning."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+    from dropper_jax.sections import LineSpec
+
+#: Relative disagreement of two ways to give a volume that is still taken for rounding of printed values.
+VOLUME_TOLERANCE = 1e-3
+#: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche).
+BREAKING = 0.142
+#: Largest diameter over wavelength for Morison's equation (thesis (6.11)).
+SLENDER = 0.05
+
+
+def check_water(effect: str, scene: Scene) -> None:
+    """An effect of the water needs a sea, a diameter, and held points above the bed."""
+    if scene.sea is None:
+        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+    line = scene.lines[0]
+    if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
+        raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")
+    for i, point in enumerate(scene.points):
+        if point.kind == "fixed" and point.position[2] < -scene.sea.depth:
+            raise SceneError(
+                f"point.{i}.position: z = {point.position[2]:g} m is below the bed; allowed: >= {-scene.sea.depth:g} m"
+            )
+
+
+def _volume_from_weight(scene: Scene, wet_weight: Any) -> np.ndarray:
+    """`(m g - wet)/(rho g)` of each link [m^3]."""
+    line, sea = scene.lines[0], scene.sea
+    gravity = scene.effects.get("weight", {}).get("gravity", sea.gravity)
+    volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
+    if np.any(volume <= 0.0):
+        worst = int(np.argmin(volume))
+        dry, wet = line.mass[worst] * gravity, np.broadcast_to(wet_weight, volume.shape)[worst]
+        raise SceneError(
+            f"effects.buoyancy.wet_weight: {wet:g} N of link {worst + 1} is not below its dry weight; "
+            f"allowed: < {dry:g} N"
+        )
+    return volume
+
+
+def check_volume(scene: Scene, wet_weight: Any) -> None:
+    """One volume: from the diameter, or from dry and wet weight, or from both where they agree."""
+    line = scene.lines[0]
+    if wet_weight is None:
+        if line.diameter is None:
+            raise SceneError("line.0.diameter: missing; effects.buoyancy needs it, or its own `wet_weight` [N]")
+        return
+    volume = _volume_from_weight(scene, wet_weight)
+    if line.diameter is None:
+        return
+    geometric = 0.25 * np.pi * line.diameter**2 * line.length
+    error = np.abs(geometric / volume - 1.0)
+    if np.max(error) > VOLUME_TOLERANCE:
+        worst = int(np.argmax(error))
+        fitting = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
+        raise SceneError(
+            f"line.0.diameter: {line.diameter[worst]:g} m of link {worst + 1} displaces {geometric[worst]:.4g} m^3, "
+            f"but dry and wet weight leave {volume[worst]:.4g} m^3; allowed: one of the two, or {fitting:.5g} m"
+        )
+
+
+def displaced_diameter(line: LineSpec, scene: Scene) -> np.ndarray | None:
+    """Diameters of the links [m]: as given, or of cylinders of the volume that dry and wet weight leave."""
+    wet_weight = scene.effects.get("buoyancy", {}).get("wet_weight")
+    if line.diameter is not None or wet_weight is None or scene.sea is None:
+        return line.diameter
+    return np.sqrt(4.0 * _volume_from_weight(scene, wet_weight) / (np.pi * line.length))
+
+
+def sea_warnings(scene: Scene, sea: Any) -> tuple[str, ...]:
+    """One line for each thing about the sea that a user should know; `sea` is what `make_sea` made."""
+    if scene.sea is None:
+        return ()
+    found = _reach(scene)
+    if sea.waves is not None:
+        found += _breaking(scene, sea) + _repetition(scene, sea) + _slenderness(scene, sea) + _interpolation(sea)
+    return tuple(found)
+
+
+def line_reach(scene: Scene) -> tuple[np.ndarray, float]:
+    """A ball that the line cannot leave while its points stay: its middle (3,) [m] and radius [m]."""
+    line = scene.lines[0]
+    first, last = scene.point(line.start), scene.point(line.end)
+    if last.kind == "fixed":
+        return 0.5 * (first.position + last.position), 0.5 * line.total
+    return first.position, line.total
+
+
+def _reach(scene: Scene) -> list[str]:
+    """A line that can hang below the bed, since there is no seabed in the scene."""
+    depth = scene.sea.depth
+    middle, radius = line_reach(scene)
+    low = middle[2] - radius
+    if low >= -depth:
+        return []
+    return [f"sea.depth: the line reaches down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
+
+
+def _breaking(scene: Scene, sea: Any) -> list[str]:
+    """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
+    amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
+    if amplitude.size == 1:
+        height, number, what = 2.0 * amplitude[0], k[0], "wave height"
+    else:
+        height, what = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)), "significant wave height"
+        number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
+    limit = BREAKING * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
+    if height <= limit:
+        return []
+    return [f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"]
+
+
+def _mean_frequency(sea: Any) -> float:
+    energy = np.asarray(sea.waves.amplitude, float) ** 2
+    return float(np.sum(energy * np.asarray(sea.waves.omega)) / max(np.sum(energy), 1e-300))
+
+
+def repeat_time(omega: np.ndarray) -> float:
+    """After how long [s] evenly spaced frequencies repeat; infinity where they are not evenly spaced."""
+    steps = np.diff(np.sort(omega))
+    steps = steps[steps > 1e-9 * np.max(omega)]
+    if steps.size < 2:
+        return float("inf")
+    share = steps / steps.min()
+    even = np.max(np.abs(share - np.round(share))) < 1e-6
+    return float(2 * np.pi / steps.min()) if even else float("inf")
+
+
+def _interpolation(sea: Any) -> list[str]:
+    error = getattr(sea.waves, "error", None)
+    if error is None:
+        return []
+    velocity, acceleration = (float(x) for x in error)
+    return [
+        f"sea.interpolation: the grid errs by at most {velocity:.1g} of the rms velocity and {acceleration:.1g} of the "
+        "rms acceleration (measured at 400 places and times)"
+    ]
+
+
+def _repetition(scene: Scene, sea: Any) -> list[str]:
+    after = repeat_time(np.asarray(sea.waves.omega, float))
+    if after >= scene.run.duration:
+        return []
+    return [f"sea.waves: the sea repeats after {after:.4g} s, within the run of {scene.run.duration:g} s"]
+
+
+def _slenderness(scene: Scene, sea: Any) -> list[str]:
+    diameter = displaced_diameter(scene.lines[0], scene)
+    if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
+        return []
+    ratio = float(np.max(diameter) * np.max(np.asarray(sea.waves.wave_number)) / (2 * np.pi))
+    if ratio <= SLENDER:
+        return []
+    return [f"line.0.diameter: {ratio:.3g} of the shortest wavelength; Morison's equation needs at most {SLENDER}"]

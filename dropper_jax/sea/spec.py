@@ -1,0 +1,194 @@
+"""`[sea]`, `[sea.waves]` and `[sea.current]` of a scene, validated. Files are read here, so that a scene is whole."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from dropper_jax.fields import option, parameter
+from dropper_jax.schema import plain, read_fields, read_table, refuse
+from dropper_jax.sea.catalogue import read_packaged
+from dropper_jax.sea.current import KINDS
+from dropper_jax.sea.readers import read_components, read_elevation
+from dropper_jax.sea.spectrum import SHAPES
+from dropper_jax.sea.waves import STRETCHING
+
+
+def _count(meaning: str, low: int, default: int) -> Any:
+    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": low}, default=default)
+
+
+def _table(spec: Any, fields: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """The given values as plain values, those of `fields` only where named."""
+    names = [f.name for f in dataclasses.fields(spec) if "kind" in f.metadata]
+    found = {name: plain(getattr(spec, name)) for name in names if fields is None or name in fields}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WaveSpec:
+    """`[sea.waves]`: `regular`, `components` (listed or from a file), `spectrum`, or an `elevation` series (a file)."""
+
+    FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "regular": ("amplitude", "period", "phase", "direction"),
+        "components": ("amplitude", "period", "phase", "direction", "file"),
+        "spectrum": (
+            *("spectrum", "hs", "tp", "gamma", "count", "frequencies", "spreading", "directions", "seed"),
+            "direction",
+        ),
+        "elevation": ("file", "direction"),
+    }
+
+    kind: str = option("how the waves are given", choices=tuple(FIELDS))
+    amplitude: Any = parameter("amplitude", unit="m", shape="numbers", low=0.0, optional=True)
+    period: Any = parameter("period", unit="s", shape="numbers", low=0.0, open_low=True, optional=True)
+    phase: Any = parameter("phase", unit="rad", shape="numbers", default=0.0)
+    direction: Any = parameter("direction of travel, +x towards +y", unit="rad", shape="numbers", default=0.0)
+    file: str | None = option("CSV file", type=str, default=None)
+    spectrum: str = option("shape", choices=SHAPES, default="jonswap")
+    hs: float | None = parameter("significant wave height", unit="m", low=0.0, optional=True)
+    tp: float | None = parameter("peak period", unit="s", low=0.0, open_low=True, optional=True)
+    gamma: float = parameter("peak factor", unit="-", low=1.0, default=3.3)
+    count: int = _count("number of frequencies", 1, 200)
+    frequencies: str = option(
+        "how they are chosen", choices=("equal_energy", "equal_frequency", "even"), default="equal_energy"
+    )
+    spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
+    directions: int = _count("directions per frequency", 1, 1)
+    seed: int = _count("seed of the phases", 0, 0)
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> WaveSpec:
+        values = read_fields(cls, table, path, {})
+        kind = values["kind"]
+        for key in table:
+            if key != "kind" and key not in cls.FIELDS[kind]:
+                raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")
+        if values["file"] is not None:
+            values.update(_from_file(values, path))
+        needed = {"spectrum": ("hs", "tp"), "elevation": ("file",)}.get(values["kind"], ("amplitude", "period"))
+        for key in needed:
+            if values[key] is None:
+                raise SceneError(f"{path}.{key}: missing; kind {kind!r} needs {' and '.join(needed)}")
+        _check_sizes(values, path)
+        return cls(**values)
+
+    def table(self) -> dict[str, Any]:
+        return {"kind": self.kind, **_table(self, self.FIELDS[self.kind])}
+
+
+def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
+    """The file's components in place of its name."""
+    clash = [key for key in ("amplitude", "period") if values[key] is not None]
+    if clash:
+        raise SceneError(f"{path}.{clash[0]}: given twice, here and in the file; allowed: one of the two")
+    read = read_elevation if values["kind"] == "elevation" else read_components
+    return {"kind": "components", "file": None, **read(values["file"], f"{path}.file")}
+
+
+def _check_sizes(values: dict[str, Any], path: str) -> None:
+    """One value or one per component everywhere; one of each in a regular sea."""
+    given = {key: values[key] for key in ("amplitude", "period", "phase", "direction") if values[key] is not None}
+    sizes = {key: np.size(value) for key, value in given.items()}
+    most = max(sizes.values())
+    if values["kind"] in ("regular", "spectrum") and most > 1:
+        key = max(sizes, key=sizes.get)
+        raise refuse(f"{path}.{key}", plain(values[key]), f"has {most} entries", "one number")
+    for key, size in sizes.items():
+        if size not in (1, most) or (key in ("amplitude", "period") and size != most):
+            raise refuse(f"{path}.{key}", plain(values[key]), f"has {size} entries", f"{most}, one per component")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CurrentSpec:
+    """`[sea.current]`: see `dropper_jax.sea.current.Current`."""
+
+    speed: float = parameter("speed at the reference height", unit="m/s", default=0.0)
+    direction: float = parameter("direction of flow, +x towards +y", unit="rad", default=0.0)
+    exponent: float | None = parameter("exponent of the power law", unit="-", low=0.0, optional=True)
+    reference: float | None = parameter("height where the speed is given", unit="m", high=0.0, optional=True)
+    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", optional=True)
+    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
+    time: Any = parameter("times of the factor", unit="s", shape="table", optional=True)
+    factor: Any = parameter("factor at those times", unit="-", shape="table", optional=True)
+    kind: str = option("profile over depth", choices=KINDS, default="uniform")
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> CurrentSpec:
+        values = read_fields(cls, table, path, {})
+        if values["kind"] == "power":
+            values["exponent"] = 1.0 / 7.0 if values["exponent"] is None else values["exponent"]
+            values["reference"] = values["reference"] or 0.0
+        _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
+        _check_pair(values, path, "time", "factor", values["time"] is not None or values["factor"] is not None)
+        return cls(**values)
+
+    def table(self) -> dict[str, Any]:
+        return _table(self)
+
+
+def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> None:
+    """Two tables of one length over a rising axis, both or none."""
+    if not needed and values[axis] is None and values[other] is None:
+        return
+    a, b = values[axis], values[other]
+    if a is None or b is None or not needed:
+        raise SceneError(f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing")
+    if len(a) != len(b) or len(a) < 2 or np.any(np.diff(a) <= 0):
+        raise SceneError(f"{path}.{axis}: needs at least 2 rising values, as many as `{other}`")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeaSpec:
+    """`[sea]`: water below z = 0. `packaged` names a packaged sea, whose values the scene may override."""
+
+    depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
+    density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=1025.0)
+    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=9.81)
+    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
+    stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
+    dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
+    wave_current: str = option("what a current does to waves", choices=("none", "doppler", "action"), default="none")
+    interpolation: str = option("how kinematics are found", choices=("none", "grid"), default="none")
+    waves: WaveSpec | None = None
+    current: CurrentSpec | None = None
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> SeaSpec:
+        own = dict(read_table(table, path))
+        if "packaged" in own:
+            own = _merge(read_packaged(own.pop("packaged"), f"{path}.packaged"), own)
+        waves, current = own.pop("waves", None), own.pop("current", None)
+        values = read_fields(cls, own, path, {})
+        values["waves"] = None if waves is None else WaveSpec.read(read_table(waves, f"{path}.waves"), f"{path}.waves")
+        values["current"] = None if current is None else CurrentSpec.read(current, f"{path}.current")
+        if values["wave_current"] != "none" and (waves is None or current is None):
+            raise refuse(f"{path}.wave_current", values["wave_current"], "needs waves and a current", "none")
+        return cls(**values)
+
+    def table(self) -> dict[str, Any]:
+        found = _table(self)
+        parts = {"waves": self.waves, "current": self.current}
+        return {**found, **{key: part.table() for key, part in parts.items() if part is not None}}
+
+    @classmethod
+    def paths(cls) -> list[str]:
+        """All keys of a sea, in the syntax of `--set`."""
+        sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec))
+        keys = [f"{name}.{f.name}" for name, spec in sections for f in dataclasses.fields(spec) if "kind" in f.metadata]
+        return [*keys, "sea.packaged"]
+
+
+def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """`over` on top of `base`, tables merged, except where the kind changes."""
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        both = isinstance(value, Mapping) and isinstance(old, Mapping)
+        same = both and value.get("kind", old.get("kind")) == old.get("kind")
+        merged[key] = {**old, **value} if same else value
+    return merged

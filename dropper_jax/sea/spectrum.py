@@ -1,0 +1,128 @@
+"""Wave spectra: JONSWAP, Pierson-Moskowitz and TMA, their moments, and components with random phases from a seed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.sea.dispersion import ratio_sinh, wave_number
+
+SHAPES = ("jonswap", "pierson_moskowitz", "tma")
+#: Frequencies over the peak frequency between which the shape is tabulated: less than 1e-6 of the energy is outside.
+LOWEST, HIGHEST = 0.3, 30.0
+TABLE = 20001
+
+
+class Components(NamedTuple):
+    """Wave components: amplitude [m], angular frequency [rad/s], phase [rad], direction of travel [rad], each (c,)."""
+
+    amplitude: jax.Array
+    omega: jax.Array
+    phase: jax.Array
+    direction: jax.Array
+
+
+def shape(x: np.ndarray, gamma: float = 3.3) -> np.ndarray:
+    """JONSWAP shape at x = f/fp, scaled to 1 before the peak factor; gamma = 1 is Pierson-Moskowitz.
+
+    `x^-5 exp(-5/4 x^-4) gamma^exp(-(x - 1)^2/(2 s^2))`, s = 0.07 up to the peak, 0.09 beyond (Hasselmann 1973).
+    """
+    width = np.where(x <= 1.0, 0.07, 0.09)
+    return x**-5.0 * np.exp(-1.25 * x**-4.0) * gamma ** np.exp(-((x - 1.0) ** 2) / (2 * width**2))
+
+
+def density(omega: np.ndarray, hs: float, tp: float, gamma: float = 3.3) -> np.ndarray:
+    """JONSWAP density [m^2 s/rad] at omega [rad/s], scaled so that `4 sqrt(m0) = hs`."""
+    x, weight = _table(gamma)
+    peak = 2 * np.pi / tp
+    return hs**2 / 16 / np.sum(weight) * shape(np.asarray(omega) / peak, gamma) / peak
+
+
+def moment_ratios(gamma: float = 3.3) -> tuple[float, float]:
+    """Tz/Tp and T1/Tp of the uncut spectrum: `sqrt(m0/m2)` and `m0/m1`."""
+    x, weight = _table(gamma)
+    m0, m1, m2 = (np.sum(weight * x**n) for n in range(3))
+    # the tail x^-5 beyond the table adds a third and a half power of its end to m1 and m2
+    m1, m2 = m1 + HIGHEST**-3 / 3, m2 + HIGHEST**-2 / 2
+    return float(np.sqrt(m0 / m2)), float(m0 / m1)
+
+
+def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points x and energies per point of the shape, trapezoidal on a logarithmic grid."""
+    x = np.geomspace(LOWEST, HIGHEST, TABLE)
+    energy = shape(x, gamma) * np.gradient(x)
+    return x, energy
+
+
+def depth_factor(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float) -> jax.Array:
+    """Kitaigorodskii's factor of a TMA spectrum: `tanh^2(kd)/(1 + 2kd/sinh(2kd))` (Bouws 1985)."""
+    kd = wave_number(omega, depth, gravity) * depth
+    return jnp.tanh(kd) ** 2 / (1.0 + ratio_sinh(2.0 * kd))
+
+
+def bins(gamma: float, count: int, kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies over the peak frequency and shares of the energy (sum 1) of `count` components.
+
+    equal_energy: each component carries the same energy and sits at the middle of its share: no common period.
+    equal_frequency: equal bins from 0.5 to 4 peak frequencies, each component at random in its bin: no common period.
+    even: the same bins with components in their middles, which repeat after one over the bin width.
+    """
+    x, energy = _table(gamma)
+    below = np.cumsum(energy) / np.sum(energy)
+    if kind == "equal_energy":
+        return np.interp((np.arange(count) + 0.5) / count, below, x), np.full(count, 1.0 / count)
+    edges = np.linspace(0.5, 4.0, count + 1)
+    share = np.diff(np.interp(edges, x, below))
+    inside = 0.5 if kind == "even" else rng.uniform(size=count)
+    return edges[:-1] + inside * np.diff(edges), share / np.sum(share)
+
+
+def spread(exponent: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """`count` directions [rad] about 0 with density `cos^2s(d/2)`: one from each of `count` equal shares, shuffled."""
+    angle = np.linspace(-np.pi, np.pi, 4001)
+    below = np.cumsum(np.cos(angle / 2) ** (2 * exponent))
+    levels = (np.arange(count) + rng.uniform(size=count)) / count
+    return rng.permutation(np.interp(levels, below / below[-1], angle))
+
+
+def components(
+    hs: jax.Array,
+    tp: jax.Array,
+    direction: jax.Array | float = 0.0,
+    *,
+    depth: jax.Array | float,
+    gravity: jax.Array | float = 9.81,
+    spectrum: str = "jonswap",
+    gamma: float = 3.3,
+    count: int = 200,
+    frequencies: str = "equal_energy",
+    spreading: float | None = None,
+    directions: int = 1,
+    seed: int = 0,
+) -> Components:
+    """A sea of `count` frequencies with random phases; differentiable in hs [m], tp [s], direction [rad] and depth [m].
+
+    Args:
+        spectrum: one of `SHAPES`; a TMA sea is the JONSWAP shape times `depth_factor`. All are scaled to `hs`.
+        gamma: peak factor (taken as 1 for Pierson-Moskowitz).
+        frequencies: see `bins`.
+        spreading: s of `cos^2s(d/2)`; None is long-crested.
+        directions: directions per frequency. With one, Hs is the same everywhere; with several, components of one
+            frequency interfere and Hs depends on the place.
+        seed: of the phases and of everything else that is drawn.
+    """
+    rng = np.random.default_rng(seed)
+    x, share = bins(1.0 if spectrum == "pierson_moskowitz" else gamma, count, frequencies, rng)
+    x, share = np.repeat(x, directions), np.repeat(share / directions, directions)
+    phase = rng.uniform(0.0, 2 * np.pi, x.size)
+    offset = np.zeros(x.size) if spreading is None else spread(spreading, x.size, rng)
+    omega = 2 * jnp.pi / jnp.asarray(tp) * x
+    energy = jnp.asarray(share)
+    if spectrum == "tma":
+        energy = energy * depth_factor(omega, jnp.asarray(depth), gravity)
+        energy = energy / jnp.sum(energy)
+    amplitude = jnp.asarray(hs) / 4.0 * jnp.sqrt(2.0 * energy)
+    return Components(amplitude, omega, jnp.asarray(phase), jnp.asarray(direction) + offset)

@@ -1,0 +1,89 @@
+"""The sea as a part of the model, and what effects see of it: water at the nodes, frozen over a step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.fields import component, parameter
+from dropper_jax.sea.current import Current
+from dropper_jax.sea.waves import Motion
+
+if TYPE_CHECKING:
+    from dropper_jax.kinematics import Kinematics
+
+
+@component
+class Sea:
+    """Water of constant depth below z = 0, the mean surface, with waves and current where given."""
+
+    depth: jax.Array = parameter("depth of the water", unit="m", low=0.0, open_low=True)
+    density: jax.Array = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=1025.0)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=9.81)
+    waves: Any = None
+    current: Current | None = None
+
+    def elevation(self, r: jax.Array, t: jax.Array) -> jax.Array:
+        """Elevation of the surface (n,) [m] over places r (n, 3)."""
+        if self.waves is None:
+            return jnp.zeros_like(r[:, 0])
+        return self.waves.elevation(r[:, 0], r[:, 1], t)
+
+    def at(self, r: jax.Array, t: jax.Array) -> Motion:
+        """Water at places r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed place."""
+        if self.waves is None:
+            motion = Motion(jnp.zeros_like(r[:, 0]), jnp.zeros_like(r), jnp.zeros_like(r))
+        else:
+            motion = self.waves.motion(r, t, self.depth)
+        velocity, acceleration = motion.velocity, motion.acceleration
+        if self.current is not None:
+            velocity = velocity + self.current.velocity(r[:, 2], t, self.depth)
+            change = self.current.acceleration(r[:, 2], t, self.depth)
+            acceleration = acceleration if change is None else acceleration + change
+        return Motion(motion.elevation, velocity, acceleration)
+
+    def convective(self, r: jax.Array, t: jax.Array, motion: Motion) -> jax.Array:
+        """`(u . grad) u` (n, 3) [m/s^2], which makes Du/Dt of the local acceleration.
+
+        Of the unstretched field, at the heights where the kinematics are taken.
+        """
+        if self.waves is not None:
+            heights = self.waves.heights(r[:, 2], motion.elevation, self.depth)
+            r = jnp.concatenate([r[:, :2], heights[:, None]], axis=1)
+
+        def field(place: jax.Array) -> jax.Array:
+            total = jnp.zeros_like(place)
+            if self.waves is not None:
+                total = total + self.waves.airy_velocity(place, t, self.depth)
+            if self.current is not None:
+                total = total + self.current.velocity(place[:, 2], t, self.depth)
+            return total
+
+        return jax.jvp(field, (r,), (motion.velocity,))[1]
+
+    def calm(self) -> Sea:
+        """The same water without waves."""
+        return replace(self, waves=None)
+
+    def water(self, k: Kinematics, material: bool) -> Water:
+        """What effects see around the free nodes of k; with Du/Dt where `material` asks for it."""
+        motion = self.at(k.r, k.t)
+        change = self.convective(k.r, k.t, motion) if material else None
+        return Water(motion, None if change is None else motion.acceleration + change, k.tangents)
+
+
+class Water(NamedTuple):
+    """What a step sees of the water, taken once at its predicted middle.
+
+    Attributes:
+        motion: elevation, velocity, local acceleration at the free nodes.
+        material: Du/Dt there (None where no effect asks for it).
+        tangents: of the links (n, 3).
+    """
+
+    motion: Motion
+    material: jax.Array | None
+    tangents: jax.Array

@@ -1,0 +1,143 @@
+"""Linear (Airy) waves in finite depth: elevation, velocity, acceleration and dynamic pressure where they are asked for.
+
+With `p = k (x cos m + y sin m) - w t + e` and s the intrinsic frequency (w without a current), per component
+
+    eta = a cos p,    u = a s C cos p (cos m, sin m),    u_z = a s S sin p,    u' = d/dt at a fixed place
+    C = cosh k(z + d)/sinh kd,    S = sinh k(z + d)/sinh kd,    pressure = rho (s^2/k) a C cos p
+
+(thesis (6.4)-(6.9), where (C.30) lacks the minus sign of u'_z and (C.25)-(C.30) lack phase and sum; paper (7)-(13)).
+Exponentials are taken of -kd and of k z only, so that kd = 95 is fine in float32.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.fields import component, option, parameter
+
+#: How kinematics are carried above the mean surface, where linear theory is not defined.
+STRETCHING = ("none", "constant", "wheeler")
+
+
+class Motion(NamedTuple):
+    """Water at some places: elevation (n,) [m], velocity and local acceleration (n, 3) [m/s], [m/s^2]."""
+
+    elevation: jax.Array
+    velocity: jax.Array
+    acceleration: jax.Array
+
+
+@component
+class Waves:
+    """A sum of wave components (c,). Wave numbers and intrinsic frequencies are solved once, when the sea is made."""
+
+    amplitude: jax.Array = parameter("amplitude", unit="m", shape="table", low=0.0)
+    omega: jax.Array = parameter("absolute angular frequency", unit="rad/s", shape="table")
+    wave_number: jax.Array = parameter("wave number", unit="rad/m", shape="table")
+    phase: jax.Array = parameter("phase", unit="rad", shape="table")
+    direction: jax.Array = parameter("direction of travel from +x towards +y: one, or one per component", unit="rad")
+    intrinsic: jax.Array | None = parameter("intrinsic frequency on a current", unit="rad/s", optional=True)
+    ramp: jax.Array | None = parameter("time to reach the full height", unit="s", low=0.0, optional=True)
+    stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
+
+    @property
+    def size(self) -> int:
+        return self.amplitude.shape[-1]
+
+    def rise(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Ramp factor `sin^2(pi t/(2 ramp))` and its rate [1/s]."""
+        if self.ramp is None:
+            return jnp.ones((), self.amplitude.dtype), jnp.zeros((), self.amplitude.dtype)
+        angle = jnp.pi * jnp.clip(t / self.ramp, 0.0, 1.0)
+        return 0.5 * (1.0 - jnp.cos(angle)), 0.5 * jnp.pi / self.ramp * jnp.sin(angle)
+
+    def phases(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
+        """p of each component (n, c) [rad] at x, y (n,) [m]."""
+        rest = self.phase - self.omega * t
+        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        if self.direction.ndim == 0:
+            return (x * cos + y * sin)[:, None] * self.wave_number + rest
+        return x[:, None] * (self.wave_number * cos) + y[:, None] * (self.wave_number * sin) + rest
+
+    def elevation(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
+        """Surface elevation (n,) [m]."""
+        return self.rise(t)[0] * jnp.sum(self.amplitude * jnp.cos(self.phases(x, y, t)), axis=-1)
+
+    def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
+        """Where the kinematics of z are taken (n,) [m]: as it is, capped at the mean surface, or Wheeler's z'.
+
+        Wheeler (1970): `z' = d (z - eta)/(d + eta)`. Velocity and local acceleration are mapped separately, so that
+        one is not the time derivative of the other. Nothing is taken from above the surface or below the bed.
+        """
+        if self.stretching == "wheeler":
+            z = depth * (z - elevation) / (depth + elevation)
+        if self.stretching != "none":
+            z = jnp.minimum(z, 0.0)
+        return jnp.maximum(z, -depth)
+
+    def profiles(self, z: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """C and S of each component at heights z (n,): (n, c) each."""
+        k = self.wave_number
+        up, down = jnp.exp(k * z[:, None]), jnp.exp(-k * (z[:, None] + 2.0 * depth))
+        scale = -1.0 / jnp.expm1(-2.0 * k * depth)
+        return (up + down) * scale, (up - down) * scale
+
+    def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
+        """The water at places r (n, 3) [m], all components in one pass."""
+        phases = self.phases(r[:, 0], r[:, 1], t)
+        cos, sin = jnp.cos(phases), jnp.sin(phases)
+        rise, rate = self.rise(t)
+        elevation = rise * jnp.sum(self.amplitude * cos, axis=-1)
+        velocity, acceleration = self._orbit(self.heights(r[:, 2], elevation, depth), cos, sin, depth)
+        return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
+
+    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Velocity and local acceleration (n, 3) at heights z, ramp aside."""
+        across, upright = self.profiles(z, depth)
+        speed = self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)
+        along = self.omega * speed
+        return self._vector(across * cos, speed, upright * sin), self._vector(across * sin, along, -upright * cos)
+
+    def _vector(self, level: jax.Array, size: jax.Array, rising: jax.Array) -> jax.Array:
+        """Sum over the components of level and vertical parts (n, c) times size (c,), as (n, 3)."""
+        vertical = jnp.sum(rising * size, axis=-1)
+        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        if self.direction.ndim == 0:
+            total = jnp.sum(level * size, axis=-1)
+            return jnp.stack([total * cos, total * sin, vertical], axis=-1)
+        return jnp.stack(
+            [jnp.sum(level * (size * cos), axis=-1), jnp.sum(level * (size * sin), axis=-1), vertical], axis=-1
+        )
+
+    def airy_velocity(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
+        """Velocity (n, 3) [m/s] at places r whose heights are already mapped: what gradients are taken of."""
+        phases = self.phases(r[:, 0], r[:, 1], t)
+        return self.rise(t)[0] * self._orbit(r[:, 2], jnp.cos(phases), jnp.sin(phases), depth)[0]
+
+    def excursion(
+        self, place: jax.Array, t: jax.Array, depth: jax.Array, heave: jax.Array, surge: jax.Array
+    ) -> jax.Array:
+        """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
+        phases = self.phases(place[:1], place[1:2], t)[0]
+        s = self.omega if self.intrinsic is None else self.intrinsic
+        across = self.amplitude * s / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
+        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        up = self.amplitude * heave * jnp.cos(phases)
+        return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
+
+    def pressure(self, r: jax.Array, t: jax.Array, depth: jax.Array, density: jax.Array) -> jax.Array:
+        """Dynamic pressure (n,) [Pa]; zero mean, the hydrostatic part aside."""
+        phases = self.phases(r[:, 0], r[:, 1], t)
+        elevation = self.elevation(r[:, 0], r[:, 1], t)
+        across, _ = self.profiles(self.heights(r[:, 2], elevation, depth), depth)
+        s = self.omega if self.intrinsic is None else self.intrinsic
+        size = density * self.amplitude * s**2 / self.wave_number
+        return self.rise(t)[0] * jnp.sum(across * jnp.cos(phases) * size, axis=-1)
+
+    @property
+    def significant_height(self) -> jax.Array:
+        """`Hs = 4 sqrt(m0)` [m]."""
+        return 4.0 * jnp.sqrt(0.5 * jnp.sum(self.amplitude**2))

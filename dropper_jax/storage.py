@@ -1,0 +1,148 @@
+"""Saved runs as labelled data: xarray and netCDF with CF-style names, units and provenance, and the one loader.
+
+Needs the extra `io` (xarray, h5netcdf); `.npz` files need nothing beyond the package.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+
+if TYPE_CHECKING:
+    import xarray
+
+    from dropper_jax.solution import Solution
+
+#: Suffixes of files that hold a whole run.
+RUN_SUFFIXES = (".npz", ".nc")
+#: Name in the dataset, dimensions, units and meaning of each array of a solution.
+VARIABLES = {
+    "positions": ("position", ("time", "node", "axis"), "m", "position of the nodes"),
+    "velocities": ("velocity", ("time", "node", "axis"), "m s-1", "velocity of the nodes"),
+    "tension": ("tension", ("time", "link"), "N", "tension of the links"),
+    "t_tension": ("tension_time", ("time",), "s", "time to which the tension belongs"),
+    "kinetic": ("kinetic_energy", ("time",), "J", "kinetic energy"),
+    "potential": ("potential_energy", ("time",), "J", "potential energy"),
+    "work": ("work", ("time", "contribution"), "J", "work done since the start"),
+    "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
+}
+#: Attribute that holds everything that is no array, as JSON.
+PROVENANCE = "dropper_jax_run"
+NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
+
+
+def load_run(path: str | Path) -> Solution:
+    """A saved run from an `.npz` or `.nc` file, with the numbers that were saved.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    from dropper_jax.solution import Solution
+
+    return Solution.load(path)
+
+
+def extra(module: str, name: str) -> Any:
+    """An optional package, or one line saying which extra brings it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise SceneError(f"{module} is not installed; needed: pip install 'dropper-jax[{name}]'") from None
+
+
+def netcdf_packages() -> None:
+    """Ask for what netCDF needs, so that a missing package is told before the work starts."""
+    for module in ("xarray", "h5netcdf", "h5py"):
+        extra(module, "io")
+
+
+def to_xarray(solution: Solution) -> xarray.Dataset:
+    """The run as a dataset: time, node, link and axis are coordinates; angles [rad] are added for convenience."""
+    xr = extra("xarray", "io")
+    found = {
+        name: (dimensions, getattr(solution, key), {"units": units, "long_name": meaning})
+        for key, (name, dimensions, units, meaning) in VARIABLES.items()
+    }
+    meaning = "angle of the links from the horizontal, positive downwards"
+    found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
+    found["azimuth"] = (("time", "link"), solution.azimuth, {"units": "rad", "long_name": "azimuth of the links"})
+    links = solution.tension.shape[1]
+    coordinates = {
+        "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
+        "node": ("node", np.arange(links + 1), {"long_name": "node, both ends included"}),
+        "link": ("link", np.arange(1, links + 1), {"long_name": "link j joins nodes j - 1 and j"}),
+        "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
+        "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
+    }
+    return xr.Dataset(found, coordinates, _attributes(solution))
+
+
+def _attributes(solution: Solution) -> dict[str, Any]:
+    used = solution.settings
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"{solution.scene.name}: {solution.scene.description}".rstrip(": "),
+        "source": f"dropper-jax {solution.versions.get('dropper-jax', '?')}, {used.get('integrator')}, "
+        f"dt = {used.get('dt')} s, {used.get('dtype')}",
+        "status": solution.status,
+        PROVENANCE: json.dumps(solution.provenance()),
+    }
+
+
+def from_xarray(dataset: xarray.Dataset) -> Solution:
+    """The run of a dataset made by `to_xarray`.
+
+    Raises:
+        KeyError, ValueError, TypeError: a dataset that is none.
+    """
+    from dropper_jax.solution import Solution
+
+    arrays = {key: np.asarray(dataset[name].values) for key, (name, *_) in VARIABLES.items()}
+    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": np.asarray(dataset["time"].values), **arrays})
+
+
+def write_netcdf(solution: Solution, path: str | Path) -> Path:
+    """Write netCDF-4, whole or not at all.
+
+    Raises:
+        SceneError: one line, where the packages are missing or the disk refuses.
+    """
+    path = Path(path)
+    netcdf_packages()
+    dataset = to_xarray(solution)
+    packed = {name: {"zlib": True, "complevel": 4} for name in dataset.data_vars if dataset[name].size}
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+            part = Path(folder) / "run.nc"
+            dataset.to_netcdf(part, engine="h5netcdf", encoding=packed)
+            os.replace(part, path)
+    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
+        raise SceneError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
+    return path
+
+
+def read_netcdf(path: str | Path) -> Solution:
+    """The run of a netCDF file.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    netcdf_packages()
+    xr = extra("xarray", "io")
+    try:
+        with open(path, "rb"):
+            pass
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+            return from_xarray(dataset)
+    except FileNotFoundError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise SceneError(f"{path}: {NOT_A_RUN}") from None

@@ -1,0 +1,171 @@
+"""What each effect of a scene costs per step, and the proof that absent effects cost nothing."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.build import build_model
+from dropper_jax.effects import EFFECTS
+from dropper_jax.effects.base import Effect
+from dropper_jax.errors import SceneError
+from dropper_jax.fields import component, parameter
+from dropper_jax.integrate import Progress, advance, begin
+from dropper_jax.integrators import make_stepper
+from dropper_jax.model import Model, State, state
+from dropper_jax.scene import Scene
+from dropper_jax.simulate import build
+from dropper_jax.stepping import Stepper
+
+#: Steps of one timed run, and how often the runs of all variants are interleaved.
+STEPS, ROUNDS = 2000, 7
+WHOLE, BARE = "whole scene", "bare scene"
+
+
+@component
+class Unused(Effect):
+    """An effect that no scene names; it stands for whatever may be added to the package later."""
+
+    name = "unused_effect_of_the_proof"
+    strength: jax.Array = parameter("strength", unit="N", low=0.0)
+
+    def force(self, k: Any) -> jax.Array:
+        return self.strength * jnp.cosh(k.r)
+
+
+def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, Any]:
+    """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
+
+    Times are medians of interleaved runs in one process; `ratio` is over the whole scene. The compiler's counts take a
+    loop's body once (iterations of Newton included), so they compare variants and are not totals.
+
+    Returns:
+        scene, integrator, solver, rows of {name, effects, flops, bytes, us_per_step, ratio, operations}, proof.
+    """
+    model, s = build(scene)
+    run = scene.run
+    make = partial(make_stepper, integrator=run.integrator, gamma=run.gamma)
+    variants = [
+        _Variant(name, shrunk, make(shrunk, solver=_solver(run, shrunk)), s, run.dt, steps)
+        for name, shrunk in _variants(model)
+    ]
+    for variant in variants:
+        variant.time()
+    times = {v.name: [] for v in variants}
+    for _ in range(rounds):
+        for variant in variants:
+            times[variant.name].append(variant.time())
+    median = {name: statistics.median(values) for name, values in times.items()}
+    rows = [v.row(1e6 * median[v.name] / steps, median[v.name] / median[WHOLE]) for v in variants]
+    stepper = variants[0].stepper
+    return {
+        "scene": scene.name,
+        "integrator": stepper.integrator.name,
+        "solver": stepper.solver,
+        "rows": rows,
+        "proof": proof(scene),
+    }
+
+
+def _solver(run: Any, model: Model) -> str:
+    """The scene's solver; a smaller model may be served by another, which `auto` finds."""
+    try:
+        make_stepper(model, run.integrator, run.solver, run.gamma)
+    except SceneError:
+        return "auto"
+    return run.solver
+
+
+def _variants(model: Model) -> list[tuple[str, Model]]:
+    names = [e.name for e in model.effects]
+    found = [(WHOLE, model)]
+    found += [(f"without {name}", without(model, [name])) for name in names]
+    return [*found, (BARE, without(model, names))]
+
+
+def without(model: Model, names: list[str]) -> Model:
+    """The model without these effects."""
+    return replace(model, effects=tuple(e for e in model.effects if e.name not in names))
+
+
+class _Variant:
+    """One compiled run of a model."""
+
+    def __init__(self, name: str, model: Model, stepper: Stepper, s: State, dt: float, steps: int):
+        self.name, self.model, self.stepper = name, model, stepper
+        # laws and work differ between the variants, so the start is made anew from places and velocities
+        self.start = _fresh(stepper, model, s)
+        self.dt = jnp.asarray(dt, model.dtype)
+        run = jax.jit(partial(advance, stepper, saves=1, save_every=steps))
+        self.compiled = run.lower(model, self.start, self.dt).compile()
+        self.counts = self.compiled.cost_analysis() or {}  # of one step: a loop's body counts once
+        self.program = self.compiled.as_text()
+
+    def time(self) -> float:
+        """Wall time [s] of one run."""
+        begun = time.perf_counter()
+        jax.block_until_ready(self.compiled(self.model, self.start, self.dt))
+        return time.perf_counter() - begun
+
+    def row(self, us: float, ratio: float) -> dict[str, Any]:
+        counts = self.counts[0] if isinstance(self.counts, list) else self.counts
+        return {
+            "name": self.name,
+            "effects": [e.name for e in self.model.effects],
+            "flops": counts.get("flops"),
+            "bytes": counts.get("bytes accessed"),
+            "us_per_step": us,
+            "ratio": ratio,
+            "operations": self.program.count(" = "),
+        }
+
+
+def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:
+    return begin(stepper, model, state(model, s.r, s.v, s.tension))
+
+
+def proof(scene: Scene) -> dict[str, Any]:
+    """Compare compiled programs as text, to the letter.
+
+    `removed_is_never_had`: a scene from which all optional effects were taken is the same program as one that never
+    named them. `new_effect_changes_nothing`: putting one more effect class into the package's registry leaves the
+    scene's program as it was.
+    """
+    base = program(scene)
+    EFFECTS[Unused.name] = Unused
+    try:
+        again = program(Scene.from_dict(scene.to_dict()))
+    finally:
+        del EFFECTS[Unused.name]
+    optional = [name for name in scene.effects if name != "weight"]
+    table = scene.to_dict()
+    never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
+    model, s = build(scene)
+    taken = without(model, optional)
+    removed = _text(make_stepper(taken, scene.run.integrator, "auto", scene.run.gamma), taken, s, scene.run.dt)
+    plain = build_model(never)
+    never_had = _text(make_stepper(plain, scene.run.integrator, "auto", scene.run.gamma), plain, s, scene.run.dt)
+    return {
+        "removed_is_never_had": removed == never_had,
+        "new_effect_changes_nothing": base == again,
+        "program_lines": base.count("\n"),
+        "contains_cosh": "cosh" in base,
+    }
+
+
+def program(scene: Scene) -> str:
+    """The program of one step of a scene, as handed to the compiler, as text."""
+    model, s = build(scene)
+    run = scene.run
+    return _text(make_stepper(model, run.integrator, run.solver, run.gamma), model, s, run.dt)
+
+
+def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:
+    start = _fresh(stepper, model, s)
+    return jax.jit(partial(advance, stepper, saves=1)).lower(model, start, jnp.asarray(dt, model.dtype)).as_text()

@@ -1,0 +1,80 @@
+"""Runs on one time grid whose step is a plain argument: every step size shares one compiled program."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.integrate import Progress, begin
+from dropper_jax.model import Model, State
+from dropper_jax.stepping import FULL_STEP, Stepper, step
+
+
+class Marched(NamedTuple):
+    """States at the grid's times (k saved times, the start not included), and what happened on the way.
+
+    Attributes:
+        r, v: free nodes (k, nodes, 3) [m], [m/s].
+        tension: of the step that ends at the saved time, and of the one that begins at the time before (k, 2, n) [N].
+        work: (k, w) [J].
+        residual: largest scaled residual so far (k,).
+        bad: number of the first failed step, -1 while there is none (k,).
+        retried: steps taken by other means so far (k,).
+        path: sum over nodes and steps of |r1 - r0|^2 / h (k,) [m^2/s]: what a damping of 1 kg/s would take [J].
+    """
+
+    r: jax.Array
+    v: jax.Array
+    tension: jax.Array
+    work: jax.Array
+    residual: jax.Array
+    bad: jax.Array
+    retried: jax.Array
+    path: jax.Array
+
+
+@partial(jax.jit, static_argnums=(0, 5))
+def march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int) -> Marched:
+    """`saves` times `every` steps of `dt` from s; dt and `every` are traced, so no step size compiles anew."""
+    limit = stepper.limit(model)
+    dt = jnp.asarray(dt, model.dtype)
+
+    def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        progress, first, worst, retried, path = carry
+        s, report = step(stepper, model, progress.state, dt, progress.first_bad < 0)
+        bad = ~(report.residual <= limit)
+        first_bad = jnp.where(bad & (progress.first_bad < 0), progress.done, progress.first_bad)
+        worst = jnp.maximum(worst, report.residual)
+        path = path + jnp.sum((s.r - progress.state.r) ** 2) / dt
+        first = jnp.where(i == 0, s.tension, first)
+        return Progress(s, progress.done + 1, first_bad), first, worst, retried + (report.level > FULL_STEP), path
+
+    def save(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], Marched]:
+        carry = jax.lax.fori_loop(0, every, one, carry)
+        progress, first, worst, retried, path = carry
+        s = progress.state
+        tension = jnp.stack([s.tension, first])
+        return carry, Marched(s.r, s.v, tension, s.work, worst, progress.first_bad, retried, path)
+
+    zero = jnp.zeros((), model.dtype)
+    start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
+    return jax.lax.scan(save, start, None, length=saves)[1]
+
+
+def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
+    """`march` with the step `grid / every` [s], as numpy arrays."""
+    return jax.tree.map(np.asarray, march(stepper, model, s, grid / every, every, saves))
+
+
+def status_of(run: Marched, stepper: Stepper) -> str:
+    """`ok` or the named failure of a run, as `simulate` names it."""
+    bad = np.asarray(run.bad)
+    if bad[-1] < 0 and np.all(np.isfinite(run.r[-1])):
+        return "ok"
+    if not np.isfinite(run.residual[-1]) or bad[-1] < 0:
+        return "non_finite"
+    return "retry_exhausted" if stepper.halvings else "not_converged"

@@ -1,0 +1,98 @@
+"""The line as an ordinary differential equation for diffrax, in two formulations.
+
+`angles`: minimal coordinates of a planar line, one angle per link, dense mass matrix bordered by the two rows that
+close the loop (index reduced). What one writes first.
+
+`tridiagonal`: our own equations, state (r, v). The tensions follow from "no link's length accelerates", one scalar
+tridiagonal system per evaluation, so that no algebraic equation is left (index reduction; link lengths drift by the
+integration error, which is small over the spans compared). Forces are those of our own effects.
+"""
+
+from __future__ import annotations
+
+import itertools
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax.linalg import tridiagonal_solve
+
+from dropper_jax.model import Model, State
+from dropper_jax.study.peers import diffrax_angles
+from dropper_jax.study.peers.rows import peer_row, timed
+from dropper_jax.study.reference import Reference
+
+NAME = "diffrax"
+SOLVERS = ("Dopri5", "Dopri8", "Kvaerno5")
+TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+MOST_STEPS = 40_000
+
+
+def refuse(model: Model, s: State) -> str | None:
+    """Why this model cannot be written as such an equation, or None."""
+    try:
+        import diffrax  # noqa: F401
+    except ImportError:
+        return "diffrax is not installed (extra `peers`)"
+    if model.line.compound or model.line.axial.elastic or model.laws or model.moving:
+        return "only rigid links with point masses, still ends and smooth forces are written for diffrax"
+    return None
+
+
+def derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
+    """(r', v') of free nodes (nodes, 3): `m a = F + G' T`, with T from `d . d'' + |d'|^2 = 0`."""
+    r, v = y
+    ends = model.ends(t)
+    k = model.kinematics(r, v, t, ends)
+    k = model.kinematics(r, v, t, ends, prepared=model.prepare(k))
+    inverse = 1.0 / model.line.mass[: model.free_nodes]
+    unit = k.links / model.line.length[:, None]
+    free = model.force(k) * inverse[:, None]
+    zero = jnp.zeros_like(free[:1])
+    bend = jnp.diff(jnp.concatenate([zero, free, zero] if model.end_held else [zero, free]), axis=0)
+    rate = k.link_velocities
+    rhs = jnp.sum(unit * bend, axis=-1) + jnp.sum(rate * rate, axis=-1) / model.line.length
+    near = jnp.concatenate([jnp.zeros(1), inverse])[: model.line.links]
+    far = jnp.concatenate([inverse, jnp.zeros(1)])[: model.line.links]
+    off = -jnp.sum(unit[:-1] * unit[1:], axis=-1) * near[1:]
+    none = jnp.zeros(1)
+    tension = tridiagonal_solve(jnp.concatenate([none, off]), near + far, jnp.concatenate([off, none]), rhs[:, None])[
+        :, 0
+    ]
+    return v, free + model.pull(tension, unit) * inverse[:, None]
+
+
+def rows(model: Model, s: State, target: Reference) -> list[dict[str, Any]]:
+    """One row per formulation, solver and tolerance (relative and absolute alike)."""
+    kinds = ["tridiagonal"] + (["angles"] if diffrax_angles.refuse(model, s) is None else [])
+    return [_row(model, s, target, *case) for case in itertools.product(kinds, SOLVERS, TOLERANCES)]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _solve(kind: str, solver: str, model: Model, s: State, t: jax.Array, tolerance: jax.Array) -> tuple[Any, Any, Any]:
+    import diffrax
+
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(derivative if kind == "tridiagonal" else diffrax_angles.derivative),
+        getattr(diffrax, solver)(),
+        t0=0.0,
+        t1=t[-1],
+        dt0=None,
+        y0=(s.r, s.v) if kind == "tridiagonal" else diffrax_angles.start(model, s),
+        args=model,
+        saveat=diffrax.SaveAt(ts=t),
+        stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        max_steps=MOST_STEPS,
+        throw=False,
+    )
+    r = solution.ys[0] if kind == "tridiagonal" else jax.vmap(partial(diffrax_angles.places, model))(solution.ys[0])
+    return r, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful
+
+
+def _row(model: Model, s: State, target: Reference, kind: str, solver: str, tolerance: float) -> dict[str, Any]:
+    run = lambda: jax.block_until_ready(_solve(kind, solver, model, s, jnp.asarray(target.t), tolerance))  # noqa: E731
+    run()
+    (r, steps, fine), wall = timed(run)
+    return peer_row(model, f"diffrax {kind} {solver}", kind, np.asarray(r), int(steps), wall, target, bool(fine))

@@ -1,0 +1,79 @@
+"""Which schemes a study compares, and how they are named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from dropper_jax.errors import SceneError
+from dropper_jax.integrators import INTEGRATORS, make_stepper
+from dropper_jax.model import Model
+from dropper_jax.stepping import Stepper
+
+#: Schemes with a weight gamma, and the weights compared unless the user names one.
+WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}
+#: Further solvers and precisions of the main schemes.
+SOLVERS = {"energy_momentum": ("banded", "dense")}
+SINGLE = ("energy_momentum", "rattle")
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """An integrator with its weight, solver and precision."""
+
+    integrator: str
+    gamma: float | None = None
+    solver: str = "auto"
+    dtype: str = "float64"
+
+    @property
+    def label(self) -> str:
+        """Name for tables and legends."""
+        parts = [self.integrator]
+        if self.gamma is not None:
+            parts.append(f"{self.gamma:g}")
+        if self.solver != "auto":
+            parts.append(self.solver)
+        if self.dtype != "float64":
+            parts.append(self.dtype)
+        return " ".join(parts)
+
+    def stepper(self, model: Model, **settings: object) -> Stepper:
+        """Raises `SceneError` where the scheme refuses the model."""
+        return make_stepper(model, self.integrator, self.solver, self.gamma, **settings)
+
+
+def parse(text: str) -> Scheme:
+    """A scheme from `NAME`, or `NAME:GAMMA` such as `theta:0.51`."""
+    name, _, weight = text.strip().partition(":")
+    if name not in INTEGRATORS:
+        raise SceneError(f"--integrators: {name!r} is unknown; allowed: {', '.join(INTEGRATORS)}, with :GAMMA")
+    if not weight:
+        return Scheme(name, WEIGHTS.get(name, (None,))[0])
+    try:
+        return Scheme(name, float(weight))
+    except ValueError:
+        raise SceneError(f"--integrators: {text!r}: {weight!r} is not a number; allowed: NAME or NAME:GAMMA") from None
+
+
+def default_schemes() -> list[Scheme]:
+    """Every integrator; the main ones with every solver and in single precision too."""
+    found = []
+    for name in INTEGRATORS:
+        plain = [Scheme(name, gamma) for gamma in WEIGHTS.get(name, (None,))]
+        found += plain
+        found += [replace(plain[0], solver=solver) for solver in SOLVERS.get(name, ())]
+        if name in SINGLE:
+            found.append(replace(plain[0], dtype="float32"))
+    return found
+
+
+def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
+    """The schemes that run the model, and the others with their reasons."""
+    good, refused = [], []
+    for scheme in schemes:
+        try:
+            scheme.stepper(model)
+            good.append(scheme)
+        except SceneError as error:
+            refused.append({"scheme": scheme.label, "reason": str(error)})
+    return good, refused

@@ -1,0 +1,107 @@
+"""Running a hard case, and the thesis' schemes on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from dropper_jax.integrators import make_stepper
+from dropper_jax.model import Model, State
+from dropper_jax.scene import Scene
+from dropper_jax.simulate import build
+from dropper_jax.study.errors import link_vectors
+from dropper_jax.study.march import Marched, grid_run, status_of
+from dropper_jax.study.schemes import Scheme
+from dropper_jax.study.work_precision import energy_loss
+
+SAVES = 40
+#: What a case is compared with: the thesis' own unknowns, and its weighting on ours; as published, so never halved.
+BASELINES = (
+    Scheme("thesis_angles", 0.51),
+    Scheme("thesis_angles", 0.5),
+    Scheme("theta", 0.51),
+    Scheme("theta", 0.5),
+)
+#: Longest time the baselines run [s]: those that fail do it early.
+BASELINE_SPAN = 10.0
+#: Most unknowns of the baselines' dense systems.
+BASELINE_LINKS = 20
+#: A run that keeps going while its energy balance is off by this share of the scale is called wrong.
+WRONG = 0.1
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A run of a case at `SAVES` times t [s]."""
+
+    model: Model
+    start: State
+    run: Marched
+    status: str
+    t: np.ndarray
+
+    @property
+    def energy_drift(self) -> float:
+        """Largest change of energy less all work [J]."""
+        return float(np.max(np.abs(energy_loss(self.model, self.start, self.run, self.t))))
+
+    @property
+    def energy_scale(self) -> float:
+        """Largest kinetic energy that was seen, or what the largest change of height is worth [J]."""
+        mass = np.asarray(self.model.line.mass)[: self.model.free_nodes, None]
+        speeds = np.concatenate([np.asarray(self.start.v)[None], self.run.v])
+        heights = np.concatenate([np.asarray(self.start.r)[None], self.run.r])[:, :, 2:]
+        kinetic = 0.5 * np.max(np.sum(mass * speeds**2, axis=(1, 2)))
+        return float(max(kinetic, np.ptp(9.81 * np.sum(mass * heights, axis=(1, 2)))))
+
+    @property
+    def relative_drift(self) -> float:
+        """Energy drift over the scale."""
+        return self.energy_drift / max(self.energy_scale, 1e-300)
+
+    @property
+    def closure(self) -> float:
+        """Largest error of a link's length [m]."""
+        sizes = np.linalg.norm(link_vectors(self.model, self.run.r, self.t), axis=-1)
+        return float(np.max(np.abs(sizes - np.asarray(self.model.line.length))))
+
+
+def run_case(scene: Scene, dt: float, duration: float, scheme: Scheme | None = None, **settings: Any) -> Ran:
+    """Simulate a scene for `duration` [s] (rounded to whole steps between `SAVES` saved times)."""
+    scheme = scheme or Scheme("energy_momentum")
+    model, s = build(scene, scheme.dtype)
+    stepper = make_stepper(model, scheme.integrator, scheme.solver, scheme.gamma, **settings)
+    every = max(1, round(duration / dt / SAVES))
+    run = grid_run(stepper, model, s, every * dt, every, SAVES)
+    if scheme.dtype != "float64":
+        model, s, run = (jax.tree.map(_wide, x) for x in (model, s, run))
+    return Ran(model, s, run, status_of(run, stepper), every * dt * np.arange(1, SAVES + 1))
+
+
+def _wide(x: Any) -> Any:
+    return np.asarray(x, float) if np.asarray(x).dtype == np.float32 else x
+
+
+def baselines(scene: Scene, dt: float, duration: float) -> dict[str, Any]:
+    """Status of the thesis' schemes on a case, by label: {status, failed_at_s, energy_drift_share}.
+
+    `status` is that of a solution; `wrong_energy` marks a run that never failed but lost or gained more than a tenth.
+    """
+    return {scheme.label: _baseline(scene, dt, duration, scheme) for scheme in BASELINES}
+
+
+def _baseline(scene: Scene, dt: float, duration: float, scheme: Scheme) -> dict[str, Any]:
+    if scene.lines[0].links > BASELINE_LINKS:
+        return {"status": "not_run", "reason": f"dense systems of {5 * scene.lines[0].links} unknowns"}
+    try:
+        ran = run_case(scene, dt, min(duration, BASELINE_SPAN), scheme, halvings=0)
+    except SceneError as error:
+        return {"status": "refused", "reason": str(error)}
+    if ran.status != "ok":
+        return {"status": ran.status, "failed_at_s": (int(ran.run.bad[-1]) + 1) * dt}
+    share = ran.relative_drift
+    return {"status": "ok", "energy_drift_share": share, "wrong_energy": bool(share > WRONG)}

@@ -1,0 +1,111 @@
+"""Hard scenes as plain tables, such as a user could write. Names and numbers of links are alike where they can be,
+so that many scenes share one compiled program."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.scene import Scene, load_scene
+
+LINKS = 7
+
+
+def loop(
+    name: str, width: float, length: Any = 0.1, mass: Any = 0.03, effects: dict[str, Any] | None = None, **start: Any
+) -> Scene:
+    """Seven links between two held points `width` [m] apart."""
+    return load_scene(
+        {
+            "name": name,
+            "run": {"dt": 0.01, "duration": 10.0},
+            "point": [
+                {"name": "left", "position": [0.0, 0.0, 0.0]},
+                {"name": "right", "position": [width, 0.0, 0.0]},
+            ],
+            "line": [
+                {"name": "dropper", "from": "left", "to": "right", "links": LINKS, "length": length, "mass": mass}
+            ],
+            "effects": {"weight": {}, **(effects or {})},
+            "start": {"kind": "static", **start},
+        }
+    )
+
+
+def chain(
+    name: str, polar: list[float], length: float = 1.0, effects: dict[str, Any] | None = None, **start: Any
+) -> Scene:
+    """A free-ended chain, its links at polar angles [rad] from straight down, with rates as in `[start]`."""
+    angles = np.asarray(polar)
+    tip = length * np.array([np.sum(np.sin(angles)), 0.0, -np.sum(np.cos(angles))])
+    return load_scene(
+        {
+            "name": name,
+            "run": {"dt": 0.01, "duration": 10.0},
+            "point": [
+                {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+                {"name": "tip", "kind": "free", "position": tip.tolist()},
+            ],
+            "line": [
+                {"name": "chain", "from": "pivot", "to": "tip", "links": len(polar), "length": length, "mass": 1.0}
+            ],
+            "effects": {"weight": {}} if effects is None else effects,
+            "start": {"kind": "angles", "zero": "down", "polar": list(polar), **start},
+        }
+    )
+
+
+def moved(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> Scene:
+    """The scene started from all nodes' positions and velocities, each (n + 1, 3) [m], [m/s]."""
+    table = scene.to_dict()
+    table["start"] = {"kind": "positions", "positions": positions.tolist(), "velocities": velocities.tolist()}
+    return Scene.from_dict(table)
+
+
+def lifted(name: str, width: float, force: float = 0.5, **more: Any) -> Scene:
+    """A loop let go from a pose in which its third node is lifted and pulled aside by `force` [N]."""
+    return loop(name, width, release_nodes=[3], release_force=[[0.1 * force, 0.1 * force, force]], **more)
+
+
+def kicked_string(nodes: int = LINKS) -> Scene:
+    """A string that hangs straight down, its tip kicked to 2 m/s out of the plane."""
+    scene = chain("hanging-kicked", [0.0] * nodes, 0.1)
+    places = np.zeros((nodes + 1, 3))
+    places[:, 2] = -0.1 * np.arange(nodes + 1)
+    speeds = np.zeros((nodes + 1, 3))
+    speeds[-1] = [0.0, 2.0, 0.0]
+    return moved(scene, places, speeds)
+
+
+def whirling(rate: float = 30.0) -> Scene:
+    """A loop that turns as a whole about the line through its ends at `rate` [rad/s]."""
+    from dropper_jax.simulate import equilibrium
+
+    scene = loop("whirling-loop", 0.3)
+    places = equilibrium(scene).positions
+    return moved(scene, places, np.cross(np.array([rate, 0.0, 0.0]), places))
+
+
+def driven() -> Scene:
+    """A loop whose right end moves across its plane with the period of its own swing about the line through the ends.
+
+    Turning as a whole about that line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
+    """
+    from dropper_jax.simulate import equilibrium
+
+    scene = loop("driven-at-resonance", 0.3)
+    depth = -equilibrium(scene).positions[1:-1, 2]
+    period = float(2 * np.pi * np.sqrt(np.sum(depth**2) / (9.81 * np.sum(depth))))
+    motion = {"point": "right", "amplitude": [0.0, 0.02, 0.0], "period": period, "ramp": 2.0}
+    return loop("driven-at-resonance", 0.3, effects={"end_motion": motion})
+
+
+def many(links: int = 1000) -> Scene:
+    """A loop of 100 m, pulled aside in its middle and let go."""
+    table = loop("thousand-links", 0.3).to_dict()
+    table["point"][1]["position"] = [60.0, 0.0, 0.0]
+    table["line"][0].update(links=links, length=100.0 / links, mass=100.0 / links)
+    force = [[0.0, 20.0, 20.0]]
+    table["start"] = {"kind": "static", "release_nodes": [links // 2], "release_force": force}
+    return Scene.from_dict(table)

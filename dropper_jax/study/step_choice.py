@@ -1,0 +1,135 @@
+"""Choosing the step of a run by a short pilot (Richardson)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dropper_jax.analysis.lyapunov import horizon, lyapunov
+from dropper_jax.errors import SceneError
+from dropper_jax.integrators import make_stepper
+from dropper_jax.model import Model, State
+from dropper_jax.scene import Scene
+from dropper_jax.simulate import build
+from dropper_jax.stepping import Stepper
+from dropper_jax.study.errors import link_vectors, rms_angle
+from dropper_jax.study.march import grid_run, status_of
+from dropper_jax.study.reference import AMPLIFICATION
+
+#: Times at which the pilot's runs are compared; the same for all steps, so that they share one compiled program.
+SAVES = 16
+#: A pilot's two runs are this many halvings apart: they differ by 3/4 (first order) or 15/16 (second) of the error.
+APART = 2
+#: Share of the tolerance that the estimate may use up: it is good to a factor, not exact.
+SAFETY = 0.8
+#: Most halvings of the scene's own step, and most steps of one pilot run.
+HALVINGS, MOST_STEPS = 12, 100_000
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """A step and what it is worth.
+
+    Attributes:
+        dt: the step [s].
+        estimate: RMS angle between the links of the run and of the exact motion [rad], up to `until`.
+        until: time up to which the estimate holds [s]: later, chaos has amplified any error 100 times.
+    """
+
+    dt: float
+    estimate: float
+    until: float
+
+    def summary(self) -> dict[str, float]:
+        return {"rms_angle_rad": self.estimate, "until_s": self.until}
+
+
+def choose_step(scene: Scene, tolerance: float) -> StepChoice:
+    """The largest of the scene's step times 2^k (k whole) whose estimated error meets `tolerance` [rad].
+
+    Each candidate h is compared with a run of h/4; the error of h is their difference over `1 - 4^-p`, p the order
+    seen. Candidates are powers of two of the scene's own step, so that releases and tables stay on whole steps.
+
+    Raises:
+        SceneError: a tolerance that no step down to 2^-12 of the scene's meets.
+    """
+    if not (isinstance(tolerance, int | float) and 0 < tolerance < math.inf):
+        raise SceneError(f"tolerance: {tolerance!r} is out of range; allowed: an RMS angle error > 0 rad")
+    pilot = _Pilot(scene)
+    k = 0
+    error = pilot.error(0)
+    while error > SAFETY * tolerance:
+        k -= 1
+        if not pilot.affordable(k):
+            raise SceneError(
+                f"tolerance: {tolerance:g} rad is not reached with {pilot.dt(k + 1):.3g} s, which leaves "
+                f"{error:.2g} rad; allowed: more than that, or another integrator"
+            )
+        error = pilot.error(k)
+    while k >= 0 and pilot.sensible(k + 1) and (larger := pilot.error(k + 1)) <= SAFETY * tolerance:
+        k, error = k + 1, larger
+    return StepChoice(pilot.dt(k), error, pilot.until)
+
+
+def estimate_error(scene: Scene) -> StepChoice:
+    """The same estimate for the scene's own step."""
+    pilot = _Pilot(scene)
+    return StepChoice(pilot.dt(0), pilot.error(0), pilot.until)
+
+
+class _Pilot:
+    """Runs of one scene with steps `h 2^k` up to the time where errors stop meaning something; each is made once."""
+
+    def __init__(self, scene: Scene):
+        run = scene.run
+        self.model, self.start = build(scene)
+        self.stepper: Stepper = make_stepper(self.model, run.integrator, run.solver, run.gamma, track_work=False)
+        self.base = run.dt
+        self.until = _until(self.model, self.start, run.duration, run.dt)
+        self.links: dict[int, np.ndarray | None] = {}
+
+    def dt(self, k: int) -> float:
+        return self.base * 2.0**k
+
+    def affordable(self, k: int) -> bool:
+        return k >= -HALVINGS and self.until / self.dt(k - APART) <= MOST_STEPS
+
+    def sensible(self, k: int) -> bool:
+        """At least 8 steps in the pilot."""
+        return self.dt(k) <= self.until / 8
+
+    def error(self, k: int) -> float:
+        """Estimated error of the step `h 2^k` [rad], infinite where its run fails."""
+        coarse, fine = self._run(k, k), self._run(k - APART, k)
+        if coarse is None or fine is None:
+            return math.inf
+        middle = self._run(k - 1, k)
+        apart = rms_angle(coarse, fine)
+        if middle is None or apart == 0:
+            return apart
+        step = rms_angle(middle, fine)
+        # d(h, h/4) / d(h/2, h/4) = 1 + 2^p
+        order = math.log2(max(apart / max(step, 1e-300) - 1, 1.5))
+        return apart / (1 - 4.0 ** -min(order, 6.0))
+
+    def _run(self, k: int, coarsest: int) -> np.ndarray | None:
+        """Link vectors at `SAVES` times (or all, where fewer), on whole steps of the coarsest run compared with."""
+        steps = max(1, int(self.until / self.dt(coarsest) + 1e-9))
+        stride = max(1, steps // SAVES)
+        saves = min(steps, SAVES)
+        grid = stride * self.dt(coarsest)
+        key = (k, coarsest)
+        if key not in self.links:
+            run = grid_run(self.stepper, self.model, self.start, grid, stride * 2 ** (coarsest - k), saves)
+            times = grid * np.arange(1, saves + 1)
+            good = status_of(run, self.stepper) == "ok"
+            self.links[key] = link_vectors(self.model, run.r, times) if good else None
+        return self.links[key]
+
+
+def _until(model: Model, s: State, duration: float, dt: float) -> float:
+    exact = make_stepper(model, track_work=False)
+    found = lyapunov(model, s, exact, dt, max(2, int(duration / dt + 1e-9)))
+    return max(min(horizon(found, dt, AMPLIFICATION), duration), 2 * dt)

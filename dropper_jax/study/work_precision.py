@@ -1,0 +1,171 @@
+"""Error against time: every scheme at every step on one scene, measured against one reference."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.model import Model, State
+from dropper_jax.study.errors import link_vectors, rms, rms_angle, rms_position
+from dropper_jax.study.march import Marched, grid_run, march, status_of
+from dropper_jax.study.reference import Reference
+from dropper_jax.study.schemes import Scheme
+
+#: An error counts as measured where it is this many times the reference's own.
+RESOLVED = 100.0
+#: A run that would take longer than this [s] is left out; finer steps then too.
+BUDGET = 4.0
+REPEATS = 3
+#: A failed run has no errors and no speed: its numbers would mean nothing.
+NOTHING = {
+    "rms_angle_error_rad": None,
+    "rms_position_error_m": None,
+    "rms_tension_error_n": None,
+    "energy_drift_j": None,
+    "equivalent_linear_damping": None,
+    "resolved": False,
+}
+
+
+def measure(
+    model: Model,
+    s: State,
+    schemes: list[Scheme],
+    dts: list[float],
+    target: Reference,
+    repeats: int = REPEATS,
+    say: Callable[[float, str], None] | None = None,
+    pick: Callable[[list[float]], float] = statistics.median,
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Rows of all schemes and steps, and what was left out for its run time.
+
+    Args:
+        model, s: in float64.
+        dts: steps [s]; each is moved to the nearest that divides the reference's grid.
+        repeats, pick: timed runs of each, and which of their wall times counts (the median).
+    """
+    rows, skipped = [], []
+    for i, scheme in enumerate(schemes):
+        if say:
+            say(i / len(schemes), scheme.label)
+        found, left = _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, repeats, pick)
+        rows += found
+        skipped += left
+    return rows, skipped
+
+
+def _scheme_rows(
+    model: Model,
+    s: State,
+    scheme: Scheme,
+    dts: list[float],
+    target: Reference,
+    repeats: int,
+    pick: Callable[[list[float]], float],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    cast = (lambda x: x) if scheme.dtype == "float64" else (lambda x: jax.tree.map(_single, x))
+    own, start = cast(model), cast(s)
+    stepper = scheme.stepper(own)
+    saves = len(target.t)
+    rows, skipped, per_step = [], [], 0.0
+    for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
+        steps = every * saves
+        if per_step * steps > BUDGET:
+            skipped.append({"scheme": scheme.label, "dt": target.grid / every, "reason": f"over {BUDGET:g} s a run"})
+            continue
+        run = grid_run(stepper, own, start, target.grid, every, saves)
+        status = status_of(run, stepper)
+        wall = None
+        if status == "ok":
+            wall = pick(_walls(stepper, own, start, target.grid / every, every, saves, repeats))
+        per_step = wall / steps if wall else per_step
+        rows.append(
+            {
+                "integrator": scheme.integrator,
+                "gamma": scheme.gamma,
+                "solver": stepper.solver,
+                "dtype": scheme.dtype,
+                "label": scheme.label,
+                "dt": target.grid / every,
+                **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
+                "us_per_step": 1e6 * wall / steps if wall else None,
+                "wall_s_per_simulated_s": wall / target.horizon if wall else None,
+                "status": status,
+                "retried_steps": int(run.retried[-1]),
+            }
+        )
+    return rows, skipped
+
+
+def _single(x: Any) -> Any:
+    return jnp.asarray(x, jnp.float32) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
+
+
+def _walls(stepper: Any, model: Model, s: State, dt: float, every: int, saves: int, repeats: int) -> list[float]:
+    """Wall times of runs [s], compiled before; few where they are long."""
+    times = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        jax.block_until_ready(march(stepper, model, s, dt, every, saves))
+        times.append(time.perf_counter() - begun)
+        if sum(times) > BUDGET:
+            break
+    return times
+
+
+def row_errors(model: Model, s: State, run: Marched, stepper: Any, target: Reference) -> dict[str, Any]:
+    """Errors of a run on the reference's grid, its energy drift and what damping that drift is worth."""
+    links = link_vectors(model, run.r, target.t)
+    angle = rms_angle(links, target.links)
+    loss = energy_loss(model, s, run, target.t)
+    path = float(run.path[-1])
+    return {
+        "rms_angle_error_rad": angle,
+        "rms_position_error_m": rms_position(run.r, target.r),
+        "rms_tension_error_n": rms(_tension_errors(run, stepper, target.tension)),
+        "energy_drift_j": float(np.max(np.abs(loss))),
+        "equivalent_linear_damping": float(loss[-1]) / path if path > 0 else 0.0,
+        "resolved": bool(RESOLVED * target.error <= angle < math.inf),
+    }
+
+
+def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
+    """Energy that left unaccounted since the start (k,) [J]: energies of the raw velocities, less all counted work."""
+
+    def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
+        k = model.kinematics(r, v, time)
+        k = model.kinematics(r, v, time, k.ends, prepared=model.prepare(k))
+        return model.kinetic_energy(k) + model.potential_energy(k)
+
+    wide = lambda x: jnp.asarray(np.asarray(x, float), model.dtype)  # noqa: E731
+    energies = np.asarray(jax.jit(jax.vmap(total))(wide(run.r), wide(run.v), wide(t)))
+    start = float(total(s.r, s.v, s.t))
+    with np.errstate(invalid="ignore", over="ignore"):
+        return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
+
+
+def _tension_errors(run: Marched, stepper: Any, reference: np.ndarray) -> np.ndarray:
+    """Differences (k - 1, n) [N]; step averages are taken from both sides of the saved time."""
+    ending, beginning = run.tension[:-1, 0], run.tension[1:, 1]
+    seen = 0.5 * (ending + beginning) if stepper.integrator.tension_time == 0.5 else ending
+    with np.errstate(invalid="ignore"):
+        return seen - reference[:-1]
+
+
+def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Slope of log error over log step of each scheme, through its finest three resolved steps below 0.1 rad."""
+    found = {}
+    for label in dict.fromkeys(row["label"] for row in rows):
+        good = [r for r in rows if r["label"] == label and r["status"] == "ok" and r["resolved"]]
+        good = sorted((r for r in good if r["rms_angle_error_rad"] < 0.1), key=lambda r: r["dt"])[:3]
+        if len(good) >= 2:
+            x, y = (np.log([r[key] for r in good]) for key in ("dt", "rms_angle_error_rad"))
+            found[label] = float(np.polyfit(x, y, 1)[0])
+    return found

@@ -1,0 +1,210 @@
+"use strict";
+const byId = (id) => document.getElementById(id);
+const run = JSON.parse(byId("data").textContent);
+const unpack = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+const time = unpack(run.time), place = unpack(run.positions), tension = unpack(run.tension);
+const water = run.water && { ...run.water, time: unpack(run.water.time), elevation: unpack(run.water.elevation) };
+const nodes = run.nodes, links = nodes - 1, start = time[0], end = time[run.frames - 1];
+const canvas = byId("scene"), pen = canvas.getContext("2d");
+
+// the motion's box: the camera looks at its middle from far enough to see all of it
+const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+for (let i = 0; i < place.length; i++) {
+  low[i % 3] = Math.min(low[i % 3], place[i]);
+  high[i % 3] = Math.max(high[i % 3], place[i]);
+}
+if (water) for (const rise of water.elevation) high[2] = Math.max(high[2], rise);
+const middle = low.map((v, i) => (v + high[i]) / 2);
+const size = Math.max(...high.map((v, i) => v - low[i]), 1e-9);
+const DISTANCE = 2.6, LENS = 1.9;  // in sizes: how far the eye is, and how long its lens
+const VIEWS = { free: [-0.65, 0.28], front: [0, 0], side: [-Math.PI / 2, 0], top: [0, Math.PI / 2] };
+const eye = { turn: VIEWS.free[0], rise: VIEWS.free[1], zoom: 1, shift: [0, 0] };
+const state = { now: start, playing: false, last: 0, mouse: null };
+
+// --- samples between frames -----------------------------------------------------------------------------------------
+
+function locate(times, t) {
+  let a = 0, b = times.length - 1;
+  while (b - a > 1) { const m = (a + b) >> 1; if (times[m] <= t) a = m; else b = m; }
+  const width = times[b] - times[a];
+  return [a, b, width > 0 ? Math.min(1, Math.max(0, (t - times[a]) / width)) : 0];
+}
+function sample(values, width, [a, b, w]) {
+  const out = new Float64Array(width);
+  for (let i = 0; i < width; i++) out[i] = (1 - w) * values[a * width + i] + w * values[b * width + i];
+  return out;
+}
+
+// --- camera ---------------------------------------------------------------------------------------------------------
+
+function project(x, y, z) {
+  const [dx, dy, dz] = [(x - middle[0]) / size, (y - middle[1]) / size, (z - middle[2]) / size];
+  const [c, s] = [Math.cos(eye.turn), Math.sin(eye.turn)], [p, q] = [Math.cos(eye.rise), Math.sin(eye.rise)];
+  const right = c * dx + s * dy, away = c * dy - s * dx;
+  const deep = p * away - q * dz, up = q * away + p * dz;
+  const scale = Math.min(canvas.width, canvas.height) * LENS * eye.zoom / Math.max(DISTANCE + deep, 0.05);
+  return [canvas.width / 2 + eye.shift[0] + scale * right, canvas.height / 2 + eye.shift[1] - scale * up, deep];
+}
+
+// --- drawing --------------------------------------------------------------------------------------------------------
+
+function colour(value) {
+  if (!Number.isFinite(value)) return "#9aa0a6";
+  const u = Math.min(1, Math.max(0, (value - run.range[0]) / (run.range[1] - run.range[0]))) * (run.colours.length - 1);
+  const i = Math.min(Math.floor(u), run.colours.length - 2), w = u - i;
+  return `rgb(${run.colours[i].map((c, k) => Math.round((1 - w) * c + w * run.colours[i + 1][k])).join(",")})`;
+}
+function path(points, closed) {
+  pen.beginPath();
+  points.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+  if (closed) pen.closePath();
+}
+function floor() {
+  const step = 10 ** Math.floor(Math.log10(size)) * (size / 10 ** Math.floor(Math.log10(size)) > 4 ? 1 : 0.25);
+  const z = water && middle[2] - water.depth < low[2] ? Math.max(-water.depth, low[2] - size) : low[2] - 0.04 * size;
+  const reach = Math.ceil(0.75 * size / step) * step;
+  const [x0, y0] = [Math.round(middle[0] / step) * step, Math.round(middle[1] / step) * step];
+  pen.strokeStyle = "#e3e5e8"; pen.lineWidth = ratio();
+  for (let d = -reach; d <= reach + 1e-9; d += step) {
+    path([project(x0 + d, y0 - reach, z), project(x0 + d, y0 + reach, z)]); pen.stroke();
+    path([project(x0 - reach, y0 + d, z), project(x0 + reach, y0 + d, z)]); pen.stroke();
+  }
+  label(`grid ${+step.toPrecision(2)} m`, project(x0 + reach, y0 - reach, z));
+}
+function label(text, [x, y]) {
+  pen.fillStyle = "#6b7076"; pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.fillText(text, x + 4 * ratio(), y);
+}
+function axes() {
+  const corner = [low[0] - 0.12 * size, low[1], low[2] - 0.04 * size];
+  "xyz".split("").forEach((name, i) => {
+    const tip = corner.slice(); tip[i] += 0.14 * size;
+    pen.strokeStyle = "#2b2f33"; pen.lineWidth = 1.5 * ratio();
+    path([project(...corner), project(...tip)]); pen.stroke(); label(name, project(...tip));
+  });
+}
+function surface() {
+  const n = water.points, eta = sample(water.elevation, n * n, locate(water.time, state.now));
+  const at = (i, j) => project(water.x[i], water.y[j], eta[i * n + j]);
+  const cells = [];
+  for (let i = 0; i + 1 < n; i++) for (let j = 0; j + 1 < n; j++) {
+    const corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+    const slope = (eta[(i + 1) * n + j] - eta[i * n + j] + eta[i * n + j + 1] - eta[i * n + j]) / (water.x[1] - water.x[0]);
+    if (Math.min(...corners.map((c) => c[2])) < 0.3 - DISTANCE) continue;  // beside or behind the eye
+    cells.push({ corners, deep: corners[0][2] + corners[2][2], shade: Math.max(-1, Math.min(1, 2 * slope)) });
+  }
+  cells.sort((a, b) => b.deep - a.deep);
+  for (const { corners, shade } of cells) {
+    path(corners, true);
+    pen.fillStyle = `rgba(${86 + 45 * shade},${180 + 30 * shade},${225 + 15 * shade},0.30)`; pen.fill();
+    pen.strokeStyle = "rgba(40,120,170,0.22)"; pen.lineWidth = 0.7 * ratio(); pen.stroke();
+  }
+}
+function trail(frame) {
+  pen.lineWidth = ratio();
+  const from = locate(time, state.now - 0.06 * (end - start))[0], node = Math.floor(nodes / 2), points = [];
+  for (let k = from; k <= frame[0]; k++) points.push(project(...place.subarray(3 * (k * nodes + node), 3 * (k * nodes + node) + 3)));
+  pen.strokeStyle = "rgba(213,94,0,0.55)"; path(points); pen.stroke();
+}
+function line(frame) {
+  const r = sample(place, 3 * nodes, frame), pull = sample(tension, links, frame);
+  const points = Array.from({ length: nodes }, (_, i) => project(r[3 * i], r[3 * i + 1], r[3 * i + 2]));
+  const order = Array.from({ length: links }, (_, j) => j).sort((a, b) => points[b][2] + points[b + 1][2] - points[a][2] - points[a + 1][2]);
+  pen.lineCap = "round";
+  for (const j of order) {
+    path([points[j], points[j + 1]]);
+    pen.lineWidth = 5 * ratio(); pen.strokeStyle = colour(pull[j]); pen.stroke();
+  }
+  const dot = nodes > 60 ? 0 : 3 * ratio();
+  points.forEach(([x, y], i) => {
+    if (run.held.includes(i)) {
+      const h = 6 * ratio(); pen.fillStyle = "#2b2f33"; pen.fillRect(x - h, y - h, 2 * h, 2 * h);
+    } else if (dot) { pen.beginPath(); pen.arc(x, y, dot, 0, 7); pen.fillStyle = "#2b2f33"; pen.fill(); }
+  });
+  return { points, pull };
+}
+function tell({ points, pull }) {
+  const tip = byId("tip"); tip.hidden = true;
+  if (!state.mouse) return;
+  const [mx, my] = state.mouse.map((v) => v * ratio());
+  for (let j = 0; j < links; j++) {
+    const [a, b] = [points[j], points[j + 1]], [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+    const u = Math.min(1, Math.max(0, ((mx - a[0]) * dx + (my - a[1]) * dy) / (dx * dx + dy * dy || 1)));
+    if (Math.hypot(a[0] + u * dx - mx, a[1] + u * dy - my) > 7 * ratio()) continue;
+    tip.textContent = `link ${j + 1}: ${pull[j].toPrecision(4)} N`; tip.hidden = false;
+    tip.style.left = `${state.mouse[0] + 14}px`; tip.style.top = `${state.mouse[1] + 6}px`;
+  }
+}
+function ratio() { return window.devicePixelRatio || 1; }
+function draw() {
+  const [w, h] = [Math.round(canvas.clientWidth * ratio()), Math.round(canvas.clientHeight * ratio())];
+  if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
+  pen.clearRect(0, 0, w, h);
+  const frame = locate(time, state.now), wet = water && byId("water").checked;
+  floor(); axes();
+  if (wet && eye.rise < 0) surface();  // seen from below, the surface lies behind the line
+  if (byId("trail").checked) trail(frame);
+  const drawn = line(frame);
+  if (wet && eye.rise >= 0) surface();
+  tell(drawn);
+  byId("clock").textContent = `${state.now.toFixed(2)} / ${end.toFixed(2)} s`;
+  byId("scrub").value = state.now;
+  Object.assign(document.body.dataset, { time: state.now.toFixed(4), playing: state.playing, turn: eye.turn.toFixed(3), ready: 1 });
+}
+
+// --- controls -------------------------------------------------------------------------------------------------------
+
+function tick(stamp) {
+  if (!state.playing) return;
+  const passed = state.last ? (stamp - state.last) / 1000 : 0;
+  state.last = stamp;
+  state.now += passed * Number(byId("speed").value);
+  if (state.now >= end) state.now = start;
+  draw();
+  requestAnimationFrame(tick);
+}
+function play(on) {
+  state.playing = on; state.last = 0;
+  byId("play").textContent = on ? "pause" : "play";
+  draw();
+  if (on) requestAnimationFrame(tick);
+}
+function look(name) {
+  [eye.turn, eye.rise] = VIEWS[name]; eye.zoom = 1; eye.shift = [0, 0]; draw();
+}
+canvas.addEventListener("pointerdown", (e) => { if (e.isTrusted) canvas.setPointerCapture(e.pointerId); canvas.classList.add("held"); state.grip = [e.clientX, e.clientY]; });
+canvas.addEventListener("pointermove", (e) => {
+  state.mouse = [e.offsetX, e.offsetY];
+  if (state.grip) {
+    const [dx, dy] = [e.clientX - state.grip[0], e.clientY - state.grip[1]];
+    state.grip = [e.clientX, e.clientY];
+    if (e.shiftKey) eye.shift = [eye.shift[0] + dx * ratio(), eye.shift[1] + dy * ratio()];
+    else { eye.turn -= 0.008 * dx; eye.rise = Math.min(1.57, Math.max(-1.57, eye.rise + 0.008 * dy)); }
+  }
+  draw();
+});
+for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { state.grip = null; canvas.classList.remove("held"); });
+canvas.addEventListener("pointerleave", () => { state.mouse = null; draw(); });
+canvas.addEventListener("wheel", (e) => { e.preventDefault(); eye.zoom = Math.min(30, Math.max(0.2, eye.zoom * Math.exp(-0.0012 * e.deltaY))); draw(); }, { passive: false });
+byId("play").addEventListener("click", () => play(!state.playing));
+byId("scrub").addEventListener("input", (e) => { state.now = Number(e.target.value); draw(); });
+for (const id of ["trail", "water"]) byId(id).addEventListener("change", draw);
+for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => look(button.dataset.view));
+addEventListener("keydown", (e) => {
+  if (["INPUT", "SELECT", "BUTTON"].includes(e.target.tagName)) return;
+  const step = (end - start) / Math.max(run.frames - 1, 1);
+  if (e.key === " ") { e.preventDefault(); play(!state.playing); }
+  if (e.key === "ArrowRight") { state.now = Math.min(end, state.now + step); draw(); }
+  if (e.key === "ArrowLeft") { state.now = Math.max(start, state.now - step); draw(); }
+});
+addEventListener("resize", draw);
+
+byId("name").textContent = run.name;
+byId("how").textContent = [run.description, run.how].filter(Boolean).join(" - ");
+byId("how").classList.toggle("bad", !run.ok);
+byId("sea").hidden = !water;
+byId("high").textContent = run.range[1].toPrecision(3);
+byId("low").textContent = run.range[0].toPrecision(3);
+Object.assign(byId("scrub"), { min: start, max: end });
+const bar = byId("bar").getContext("2d");
+for (let y = 0; y < 160; y++) { bar.fillStyle = colour(run.range[1] + (y / 159) * (run.range[0] - run.range[1])); bar.fillRect(0, y, 14, 1); }
+draw();

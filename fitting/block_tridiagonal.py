@@ -1,0 +1,30 @@
+"""Cholesky of block-tridiagonal matrices, as windows joined in a row give them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+
+class Factor:
+    """Cholesky of a block-tridiagonal matrix: diagonal blocks (K, m, m), blocks (K - 1, m, m) left of the next."""
+
+    def __init__(self, diagonal: np.ndarray, below: np.ndarray):
+        self.below, self.factors = below, []
+        self.log_determinant = 0.0
+        block = diagonal[0]
+        for k in range(len(diagonal)):
+            if k:
+                block = diagonal[k] - below[k - 1] @ cho_solve(self.factors[-1], below[k - 1].T)
+            self.factors.append(cho_factor(block, lower=True))
+            self.log_determinant += 2 * float(np.sum(np.log(np.diag(self.factors[-1][0]))))
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """The solution for right-hand sides (K, m, c)."""
+        x = np.array(rhs)
+        for k in range(1, len(x)):
+            x[k] -= self.below[k - 1] @ cho_solve(self.factors[k - 1], x[k - 1])
+        x[-1] = cho_solve(self.factors[-1], x[-1])
+        for k in range(len(x) - 2, -1, -1):
+            x[k] = cho_solve(self.factors[k], x[k] - self.below[k].T @ x[k + 1])
+        return x

@@ -1,0 +1,203 @@
+"""Free parameters: numbers of a model's pytree by path, with bounds taken from the fields' declarations.
+
+Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
+`camera.offset`, a rotation of the camera that adds to every measured angle. A field with one value per link frees
+one parameter per entry. Bounds stay in raw parameters (no exponential), so that a damping of exactly 0 is reachable.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects import EFFECTS
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.model import Model
+
+CAMERA = "camera.offset"
+#: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.
+OPEN_BOUND = 1e-3
+#: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
+SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, CAMERA: 1e-2}
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One free number.
+
+    Attributes:
+        name: its path.
+        where: section (`points`, `lines`, `effects`, `camera`), index, field, entry (None: the whole field).
+        value: start value.
+        low, high: bounds, both reachable.
+        unit: as printed.
+        prior: mean and standard deviation of a normal prior, or None.
+    """
+
+    name: str
+    where: tuple[str, int, str, int | None]
+    value: float
+    low: float = -np.inf
+    high: float = np.inf
+    unit: str = "-"
+    prior: tuple[float, float] | None = None
+
+    @property
+    def scale(self) -> float:
+        """A size for steps and plots."""
+        small = SMALL.get(self.name, SMALL.get(self.where[2], 1.0))
+        return abs(self.value) if self.value != 0 else small
+
+
+def resolve(
+    model: Model,
+    names: Sequence[str],
+    start: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[Parameter, ...]:
+    """The free parameters of these paths.
+
+    Args:
+        names: paths; one of a field with several values frees each of them.
+        start: start values by path, else the model's.
+        bounds: (low, high) by path, inside the declared range; None keeps the declared one.
+        priors: (mean, standard deviation) by path.
+
+    Raises:
+        SceneError: a path that does not exist (with the nearest), or bounds without room.
+    """
+    found: list[Parameter] = []
+    for name in names:
+        found += _expand(model, name)
+    twice = [p.name for i, p in enumerate(found) if p.name in [q.name for q in found[:i]]]
+    if twice:
+        raise SceneError(f"free: {twice[0]!r} is given twice; allowed: every parameter once")
+    known = [p.name for p in found]
+    for option, given in (("start", start), ("bounds", bounds), ("prior", priors)):
+        for name in given or {}:
+            if name not in known:
+                raise SceneError(f"{option}: {name!r} is not a free parameter; {nearest(name, known)}")
+    return tuple(_adjust(p, start or {}, bounds or {}, priors or {}) for p in found)
+
+
+def _adjust(p: Parameter, start: Mapping, bounds: Mapping, priors: Mapping) -> Parameter:
+    low, high = bounds.get(p.name, (None, None))
+    low, high = p.low if low is None else max(low, p.low), p.high if high is None else min(high, p.high)
+    value = float(start.get(p.name, p.value))
+    if not low <= high:
+        raise SceneError(f"bounds: {p.name!r} has no room between {low:g} and {high:g}; allowed: low <= high")
+    if not low <= value <= high:
+        if p.name in start:
+            raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {low:g} to {high:g}")
+        value = min(max(value, low), high)
+    prior = priors.get(p.name)
+    if prior is not None and not prior[1] > 0:
+        raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: > 0")
+    return dataclasses.replace(p, value=value, low=low, high=high, prior=prior)
+
+
+def paths(model: Model) -> list[str]:
+    """Every path of the model that can be free."""
+    found = [CAMERA]
+    for section, items in (("point", model.points), ("line", model.lines), ("effects", model.effects)):
+        for i, item in enumerate(items):
+            labels = [item.name] if section == "effects" else [str(i), item.name]
+            found += [f"{section}.{label}.{f.name}" for label in labels for f in _fields(item)]
+    return found
+
+
+def _fields(item: Any) -> list[dataclasses.Field]:
+    return [
+        f
+        for f in dataclasses.fields(item)
+        if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
+    ]
+
+
+def _expand(model: Model, name: str) -> list[Parameter]:
+    if name == CAMERA:
+        return [Parameter(CAMERA, ("camera", 0, "offset", None), 0.0, unit="rad")]
+    section, index, field, entry = _locate(model, name)
+    item = getattr(model, section)[index]
+    value = np.asarray(getattr(item, field.name))
+    meta = field.metadata
+    if value.ndim == 0 and entry is None:
+        return [_parameter(name, (section, index, field.name, None), float(value), meta)]
+    flat = value.reshape(-1)
+    count = _used(model, section, item, field, len(flat))
+    if entry is not None and entry >= len(flat):
+        raise SceneError(f"free: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
+    entries = range(count) if entry is None else [entry]
+    stem = name if entry is None else name.rsplit(".", 1)[0]
+    return [_parameter(f"{stem}.{i}", (section, index, field.name, i), float(flat[i]), meta) for i in entries]
+
+
+def _used(model: Model, section: str, item: Any, field: dataclasses.Field, size: int) -> int:
+    """Entries that exist in the model: a free end has no joint and no held node of its own."""
+    if section != "effects" or field.metadata["shape"] != "joint":
+        return size
+    return min(size, model.line.links + (1 if model.end_held else 0))
+
+
+def _parameter(name: str, where: tuple, value: float, meta: Mapping) -> Parameter:
+    low = -np.inf if meta["low"] is None else float(meta["low"])
+    if meta["open_low"]:
+        low += OPEN_BOUND * abs(value)
+    high = np.inf if meta["high"] is None else float(meta["high"])
+    return Parameter(name, where, value, low, high, meta["unit"])
+
+
+def _locate(model: Model, name: str) -> tuple[str, int, dataclasses.Field, int | None]:
+    words = name.split(".")
+    entry = int(words.pop()) if len(words) > 3 and words[-1].isdecimal() else None
+    sections = {"point": "points", "line": "lines", "effects": "effects"}
+    if len(words) == 3 and words[0] in sections:
+        items = getattr(model, sections[words[0]])
+        for i, item in enumerate(items):
+            if words[1] == item.name or (words[0] != "effects" and words[1] == str(i)):
+                field = next((f for f in _fields(item) if f.name == words[2]), None)
+                if field is not None:
+                    return sections[words[0]], i, field, entry
+    raise SceneError(f"free: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
+
+
+def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
+    """The model with these values (k,) in place; differentiable."""
+    for i, p in enumerate(parameters):
+        section, index, field, entry = p.where
+        if section == "camera":
+            continue
+        items = list(getattr(model, section))
+        old = getattr(items[index], field)
+        new = (
+            jnp.broadcast_to(values[i], jnp.shape(old)) if entry is None else jnp.asarray(old).at[entry].set(values[i])
+        )
+        items[index] = dataclasses.replace(items[index], **{field: new})
+        model = dataclasses.replace(model, **{section: tuple(items)})
+    return model
+
+
+def camera_offset(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | float:
+    """Rotation of the camera [rad]; 0 where it is not free."""
+    return next((values[i] for i, p in enumerate(parameters) if p.where[0] == "camera"), 0.0)
+
+
+def missing_effects(scene: Any, names: Sequence[str]) -> dict[str, float]:
+    """Values 0 for damping parameters that the scene could have but does not, to be added before the model is built."""
+    found = {}
+    for name in names:
+        words = name.split(".")
+        if len(words) < 3 or words[0] != "effects" or words[1] not in EFFECTS:
+            continue
+        field = next((f for f in dataclasses.fields(EFFECTS[words[1]]) if f.name == words[2]), None)
+        if field is None or field.metadata.get("kind") != "parameter" or field.metadata["low"] != 0.0:
+            continue
+        if scene.effects.get(words[1], {}).get(words[2]) is None:
+            found[".".join(words[:3])] = 0.0
+    return found

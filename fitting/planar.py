@@ -1,0 +1,111 @@
+"""Links that move in one vertical plane: angles and rates as minimal coordinates, closed between two held ends.
+
+Angles are polar angles from the horizontal, positive downwards: link j is `d = L (cos theta, 0, -sin theta)`. With a
+free end every angle is a coordinate. With a held end the links must close, `sum of d_j = D`, and likewise their rates,
+which takes two of them; a local chart around a reference pose is then `theta = closed(theta_ref + N z)` with N an
+orthonormal basis of the closed directions at the reference.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from dropper_jax.kinematics import link_differences
+from dropper_jax.model import Model, State
+from dropper_jax.start import from_angles
+
+#: Newton iterations of the closure; from 0.1 rad off four leave rounding (convergence is quadratic).
+CLOSURE_ITERATIONS = 4
+#: Largest y [m] or [m/s] of a scene that counts as plane.
+PLANE = 1e-9
+
+
+def check_planar(model: Model, start: State) -> None:
+    """Refuse a scene that traces of polar angles cannot describe.
+
+    Raises:
+        SceneError: ends that move, or a start outside the vertical plane y = const.
+    """
+    if model.moving:
+        raise SceneError("effects.end_motion: ends that move cannot be fitted; allowed: a scene with ends at rest")
+    ends = model.ends(start.t)
+    y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + float(ends.start[1])])
+    if np.ptp(np.append(y, float(ends.start[1]))) > PLANE or (
+        model.end_held and abs(float(ends.end[1] - ends.start[1])) > PLANE
+    ):
+        raise SceneError("start: leaves the vertical plane; allowed: a motion in the x-z plane, traces hold one angle")
+
+
+def freedoms(model: Model) -> int:
+    """Number of independent angles."""
+    return model.line.links - (2 if model.end_held else 0)
+
+
+def directions(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unit link vectors in the (x, z) plane and their derivatives by theta, each (..., n, 2)."""
+    c, s = jnp.cos(theta), jnp.sin(theta)
+    return jnp.stack([c, -s], axis=-1), jnp.stack([-s, -c], axis=-1)
+
+
+def _closing(model: Model, theta: jax.Array, rows: jax.Array) -> jax.Array:
+    """Smallest change of angles (n,) that removes rows (2,) [m] of the linearised closure."""
+    gradient = model.line.length[:, None] * directions(theta)[1]
+    gram = gradient.T @ gradient
+    inverse = jnp.array([[gram[1, 1], -gram[0, 1]], [-gram[1, 0], gram[0, 0]]]) / (
+        gram[0, 0] * gram[1, 1] - gram[0, 1] * gram[1, 0]
+    )
+    return gradient @ (inverse @ rows)
+
+
+def gap(model: Model, theta: jax.Array) -> jax.Array:
+    """How far the chain of links ends from its held end, (2,) [m] in x and z."""
+    ends = model.ends(jnp.zeros((), model.dtype))
+    reach = model.line.length @ directions(theta)[0]
+    return reach - (ends.end - ends.start)[jnp.array([0, 2])]
+
+
+def closed(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The nearby angles (n,) [rad] and rates (n,) [rad/s] that close; the same ones for a free end."""
+    if not model.end_held:
+        return theta, omega
+
+    def correct(theta: jax.Array, _: None) -> tuple[jax.Array, None]:
+        return theta - _closing(model, theta, gap(model, theta)), None
+
+    theta, _ = jax.lax.scan(correct, theta, None, length=CLOSURE_ITERATIONS)
+    rate = (model.line.length * omega) @ directions(theta)[1]
+    return theta, omega - _closing(model, theta, rate)
+
+
+def chart(model: Model, theta: np.ndarray) -> np.ndarray:
+    """Orthonormal bases N (k, n, m) of the closed directions at poses theta (k, n)."""
+    links = theta.shape[-1]
+    if not model.end_held:
+        return np.broadcast_to(np.eye(links), (*theta.shape[:-1], links, links)).copy()
+    length = np.asarray(model.line.length)
+    rows = np.stack([-length * np.sin(theta), -length * np.cos(theta)], axis=-2)
+    return np.swapaxes(np.linalg.svd(rows)[2][..., 2:, :], -1, -2)
+
+
+def to_state(model: Model, theta: jax.Array, omega: jax.Array) -> State:
+    """The core's state of angles and rates (n,)."""
+    still = jnp.zeros_like(theta)
+    return from_angles(model, theta, still, omega, still, zero="horizontal")
+
+
+def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Angles and rates (n,) of free nodes (nodes, 3); velocities along the links (a midpoint scheme's) do not count."""
+    ends = model.ends(jnp.zeros((), model.dtype))
+    link = link_differences(r, ends.start, ends.end, model.end_held)
+    rate = link_differences(v, None, None, model.end_held)
+    theta = jnp.arctan2(-link[:, 2], link[:, 0])
+    omega = (-rate[:, 2] * link[:, 0] + link[:, 2] * rate[:, 0]) / (link[:, 0] ** 2 + link[:, 2] ** 2)
+    return theta, omega
+
+
+def wrap(angle: jax.Array) -> jax.Array:
+    """The angle as the shortest turn, in [-pi, pi] [rad]."""
+    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))

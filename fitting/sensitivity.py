@@ -1,0 +1,322 @@
+"""How much a quantity depends on parameters: exact local derivatives, how far they can be trusted, and global indices.
+
+Local derivatives go through the whole run, static start included, in forward and in reverse mode. In a chaotic motion
+they grow like exp(lambda t) and soon say nothing about a change of finite size: the horizon tells when, and averages
+over windows shorter than that still mean something beyond.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax import build, from_angles, integrate, load_scene, make_stepper, settle
+from dropper_jax.analysis.lyapunov import horizon, lyapunov
+from dropper_jax.errors import SceneError
+from dropper_jax.integrate import Trajectory
+from dropper_jax.model import Model, State, state
+from dropper_jax.statics import nodal_loads
+from dropper_jax.storage import extra
+from fitting.naming import full_names
+from fitting.parameters import Parameter, apply, missing_effects, resolve
+from fitting.quantities import Quantity, quantity
+
+#: Growth of a small error up to which derivatives are trusted: a change of 1 % has then become one of 100 %.
+GROWTH = 100.0
+#: Runs advanced together in global studies.
+CHUNK = 64
+#: Standard range of a parameter in global studies, each way.
+SPREAD = 0.2
+METHODS = ("sobol", "morris")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Study:
+    """A quantity of a scene as a function of parameters, `study(values)`, values (p,) -> scalar; differentiable.
+
+    Without `retries` a step that resists makes the value NaN: derivatives of halved steps take most of the compilation,
+    and hardly any run needs them. `local` and `batch` turn them on where they do.
+    """
+
+    scene: Any
+    of: Quantity
+    parameters: tuple[Parameter, ...]
+    model: Model
+    start: State
+    retries: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        return [p.name for p in self.parameters]
+
+    @property
+    def values(self) -> np.ndarray:
+        return np.array([p.value for p in self.parameters])
+
+    @cached_property
+    def stepper(self) -> Any:
+        run = self.scene.run
+        more = {} if self.retries else {"extra": 0, "halvings": 0}
+        return make_stepper(self.model, run.integrator, run.solver, run.gamma, track_work=False, **more)
+
+    @property
+    def saves(self) -> int:
+        run = self.scene.run
+        return -(-int(np.ceil(run.duration / run.dt - 1e-9)) // run.save_every)
+
+    def begin(self, model: Model) -> State:
+        """The start of the changed model: a static pose follows it, given angles keep theirs."""
+        start = self.scene.start
+        if start.kind == "static":
+            return settle(model, self.start, nodal_loads(model, start.release_nodes, start.release_force))
+        if start.kind == "angles":
+            return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
+        return state(model, self.start.r, self.start.v)
+
+    def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
+        """Saved states of a run from s."""
+        run = self.scene.run
+        steps = saves * run.save_every
+        return integrate(self.stepper, model, s, run.dt, steps, run.save_every, checkpoint)[1]
+
+    def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
+        """The quantity, NaN where a step failed."""
+        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.scene.run.dt * self.scene.run.save_every)
+        return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
+
+    def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
+        model = apply(self.model, self.parameters, values)
+        s = self.begin(model)
+        return self.measure(model, s, self.march(model, s, self.saves, checkpoint))
+
+    def batch(self, values: np.ndarray) -> np.ndarray:
+        """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
+        padded = np.resize(values, (-(-len(values) // CHUNK) * CHUNK, values.shape[1]))
+        run = jax.jit(jax.vmap(self))
+        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // CHUNK)])[
+            : len(values)
+        ]
+
+
+def study(scene: Any, of: str, to: Sequence[str]) -> Study:
+    """The study of a quantity (see `fitting.quantities`) and parameters (paths or unique short names).
+
+    Raises:
+        SceneError: unknown names.
+    """
+    scene = load_scene(scene)
+    try:
+        names = full_names(scene, to)
+        added = missing_effects(scene, names)
+        scene = scene.with_values(added) if added else scene
+        model, start = build(scene)
+        parameters = resolve(model, names)
+    except SceneError as error:
+        raise SceneError(str(error).replace("free:", "to:", 1)) from None
+    return Study(scene, quantity(of, model), parameters, model, start)
+
+
+@dataclasses.dataclass(frozen=True)
+class Local:
+    """Derivatives at the scene's values.
+
+    Attributes:
+        names, units, values: of the parameters.
+        of, unit, value: the quantity.
+        forward, reverse: dQ/dp by both modes (p,).
+        horizon: time [s] up to which derivatives are trusted; `duration` [s] of the run.
+        exponent: growth rate of small errors [1/s].
+        window: length [s] of the windows of the means; None where the whole run is trusted.
+        window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
+    """
+
+    names: list[str]
+    units: list[str]
+    values: np.ndarray
+    of: str
+    unit: str
+    value: float
+    forward: np.ndarray
+    reverse: np.ndarray
+    horizon: float
+    duration: float
+    exponent: float
+    window: float | None = None
+    window_mean: np.ndarray | None = None
+    window_error: np.ndarray | None = None
+
+    @property
+    def scaled(self) -> np.ndarray:
+        """`p/Q dQ/dp` (p,): per cent of the quantity for one per cent of the parameter; NaN where Q is 0."""
+        return self.forward * self.values / self.value if self.value else np.full(len(self.names), np.nan)
+
+    @property
+    def trusted(self) -> bool:
+        return self.window is None
+
+    @property
+    def mismatch(self) -> float:
+        """Largest difference of the two modes, relative to the largest derivative."""
+        size = float(np.max(np.abs(self.forward), initial=0.0))
+        return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size if size else 0.0
+
+
+def local(problem: Study, say: Callable[[float, str], None] = lambda fraction, text: None) -> Local:
+    """Exact derivatives of the study at its values, and how far to trust them."""
+    at = jnp.asarray(problem.values, problem.model.dtype)
+    say(0.0, "forward derivatives")
+    forward, value = jax.jit(jax.jacfwd(lambda p: 2 * (problem(p),), has_aux=True))(at)
+    if not (np.isfinite(value) or problem.retries):
+        return local(dataclasses.replace(problem, retries=True), say)
+    say(0.4, "reverse derivatives")
+    reverse = jax.jit(jax.grad(partial(problem, checkpoint=True)))(at)
+    say(0.7, "trust horizon")
+    run = problem.scene.run
+    steps = problem.saves * run.save_every
+    growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(steps, 2))
+    limit = horizon(growth, run.dt, GROWTH)
+    found = Local(
+        names=problem.names,
+        units=[p.unit for p in problem.parameters],
+        values=problem.values,
+        of=problem.of.name,
+        unit=problem.of.unit,
+        value=float(value),
+        forward=np.asarray(forward),
+        reverse=np.asarray(reverse),
+        horizon=limit,
+        duration=steps * run.dt,
+        exponent=float(growth.exponent),
+    )
+    if limit >= (1 - 1e-9) * steps * run.dt:
+        say(1.0, "ok")
+        return found
+    mean, error, length = windows(problem, at, limit)
+    say(1.0, "ok")
+    return dataclasses.replace(found, window=length, window_mean=mean, window_error=error)
+
+
+def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean derivative of the quantity over windows of about `length` [s] that start on the motion itself.
+
+    Each window's start is held, so that no derivative is carried further than the window: what a parameter does to
+    the quantity within one horizon, averaged over the states that the motion visits.
+
+    Returns:
+        mean and standard error (p,), and the windows' length [s].
+    """
+    every = problem.scene.run.dt * problem.scene.run.save_every
+    saves = min(max(2, int(length / every)), problem.saves)
+    count = problem.saves // saves
+
+    @jax.jit
+    def derivatives(p: jax.Array) -> jax.Array:
+        model = apply(problem.model, problem.parameters, p)
+        s = problem.begin(model)
+        run = jax.lax.stop_gradient(problem.march(model, s, problem.saves))
+        pick = jnp.arange(count - 1) * saves + saves - 1
+        first = jax.tree.map(
+            lambda a, b: jnp.concatenate([a[None], b[pick]]), (s.r, s.v, s.tension), (run.r, run.v, run.tension)
+        )
+        t = jnp.arange(count) * (saves * every)
+
+        def one(r: jax.Array, v: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
+            def value(p: jax.Array) -> jax.Array:
+                changed = apply(problem.model, problem.parameters, p)
+                now = dataclasses.replace(state(changed, r, v, tension), t=t)
+                return problem.measure(changed, now, problem.march(changed, now, saves))
+
+            return jax.jacfwd(value)(p)
+
+        return jax.vmap(one)(*jax.lax.stop_gradient(first), t)
+
+    found = np.asarray(derivatives(at))
+    error = found.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(found.shape[1], np.nan)
+    return found.mean(axis=0), error, saves * every
+
+
+def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
+    """Range of each parameter in a global study: the given one, else 20 % each way, inside its bounds."""
+    given = given or {}
+    full = dict(zip(full_names(problem.scene, list(given)), given.values(), strict=True))
+    for name, (low, high) in full.items():
+        if name not in problem.names or not low < high:
+            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
+    found = []
+    for p in problem.parameters:
+        spread = SPREAD * p.scale
+        found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Global:
+    """Indices over a box of parameters.
+
+    Attributes:
+        method: `sobol` (first: share of the variance by the parameter alone; total: with its interactions) or `morris`
+            (first: mean |elementary effect| [unit of the quantity per range]; total: their standard deviation).
+        names, ranges: of the parameters.
+        first, first_error, total, total_error: (p,), errors at 95 % (NaN where there is none).
+        runs, mean, std: number of runs, mean and standard deviation of the quantity over them.
+    """
+
+    method: str
+    names: list[str]
+    ranges: list[tuple[float, float]]
+    first: np.ndarray
+    first_error: np.ndarray
+    total: np.ndarray
+    total_error: np.ndarray
+    runs: int
+    mean: float
+    std: float
+
+
+def global_indices(
+    function: Callable[[np.ndarray], np.ndarray],
+    names: Sequence[str],
+    box: Sequence[tuple[float, float]],
+    method: str = "sobol",
+    samples: int = 256,
+    seed: int = 0,
+) -> Global:
+    """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
+
+    Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
+
+    Raises:
+        SceneError: an unknown method, or cases that failed.
+
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; Morris, Technometrics 33 (1991) 161-174.
+    """
+    if method not in METHODS:
+        raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
+    problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
+    sobol = method == "sobol"
+    if sobol and samples & (samples - 1):
+        raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
+    sampler, analyser = (extra(f"SALib.{part}.{method}", "sensitivity") for part in ("sample", "analyze"))
+    more = {"calc_second_order": False} if sobol else {}
+    points = sampler.sample(problem, samples, seed=seed, **more)
+    values = np.asarray(function(points), float)
+    bad = int(np.sum(~np.isfinite(values)))
+    if bad:
+        raise SceneError(f"samples: {bad} of {len(values)} cases failed; allowed: ranges in which every case runs")
+    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
+        zero = np.zeros(len(names))
+        return Global(method, list(names), list(box), zero, zero, zero, zero, len(values), float(values.mean()), 0.0)
+    if sobol:
+        found = analyser.analyze(problem, values, seed=seed, **more)
+        columns = [found[key] for key in ("S1", "S1_conf", "ST", "ST_conf")]
+    else:
+        found = analyser.analyze(problem, points, values, seed=seed)
+        columns = [found["mu_star"], found["mu_star_conf"], found["sigma"], np.full(len(names), np.nan)]
+    columns = [np.asarray(column, float) for column in columns]
+    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))

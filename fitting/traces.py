@@ -1,0 +1,268 @@
+"""Angle traces: what tracking writes and fitting reads.
+
+A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
+`# zero=down, sign=1, unit=rad`; a missing sample is empty. Inside, angles are from the horizontal, positive downwards.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import comb
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.io import atomic_write
+
+ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
+#: Fewest samples of a trace that can be windowed at all.
+FEWEST = 10
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How angles are counted: where zero is, the sign and the unit; None where it is not named."""
+
+    zero: str | None = None
+    sign: int | None = None
+    unit: str | None = None
+
+    def over(self, other: Convention) -> Convention:
+        """This one, completed by another."""
+        pick = lambda a, b: b if a is None else a  # noqa: E731
+        return Convention(pick(self.zero, other.zero), pick(self.sign, other.sign), pick(self.unit, other.unit))
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One run.
+
+    Attributes:
+        name: of the file.
+        t: (k,) [s], increasing.
+        theta: (k, n) as measured, or [rad] from the horizontal once `in_model_convention` was used; NaN is missing.
+        omega: rates (k, n) or None.
+        se: standard errors (k, n) [rad] or None.
+        convention: how the angles are counted in the file.
+    """
+
+    name: str
+    t: np.ndarray
+    theta: np.ndarray
+    omega: np.ndarray | None = None
+    se: np.ndarray | None = None
+    convention: Convention = Convention()
+
+    @property
+    def links(self) -> int:
+        return self.theta.shape[1]
+
+    @property
+    def interval(self) -> float:
+        """Median time between samples [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    def between(self, low: float, high: float) -> Trace:
+        """The samples with low <= t < high."""
+        keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
+        pick = lambda a: None if a is None else a[keep]  # noqa: E731
+        return replace(self, t=self.t[keep], theta=self.theta[keep], omega=pick(self.omega), se=pick(self.se))
+
+    def in_model_convention(self, convention: Convention) -> Trace:
+        """Angles [rad] from the horizontal, positive downwards, continuous in time."""
+        factor = (convention.sign or 1) * (np.pi / 180 if convention.unit == "deg" else 1.0)
+        theta, rates = factor * self.theta, None if self.omega is None else factor * self.omega
+        if convention.zero == "down":
+            theta, rates = np.pi / 2 - theta, None if rates is None else -rates
+        se = None if self.se is None else np.abs(factor) * self.se
+        return replace(self, theta=unwrap(theta), omega=rates, se=se, convention=convention)
+
+
+def unwrap(theta: np.ndarray) -> np.ndarray:
+    """Angles (k, n) [rad] without jumps of a full turn, missing samples skipped."""
+    theta = np.array(theta, float)
+    for column in theta.T:
+        known = np.isfinite(column)
+        column[known] = np.unwrap(column[known])
+    return theta
+
+
+def read_trace(path: str | Path, links: int | None = None) -> Trace:
+    """A trace from a CSV file.
+
+    Raises:
+        SceneError: one line with the file, what is wrong and what is allowed.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns t, theta_1..n") from None
+    except OSError as error:
+        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+    comments = [line[1:] for line in text.splitlines() if line.lstrip().startswith("#")]
+    body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if len(body) < 2:
+        raise SceneError(f"{path.name}: has no samples; allowed: a header t, theta_1..n and rows of numbers")
+    rows = list(csv.reader(body))
+    names = [name.strip() for name in rows[0]]
+    count = _check_columns(path.name, names, links)
+    values = _numbers(path.name, names, rows[1:])
+    part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
+    trace = Trace(
+        name=path.stem,
+        t=values[names.index("t")],
+        theta=part("theta"),
+        omega=part("omega") if "omega_1" in names else None,
+        se=part("se") if "se_1" in names else None,
+        convention=_convention(path.name, " ".join(comments)),
+    )
+    check_trace(trace)
+    return trace
+
+
+def _check_columns(file: str, names: list[str], links: int | None) -> int:
+    if "t" not in names:
+        raise SceneError(f"{file}: has no column 't'; found: {', '.join(names)[:80]}")
+    count = sum(re.fullmatch(r"theta_\d+", name) is not None for name in names)
+    if links is not None and count != links:
+        raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
+    known = ["t"] + [f"{stem}_{j + 1}" for stem in ("theta", "omega", "se") for j in range(count)]
+    for name in names:
+        if name not in known:
+            raise SceneError(f"{file}: unknown column {name!r}; {nearest(name, known)}")
+    for stem in ("theta", "omega", "se"):
+        have = [name for name in names if name.startswith(stem + "_")]
+        if (have or stem == "theta") and sorted(have) != sorted(f"{stem}_{j + 1}" for j in range(count)):
+            raise SceneError(
+                f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {', '.join(names)[:80]}"
+            )
+    if len(set(names)) != len(names):
+        raise SceneError(f"{file}: a column is there twice; found: {', '.join(names)[:80]}")
+    if count == 0:
+        raise SceneError(f"{file}: has no column 'theta_1'; found: {', '.join(names)[:80]}")
+    return count
+
+
+def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
+    table = np.full((len(rows), len(names)), np.nan)
+    for i, row in enumerate(rows):
+        if len(row) != len(names):
+            raise SceneError(f"{file}: row {i + 1} has {len(row)} values; allowed: {len(names)}, one per column")
+        for j, cell in enumerate(row):
+            if cell.strip().lower() in ("", "nan"):
+                continue
+            try:
+                table[i, j] = float(cell)
+            except ValueError:
+                raise SceneError(f"{file}: row {i + 1}, {names[j]}: {cell.strip()!r} is not a number") from None
+    table[np.isinf(table)] = np.nan
+    return table.T
+
+
+def _convention(file: str, comment: str) -> Convention:
+    found = dict(re.findall(r"(\w+)\s*=\s*([^\s,;]+)", comment))
+    return convention(found.get("zero"), found.get("sign"), found.get("unit"), file)
+
+
+def convention(zero: str | None, sign: str | int | None, unit: str | None, where: str = "traces") -> Convention:
+    """A checked convention; None stays None."""
+    sign = None if sign is None else str(sign).lstrip("+")
+    for key, value, allowed in (("zero", zero, ZEROS), ("sign", sign, SIGNS), ("unit", unit, UNITS)):
+        if value is not None and value not in allowed:
+            raise SceneError(f"{where}: {key} = {value!r} is unknown; allowed: {', '.join(allowed)}")
+    return Convention(zero, None if sign is None else int(sign), unit)
+
+
+def check_trace(trace: Trace) -> None:
+    """Refuse times and values that cannot be fitted.
+
+    Raises:
+        SceneError: naming the trace and the first thing that is wrong.
+    """
+    t, theta = trace.t, trace.theta
+    if not np.isfinite(t).all():
+        raise SceneError(f"{trace.name}: t: row {int(np.argmin(np.isfinite(t))) + 1} is missing; allowed: every time")
+    step = np.diff(t)
+    if (step <= 0).any():
+        row = int(np.argmax(step <= 0)) + 2
+        what = "is repeated" if step[row - 2] == 0 else "goes back"
+        raise SceneError(f"{trace.name}: t: {t[row - 1]:g} s in row {row} {what}; allowed: increasing times")
+    known = np.isfinite(theta).sum(axis=0)
+    if (known == 0).any():
+        raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: every sample is missing; allowed: numbers")
+    if known.min() < FEWEST:
+        raise SceneError(
+            f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {known.min()} samples; allowed: at least {FEWEST}"
+        )
+    if np.nanmax(np.nanmax(theta, axis=0) - np.nanmin(theta, axis=0)) < 1e-9:
+        raise SceneError(f"{trace.name}: theta: is constant, nothing moves; allowed: a motion")
+    if trace.se is not None and not np.nanmin(trace.se) > 0:
+        raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
+
+
+def local_polynomial(t: np.ndarray, y: np.ndarray, at: float, reach: float, degree: int = 3) -> tuple[float, float]:
+    """Value and slope at `at` of the least-squares polynomial through the samples (k,) within `reach`; missing skipped.
+
+    On uniform samples this is Savitzky and Golay's smoother (1964). Too few samples widen the reach.
+    """
+    known = np.isfinite(y)
+    t, y = t[known] - at, y[known]
+    for _ in range(20):
+        near = np.abs(t) <= reach
+        if near.sum() >= degree + 2:
+            break
+        reach *= 1.5
+    near = near if near.sum() >= 2 else np.ones_like(near)
+    degree = min(degree, int(near.sum()) - 1)
+    coefficients = np.polynomial.polynomial.polyfit(t[near] / reach, y[near], degree)
+    return float(coefficients[0]), float(coefficients[1] / reach) if degree else 0.0
+
+
+#: Orders of differences tried for the noise; high ones see through faster motions.
+ORDERS = (3, 4, 5, 6)
+
+
+def noise(trace: Trace) -> np.ndarray:
+    """Standard deviation of the noise of each link (n,) [rad], from differences of high order, robust to outliers.
+
+    White noise of deviation s gives differences of order q and deviation `s sqrt(C(2 q, q))`; a smooth motion nearly
+    none. The smallest over the orders is taken. Where the motion still shows, it is an upper bound.
+    """
+    found = np.full(trace.links, np.inf)
+    for order in ORDERS:
+        for j, column in enumerate(trace.theta.T):
+            differences = np.diff(column, order)
+            differences = differences[np.isfinite(differences)]
+            if len(differences) >= FEWEST:
+                size = 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(comb(2 * order, order))
+                found[j] = min(found[j], size)
+    return np.where(np.isfinite(found), np.maximum(found, 1e-6), 1e-3)
+
+
+def write_trace(path: str | Path, trace: Trace) -> Path:
+    """Write a trace in the format that `read_trace` reads."""
+    names = ["t"] + [f"theta_{j + 1}" for j in range(trace.links)]
+    columns = [trace.t[:, None], trace.theta]
+    for stem, values in (("omega", trace.omega), ("se", trace.se)):
+        if values is not None:
+            names += [f"{stem}_{j + 1}" for j in range(trace.links)]
+            columns.append(values)
+    text = io.StringIO()
+    c = trace.convention
+    text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in np.concatenate(columns, axis=1):
+        writer.writerow(["" if np.isnan(x) else f"{x:.9g}" for x in row])
+    return atomic_write(path, text.getvalue())
+
+
+def read_traces(paths: Sequence[str | Path], links: int | None = None) -> list[Trace]:
+    """Several runs."""
+    return [read_trace(path, links) for path in paths]

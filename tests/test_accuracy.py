@@ -1,0 +1,136 @@
+"""Work-precision, advice, numerical damping and the choice of the step."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.cli import main
+from dropper_jax.scene import load_scene
+from dropper_jax.study.advice import advice
+from dropper_jax.study.errors import link_vectors, rms_angle
+from dropper_jax.study.euler import euler_claims
+from dropper_jax.study.numerical_damping import numerical_damping
+from dropper_jax.study.reference import reference
+from dropper_jax.study.schemes import Scheme, parse
+from dropper_jax.study.stability.scenes import chain
+from dropper_jax.study.step_choice import choose_step
+from dropper_jax.study.tension import instant_tension
+
+SCENE = "dropper-release-a-undamped"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    path = tmp_path_factory.mktemp("accuracy") / "work.png"
+    out = io.StringIO()
+    arguments = ["accuracy", SCENE, "--integrators", "energy_momentum", "rattle", "theta:0.51", "rk4", "--span", "1.0"]
+    with contextlib.redirect_stdout(out):
+        code = main([*arguments, "--dts", *(str(2.0**-k) for k in range(6, 12)), "--quick", "--json", "--quiet",
+                     "--plot", str(path)])  # fmt: skip
+    return code, json.loads(out.getvalue()), path
+
+
+def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) -> None:
+    code, found, path = report
+    assert code == 0
+    keys = {
+        "integrator", "solver", "dtype", "dt", "rms_angle_error_rad", "rms_position_error_m", "energy_drift_j",
+        "us_per_step", "wall_s_per_simulated_s", "status", "equivalent_linear_damping",
+    }  # fmt: skip
+    assert all(keys <= set(row) for row in found["rows"])
+    assert abs(found["orders"]["energy_momentum"] - 2.0) < 0.1
+    assert abs(found["orders"]["rattle"] - 2.0) < 0.1
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert [item["scheme"] for item in found["refused"]] == ["rk4"]
+
+
+def test_the_reference_is_a_hundred_times_better_than_what_it_measures(report) -> None:
+    found = report[1]
+    assert found["reference"]["independent"]
+    resolved = [row["rms_angle_error_rad"] for row in found["rows"] if row["resolved"]]
+    assert len(resolved) >= 10
+    assert found["reference"]["error_estimate_rad"] < 1e-2 * min(resolved)
+
+
+def test_advice_takes_the_cheapest_run_that_is_good_enough(report) -> None:
+    rows = [row for row in report[1]["rows"] if row["status"] == "ok"]
+    for item in advice(rows, (1e-1, 1e-2, 1e-9)):
+        good = [row for row in rows if row["rms_angle_error_rad"] <= item["target_rad"]]
+        assert item["found"] == bool(good)
+        if good:
+            assert item["ms_per_simulated_s"] == 1e3 * min(row["wall_s_per_simulated_s"] for row in good)
+            assert item["margin"] >= 1.0
+
+
+def test_failed_runs_have_no_numbers(report) -> None:
+    failed = [row for row in report[1]["rows"] if row["status"] != "ok"]
+    assert failed
+    assert all(row["rms_angle_error_rad"] is None and row["us_per_step"] is None for row in failed)
+
+
+def test_equivalent_damping_of_a_damped_run_is_its_coefficient() -> None:
+    """The measure itself: implicit Euler's loss shrinks with the step, the conserving scheme's is nothing."""
+    schemes = (Scheme("theta", 1.0), Scheme("energy_momentum"))
+    rows = numerical_damping(schemes, (2.0**-8, 2.0**-9), duration=1.0)["rows"]
+    implicit = [row["equivalent_linear_damping"] for row in rows if row["label"] == "theta 1"]
+    assert implicit[0] > implicit[1] > 0.002  # both larger than what the thesis fitted to the water
+    assert all(abs(row["equivalent_linear_damping"]) < 1e-9 for row in rows if row["label"] == "energy_momentum")
+
+
+def test_the_thesis_own_scheme_has_no_numerical_damping_at_its_own_step_because_it_fails() -> None:
+    found = numerical_damping((Scheme("thesis_angles", 0.51),), (0.0065,), duration=3.0)["thesis"]
+    assert found["status"] in ("non_finite", "not_converged")
+    assert found["equivalent_linear_damping"] is None
+    assert "no share" in found["text"]
+
+
+def test_euler_schemes_do_what_the_thesis_says_on_the_pendulums() -> None:
+    assert all(row["holds"] for row in euler_claims(dts=(0.005,)))
+
+
+def test_instant_tension_of_a_pendulum_is_weight_and_centripetal_force() -> None:
+    """T = m g cos(theta) + m v^2 / L."""
+    model, s = dj.build(chain("pendulum", [0.7], 2.0, polar_rate=[1.5]))
+    found = instant_tension(model, np.asarray(s.r)[None], np.asarray(s.v)[None], np.zeros(1))[0, 0]
+    np.testing.assert_allclose(found, 9.81 * np.cos(0.7) + 2.0 * 1.5**2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["dropper-release-b", "conical-pendulum"])
+def test_estimated_error_is_within_a_factor_3_of_the_true_one(name: str) -> None:
+    scene = load_scene(name).with_values({"run.duration": 1.0})
+    choice = choose_step(scene, 1e-2)
+    assert choice.estimate <= 1e-2
+    model, s = dj.build(scene)
+    saves = int(choice.until / choice.dt + 1e-9)
+    target = reference(model, s, choice.dt, saves, 0.0, target=1e-6)
+    _, run = dj.integrate(dj.make_stepper(model), model, s, choice.dt, saves)
+    true = rms_angle(link_vectors(model, np.asarray(run.r), target.t), target.links)
+    assert true / 3 <= choice.estimate <= 3 * true
+
+
+def test_simulate_takes_a_tolerance_and_reports_the_estimate() -> None:
+    solution = dj.simulate(SCENE, duration=0.5, tolerance=1e-3)
+    assert solution.status == "ok"
+    assert solution.summary()["estimated_error"]["rms_angle_rad"] <= 1e-3
+    assert len(set(np.round(np.diff(solution.t), 12))) == 1  # the step stays fixed
+
+
+def test_unreachable_or_senseless_tolerances_are_refused() -> None:
+    with pytest.raises(dj.SceneError, match="tolerance: -1"):
+        choose_step(load_scene(SCENE), -1)
+    with pytest.raises(dj.SceneError, match="is not reached"):
+        choose_step(load_scene(SCENE).with_values({"run.duration": 0.05}), 1e-16)
+
+
+def test_schemes_are_named_with_their_weight() -> None:
+    assert parse("theta:0.6") == Scheme("theta", 0.6)
+    with pytest.raises(dj.SceneError, match="unknown"):
+        parse("thetta")
+    with pytest.raises(dj.SceneError, match="not a number"):
+        parse("theta:half")

@@ -1,0 +1,142 @@
+"""What a scene lacks is not in its program: operations of one step's jaxpr, counted with all their inner programs.
+
+`golden/operation_counts.json` holds the counts per JAX version, since versions trace the same code differently; other
+versions check the claims that need no numbers. After a change of a step that is meant, write it again:
+
+    python -m tests.test_compiled_program
+"""
+
+import json
+from collections import Counter
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.effects import EFFECTS, Effect
+from dropper_jax.fields import component, parameter
+
+GOLDEN = Path(__file__).parent / "golden" / "operation_counts.json"
+SCENES = (
+    "conical-pendulum",
+    "conical-pendulum-damped",
+    "double-pendulum-periodic",
+    "double-pendulum-chaotic",
+    "string",
+    "dropper-release-a",
+    "dropper-release-a-undamped",
+    "dropper-release-b",
+    "dropper-release-c",
+    "dropper-release-d",
+    "dropper-release-e",
+    "dropper-release-3d",
+    "dropper-release-a-compound",
+)
+#: Functions that a still, dry scene has no use for; sqrt belongs to |v| of quadratic damping.
+TRANSCENDENTAL = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "exp2", "log", "log1p", "atan2", "pow", "erf"}
+
+
+def step_jaxpr(source, **choice):
+    model, s = dj.build(source)
+    stepper = dj.make_stepper(model, **choice)
+    return jax.make_jaxpr(partial(dj.step, stepper))(model, s, jnp.asarray(0.005))
+
+
+def inner(value):
+    """Programs inside a parameter of an operation."""
+    if hasattr(value, "eqns"):
+        return [value]
+    if hasattr(value, "jaxpr"):
+        return [value.jaxpr]
+    return [p for item in value for p in inner(item)] if isinstance(value, list | tuple) else []
+
+
+def count(program):
+    """Operations of a jaxpr by name, those of its inner programs included."""
+    found = Counter()
+    for equation in program.eqns:
+        found[equation.primitive.name] += 1
+        for value in equation.params.values():
+            for part in inner(value):
+                found += count(part)
+    return found
+
+
+def operations(source, **choice):
+    return count(step_jaxpr(source, **choice).jaxpr)
+
+
+@pytest.fixture(scope="module")
+def golden():
+    stored = json.loads(GOLDEN.read_text())
+    if jax.__version__ not in stored:
+        pytest.skip(f"counts are stored for JAX {', '.join(stored)}")
+    return stored[jax.__version__]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_step_of_a_packaged_scene_has_the_golden_number_of_operations(golden, name):
+    assert dict(operations(name)) == golden[name]
+
+
+@pytest.mark.parametrize("name", ["conical-pendulum", "string", "dropper-release-3d", "dropper-release-a-compound"])
+def test_scenes_without_water_have_no_transcendental_functions(name):
+    assert not TRANSCENDENTAL & set(operations(name))
+
+
+def test_a_harmonic_end_brings_its_sine_and_nothing_else_does():
+    values = {"point": "right", "amplitude": [0.01, 0.0, 0.0], "period": 2.0}
+    moved = {f"effects.end_motion.{key}": value for key, value in values.items()}
+    assert "sin" in operations(dj.load_scene("dropper-release-a").with_values(moved))
+    assert "sin" not in operations("dropper-release-a")
+
+
+def without(name, *gone):
+    table = dj.load_scene(name).to_dict()
+    table["effects"] = {key: value for key, value in table["effects"].items() if key not in gone}
+    return table
+
+
+def test_a_scene_without_an_effect_has_the_program_of_a_scene_that_never_knew_it():
+    removed = without("dropper-release-a", "linear_damping", "quadratic_damping")
+    assert str(step_jaxpr(removed)) == str(step_jaxpr("dropper-release-a-undamped"))
+
+
+def test_each_effect_adds_operations_of_its_own():
+    everything = operations("dropper-release-a").total()
+    for gone in ("linear_damping", "quadratic_damping"):
+        assert operations(without("dropper-release-a", gone)).total() < everything
+    assert "sqrt" not in operations(without("dropper-release-a", "quadratic_damping"))
+
+
+@component
+class Wobble(Effect):
+    """A force with a function that nothing else uses."""
+
+    name = "wobble"
+    size: jax.Array = parameter("size", unit="N")
+
+    def force(self, k):
+        return self.size * jnp.cosh(k.r)
+
+
+def test_a_new_effect_in_the_package_changes_no_program_that_does_not_name_it(monkeypatch):
+    before = str(step_jaxpr("dropper-release-a"))
+    monkeypatch.setitem(EFFECTS, "wobble", Wobble)
+    assert str(step_jaxpr("dropper-release-a")) == before
+    named = dj.load_scene("dropper-release-a").with_values({"effects.wobble.size": 1e-3})
+    assert "cosh" in operations(named)
+
+
+def test_work_that_nobody_asks_for_is_not_computed():
+    assert operations("dropper-release-a", track_work=False).total() <= operations("dropper-release-a").total()
+
+
+if __name__ == "__main__":
+    GOLDEN.parent.mkdir(exist_ok=True)
+    stored = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
+    stored[jax.__version__] = {name: dict(sorted(operations(name).items())) for name in SCENES}
+    GOLDEN.write_text(json.dumps(stored, indent=1) + "\n")

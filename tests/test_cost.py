@@ -1,0 +1,61 @@
+"""What effects cost, and that absent ones cost nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from dropper_jax.cli import main
+from dropper_jax.effects import EFFECTS
+from dropper_jax.scene import load_scene
+from dropper_jax.study.cost import Unused, program, proof
+
+SCENE = "dropper-release-a"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> tuple[int, dict, Path]:
+    path = tmp_path_factory.mktemp("cost") / "cost.png"
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        code = main(["cost", SCENE, "--json", "--plot", str(path)])
+    return code, json.loads(out.getvalue()), path
+
+
+def test_the_report_has_a_row_for_the_scene_each_effect_and_the_bare_scene(report) -> None:
+    code, found, path = report
+    assert code == 0
+    assert found["schema"] == 1
+    assert found["status"] == "ok"
+    names = [row["name"] for row in found["rows"]]
+    effects = list(load_scene(SCENE).effects)
+    assert names == ["whole scene", *(f"without {e}" for e in effects), "bare scene"]
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_effect_adds_operations_and_the_bare_scene_has_least(report) -> None:
+    rows = {row["name"]: row for row in report[1]["rows"]}
+    whole = rows.pop("whole scene")
+    for row in rows.values():
+        assert row["flops"] < whole["flops"]
+        assert row["operations"] < whole["operations"]
+        assert row["us_per_step"] > 0
+    assert min(rows.values(), key=lambda row: row["flops"])["name"] == "bare scene"
+
+
+@pytest.mark.parametrize("scene", ["dropper-release-3d", "dropper-release-a-compound", "string"])
+def test_absent_effects_leave_no_trace_in_the_program(scene: str) -> None:
+    found = proof(load_scene(scene))
+    assert found["removed_is_never_had"]
+    assert found["new_effect_changes_nothing"]
+    assert not found["contains_cosh"]
+    assert Unused.name not in EFFECTS
+
+
+def test_the_proof_can_fail() -> None:
+    """Two scenes that differ by one effect have different programs, so equality says something."""
+    assert program(load_scene(SCENE)) != program(load_scene(SCENE + "-undamped"))

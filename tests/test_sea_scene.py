@@ -1,0 +1,213 @@
+"""Scenes with water: packaged ones, what is refused, what is warned of, what a scene without water pays."""
+
+from __future__ import annotations
+
+import copy
+
+import jax
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.sea.catalogue import sea_names
+from dropper_jax.sea.checks import sea_warnings
+from dropper_jax.sea.make import make_sea
+from dropper_jax.sea.readers import elevation_components, from_wavespectra
+from dropper_jax.sea.spec import SeaSpec
+
+SCENES = (
+    *("dropper-north-sea", "dropper-north-sea-thesis", "dropper-current", "dropper-regular-wave"),
+    *("wet-pendulum-wave", "string-in-current"),
+)
+LINE = {
+    "run": {"dt": 0.02, "duration": 100.0},
+    "point": [{"name": "a", "position": [0, 0, -1]}, {"name": "b", "kind": "free", "position": [0, 0, -5]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "links": 4, "length": 1.0, "mass": 5.0, "diameter": 0.05}],
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.0}},
+    "start": {"kind": "angles", "zero": "down", "polar": [0.0] * 4},
+    "sea": {"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 6.0}},
+}
+
+
+def changed(**values) -> dict:
+    table = copy.deepcopy(LINE)
+    for path, value in values.items():
+        *parents, key = (int(part) if part.isdecimal() else part for part in path.split("__"))
+        place = table
+        for part in parents:
+            place = place[part] if isinstance(place, list) else place.setdefault(part, {})
+        if value is None:
+            place.pop(key)
+        else:
+            place[key] = value
+    return table
+
+
+def refusal(table: dict) -> str:
+    with pytest.raises(dj.SceneError) as caught:
+        dj.build(table)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_packaged_scenes_load_build_and_keep_their_values(name):
+    scene = dj.load_scene(name)
+    assert dj.Scene.from_dict(scene.to_dict()) == scene
+    assert scene.sea is not None
+
+
+@pytest.mark.parametrize(("name", "hs"), [("north-sea-25-year", 2.57), ("north-sea-25-year-jonswap", 8.20)])
+def test_packaged_seas_have_their_height(name, hs):
+    sea = make_sea(SeaSpec.read({"packaged": name}, "sea"))
+    assert float(sea.waves.significant_height) == pytest.approx(hs, abs=0.005)
+    assert {"jonswap-29", "regular-case-1", name} <= set(sea_names())
+
+
+def test_a_packaged_sea_is_overridden_by_the_scene_and_by_paths():
+    scene = dj.Scene.from_dict(changed(sea={"packaged": "regular-case-1", "waves": {"amplitude": 0.7}}))
+    assert scene.sea.waves.amplitude == 0.7
+    assert scene.sea.waves.period == 8.33
+    assert scene.with_values({"sea.waves.period": 5.0, "sea.density": 1010.0}).sea.waves.period == 5.0
+
+
+BAD = [
+    (changed(sea__waves__period=-6.0), "sea.waves.period: -6.0 is out of range"),
+    (changed(sea__waves__perod=6.0), "sea.waves.perod: unknown key; did you mean 'period'?"),
+    (changed(sea__waves__hs=6.0), "sea.waves.hs: not used by kind 'regular'"),
+    (changed(sea__depth=-1.0), "sea.depth: -1.0 is out of range"),
+    (changed(sea=None), "effects.buoyancy: needs water, but the scene has no [sea]"),
+    (changed(sea__packaged="north-sea"), "sea.packaged: 'north-sea' is not a packaged sea; did you mean 'north-"),
+    (changed(line__0__diameter=None), "line.0.diameter: missing"),
+    (changed(point__0__position=[0, 0, -30]), "point.0.position: z = -30 m is below the bed"),
+    (changed(effects__buoyancy__wet_weight=30.0), "line.0.diameter: 0.05 m of link 1 displaces 0.001963 m^3"),
+    (changed(effects__buoyancy__wet_weight=80.0), "effects.buoyancy.wet_weight: 80 N of link 1 is not below"),
+    (changed(effects__weight__wet_weight=30.0), "effects.weight.wet_weight: is a weight in water"),
+    (changed(sea__wave_current="doppler"), "sea.wave_current: 'doppler' needs waves and a current"),
+    (changed(sea__waves={"kind": "spectrum", "hs": 1.0}), "sea.waves.tp: missing"),
+    (changed(sea__waves={"kind": "components", "amplitude": [1.0, 1.0], "period": [3.0]}), "sea.waves.period: [3.0]"),
+    (changed(sea__current={"kind": "table", "heights": [0.0]}), "sea.current: `heights` and `velocities` belong"),
+    (changed(sea__interpolation="grid", sea__stretching="none"), "sea.interpolation: 'grid' cannot serve this sea"),
+    (
+        changed(sea__current={"speed": -4.0}, sea__wave_current="doppler", sea__waves__period=3.0),
+        "sea.wave_current: the current stops 1 of 1 wave components, the first of period 3 s",
+    ),
+]
+
+
+@pytest.mark.parametrize(("table", "start"), BAD, ids=[start[:40] for _, start in BAD])
+def test_bad_input_is_one_line_that_names_it(table, start):
+    assert refusal(table).startswith(start)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("period,amplitude\n3,1\n", "has the columns period, amplitude; allowed: period_s or frequency_hz"),
+        ("period_s,amplitude_m\n3,x\n", "line 2: '3,x' is not all numbers"),
+        ("period_s,amplitude_m\n-3,1\n", "period_s of component 1 is -3; allowed: > 0"),
+        ("period_s,amplitude_m\n", "has no rows"),
+    ],
+)
+def test_component_files_with_wrong_columns_are_named(tmp_path, text, problem):
+    file = tmp_path / "sea.csv"
+    file.write_text(text)
+    message = refusal(changed(sea__waves={"kind": "components", "file": str(file)}))
+    assert message.startswith("sea.waves.file")
+    assert problem in message
+
+
+def test_component_files_are_read_with_periods_before_frequencies(tmp_path):
+    file = tmp_path / "sea.csv"
+    file.write_text("frequency_hz,period_s,amplitude_m,phase_rad\n0.12,8.345,0.873,0.837\n0.13,7.586,0.832,5.658\n")
+    scene = dj.Scene.from_dict(changed(sea__waves={"kind": "components", "file": str(file)}))
+    np.testing.assert_array_equal(scene.sea.waves.period, [8.345, 7.586])
+    assert dj.Scene.from_dict(scene.to_dict()) == scene
+
+
+WARN = [
+    (changed(sea__waves__amplitude=4.0), "sea.waves: wave height 8 m is beyond breaking, 0.142 L tanh(kd) = 7.656"),
+    (changed(sea__depth=4.0), "sea.depth: the line reaches down to z = -5 m, the bed is at -4 m"),
+    (
+        changed(sea__waves={"kind": "components", "amplitude": [0.1] * 3, "period": [10.0, 5.0, 10 / 3]}),
+        "sea.waves: the sea repeats after 10 s, within the run of 100 s",
+    ),
+    (changed(line__0__diameter=0.9, sea__waves__period=3.0), "line.0.diameter: 0.064 of the shortest wavelength"),
+]
+
+
+@pytest.mark.parametrize(("table", "start"), WARN, ids=["breaking", "reach", "repeats", "slender"])
+def test_what_is_doubtful_is_a_warning_with_numbers(table, start):
+    scene = dj.Scene.from_dict(table)
+    found = sea_warnings(scene, make_sea(scene.sea))
+    assert [line for line in found if line.startswith(start)]
+
+
+def test_a_measured_elevation_comes_back_between_its_samples():
+    t = np.arange(0.0, 60.0, 0.5)
+    eta = 0.7 * np.cos(2 * np.pi * 6 / 60 * t + 0.4) + 0.2 * np.sin(2 * np.pi * 15 / 60 * t)
+    waves = elevation_components(t, eta)
+    fine = np.linspace(0, 59, 400)
+    found = np.cos(waves["phase"] - 2 * np.pi / waves["period"] * fine[:, None]) @ waves["amplitude"]
+    expected = 0.7 * np.cos(2 * np.pi * 6 / 60 * fine + 0.4) + 0.2 * np.sin(2 * np.pi * 15 / 60 * fine)
+    np.testing.assert_allclose(found, expected, atol=1e-10)
+
+
+def test_a_wavespectra_dataset_becomes_a_sea_of_its_height_and_course():
+    xarray = pytest.importorskip("xarray", reason="reading wavespectra datasets needs the extra io")
+    frequency, coming = np.linspace(0.05, 0.3, 26), np.arange(0.0, 360.0, 10.0)
+    density = np.exp(-((frequency - 0.1) ** 2) / 2e-4)[:, None] * (coming == 270.0)
+    data = xarray.Dataset({"efth": (("freq", "dir"), density)}, {"freq": frequency, "dir": coming})
+    waves = from_wavespectra(data, seed=1)
+    energy = np.sum(density) * 0.01 * 10.0
+    assert 0.5 * np.sum(waves["amplitude"] ** 2) == pytest.approx(energy, rel=1e-6)
+    np.testing.assert_allclose(waves["direction"], 0.0, atol=1e-12)  # from the west, so towards +x
+    assert dj.Scene.from_dict(changed(sea__waves=waves)).sea.waves.kind == "components"
+
+
+def operations(table) -> dict[str, int]:
+    """Primitives of one step and how often each stands in the program."""
+    model, state = dj.build(table)
+    stepper = dj.make_stepper(model)
+    counts: dict[str, int] = {}
+
+    def walk(jaxpr):
+        for eqn in jaxpr.eqns:
+            counts[eqn.primitive.name] = counts.get(eqn.primitive.name, 0) + 1
+            for value in jax.tree.leaves(eqn.params, is_leaf=lambda x: hasattr(x, "eqns") or hasattr(x, "jaxpr")):
+                inner = getattr(value, "jaxpr", value)
+                if hasattr(inner, "eqns"):
+                    walk(inner)
+
+    walk(jax.make_jaxpr(lambda m, s: dj.step(stepper, m, s, 0.01))(model, state).jaxpr)
+    return counts
+
+
+def test_water_costs_nothing_where_no_effect_feels_it():
+    dry = changed(sea=None, effects={"weight": {}, "linear_damping": {"b_l": 0.1}})
+    wet = changed(effects={"weight": {}, "linear_damping": {"b_l": 0.1}})
+    assert operations(dry) == operations(wet)
+    assert not {"exp", "cos", "sin", "cosh", "tanh"} & set(operations(dry))
+
+
+def test_a_scene_with_only_a_current_has_no_wave_functions():
+    counts = operations(changed(sea__waves=None, sea__current={"speed": 1.0}))
+    assert not {"exp", "cosh", "sinh", "tanh"} & set(counts)
+    assert {"exp", "sin"} <= set(operations(LINE))
+
+
+def test_the_interpolated_sea_keeps_its_stated_error():
+    import jax.numpy as jnp
+
+    waves = {"kind": "spectrum", "hs": 2.0, "tp": 7.0, "count": 40, "direction": 1.5}
+    model, _ = dj.build(changed(sea__waves=waves, sea__interpolation="grid", sea__depth=30.0))
+    grid = model.sea.waves
+    assert float(jnp.max(grid.error)) < 1e-3
+    rng = np.random.default_rng(5)
+    r = jnp.asarray(rng.uniform([-1, -4, -5], [1, 4, 0], (200, 3)))
+    for t in (3.0, 1234.5):
+        exact, found = (w.motion(r, jnp.asarray(t), 30.0) for w in (grid.waves, grid))
+        for a, b, e in zip(exact[1:], found[1:], grid.error, strict=True):
+            size = np.sqrt(3 * np.mean(np.asarray(a) ** 2))
+            assert np.max(np.abs(a - b)) < 3 * float(e) * size
+        np.testing.assert_allclose(found.elevation, exact.elevation, atol=1e-3)

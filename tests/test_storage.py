@@ -1,0 +1,95 @@
+"""Saved runs: netCDF and npz give back the same numbers through one loader; tables are what fitting reads."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.cli import main
+from dropper_jax.errors import SceneError
+from dropper_jax.solution import ARRAYS
+from dropper_jax.storage import load_run
+from dropper_jax.tables import write_angles, write_tensions
+from fitting.traces import read_trace
+
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("h5netcdf")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return dj.simulate("double-pendulum-chaotic", duration=0.2, dt=0.01)
+
+
+def test_netcdf_gives_back_every_number_and_setting(run, tmp_path):
+    path = run.save(tmp_path / "run.nc")
+    again = load_run(path)
+    for name in ARRAYS:
+        saved, read = getattr(run, name), getattr(again, name)
+        assert saved.dtype == read.dtype, name
+        np.testing.assert_array_equal(saved, read, err_msg=name)
+    assert again.provenance() == run.provenance()
+    assert again.scene == run.scene
+    assert [item.name for item in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_both_formats_go_through_one_loader(run, tmp_path):
+    files = [run.save(tmp_path / name) for name in ("run.nc", "run.npz")]
+    first, second = (load_run(file) for file in files)
+    assert first.provenance() == second.provenance()
+    np.testing.assert_array_equal(first.positions, second.positions)
+
+
+def test_a_reopened_run_repeats_to_the_bit(run, tmp_path):
+    again = load_run(run.save(tmp_path / "run.nc")).rerun()
+    np.testing.assert_array_equal(again.positions, run.positions)
+
+
+def test_dataset_has_names_units_and_the_angles_of_the_solution(run):
+    dataset = run.to_xarray()
+    assert dataset.attrs["Conventions"].startswith("CF-")
+    assert all("units" in dataset[name].attrs and "long_name" in dataset[name].attrs for name in dataset.data_vars)
+    height = dataset.position.sel(axis="z", node=2).isel(time=0).item()
+    assert height == run.positions[0, 2, 2]
+    np.testing.assert_array_equal(dataset.polar_angle.values, run.polar)
+    assert dataset.tension.dims == ("time", "link")
+
+
+def test_command_line_writes_netcdf_and_tables(tmp_path, capsys):
+    out, tables = tmp_path / "run.nc", tmp_path / "tables"
+    argv = ["run", "double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quiet", "--json"]
+    assert main([*argv, "--out", str(out), "--tables", str(tables)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert load_run(out).summary()["final_positions_m"] == found["final_positions_m"]
+    assert sorted(item.name for item in tables.iterdir()) == ["angles.csv", "tensions.csv"]
+
+
+@pytest.mark.parametrize("zero", ["horizontal", "down"])
+def test_angle_table_is_read_back_exactly_and_means_the_same(run, tmp_path, zero):
+    trace = read_trace(write_angles(run, tmp_path / "angles.csv", zero=zero), links=2)
+    assert (trace.convention.zero, trace.convention.sign, trace.convention.unit) == (zero, 1, "rad")
+    np.testing.assert_array_equal(trace.t, run.t)
+    inside = trace.in_model_convention(trace.convention)
+    np.testing.assert_allclose(np.sin(inside.theta), np.sin(run.polar), atol=1e-12)
+    slope = np.gradient(inside.theta, run.t, axis=0)
+    assert np.abs(slope - inside.omega)[2:-2].max() < 0.02 * np.abs(inside.omega).max()
+
+
+def test_tension_table_holds_the_tensions_at_their_times(run, tmp_path):
+    table = np.loadtxt(write_tensions(run, tmp_path / "tensions.csv"), delimiter=",", skiprows=3)
+    np.testing.assert_array_equal(table[:, 0], run.t_tension)
+    np.testing.assert_array_equal(table[:, 1:], run.tension)
+
+
+def test_files_that_are_no_runs_are_refused_in_one_line(tmp_path):
+    (tmp_path / "text.nc").write_text("no netCDF")
+    xarray.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    for name in ("text.nc", "other.nc"):
+        with pytest.raises(SceneError, match=rf"{name}: not a saved run; allowed") as caught:
+            load_run(tmp_path / name)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(SceneError, match=r"none\.nc: cannot be read"):
+        load_run(tmp_path / "none.nc")

@@ -1,0 +1,144 @@
+"""The interactive page: whole in one file, the run's numbers inside, and in a browser (where there is one) it works."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.cli import main
+from dropper_jax.view import view_page
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+#: Uses the page as a person would, and leaves what it saw in the page.
+EXERCISE = """
+<script>
+const seen = {}, shot = () => canvas.toDataURL(), box = document.body.dataset;
+const bright = (d, i) => d[i + 3] && Math.max(d[i], d[i + 1], d[i + 2]) - Math.min(d[i], d[i + 1], d[i + 2]) > 60;
+const pixels = () => { const d = pen.getImageData(0, 0, canvas.width, canvas.height).data; let n = 0;
+  for (let i = 0; i < d.length; i += 4) if (bright(d, i)) n++;
+  return n; };
+const changes = (name, act) => { const before = shot(); act(); seen[name + "_changes"] = shot() !== before; };
+const point = (type, x, y) => canvas.dispatchEvent(new PointerEvent(type, { clientX: x, clientY: y, bubbles: true }));
+seen.coloured = pixels();
+changes("scrub", () => { byId("scrub").value = (start + end) / 2; byId("scrub").dispatchEvent(new Event("input")); });
+seen.scrubbed = box.time;
+changes("orbit", () => { point("pointerdown", 300, 300); point("pointermove", 380, 320); point("pointerup", 380, 320); });
+seen.turned = box.turn;
+changes("zoom", () => canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -300, cancelable: true })));
+changes("water", () => byId("water").click());
+byId("speed").value = "2"; byId("play").click(); seen.playing = box.playing;
+setTimeout(() => {
+  seen.played = box.time; byId("play").click(); seen.paused = box.playing;
+  const out = document.createElement("pre"); out.id = "seen"; out.textContent = JSON.stringify(seen);
+  document.body.append(out);
+}, 300);
+</script></body>
+"""
+
+
+@pytest.fixture(scope="module")
+def run():
+    return dj.simulate("double-pendulum-chaotic", duration=2.0, dt=0.02)
+
+
+@pytest.fixture(scope="module")
+def wet():
+    sea = {"depth": 30.0, "waves": {"kind": "regular", "amplitude": 1.0, "period": 6.0}}
+    table = {
+        "name": "wet <line> & sea",
+        "run": {"dt": 0.05, "duration": 2.0},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, -1.0]},
+            {"name": "end", "kind": "free", "position": [4.0, 0.0, -1.0]},
+        ],
+        "line": [{"name": "l", "from": "top", "to": "end", "links": 2, "length": 2.0, "mass": 5.0, "diameter": 0.05}],
+        "effects": {"weight": {}, "morison_drag": {"cdn": 1.0, "cdt": 0.0}},
+        "sea": sea,
+        "start": {"kind": "angles", "zero": "down", "polar": [0.5, 0.5]},
+    }
+    return dj.simulate(table)
+
+
+def data(page: str) -> dict:
+    return json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.S)[1])
+
+
+def floats(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+def test_page_is_one_file_that_asks_for_nothing_else(run):
+    page = view_page(run)
+    assert not re.findall(r"""(?:src|href)\s*=|https?:|@import|url\(|fetch\(|XMLHttp|WebSocket""", page)
+    assert "/*" not in re.sub(r"<style>.*?</style>|<script>.*?</script>", "", page, flags=re.S)
+
+
+def test_page_holds_the_positions_and_tensions_of_the_run(run):
+    found = data(view_page(run))
+    assert (found["frames"], found["nodes"], found["held"]) == (len(run.t), 3, [0])
+    np.testing.assert_array_equal(floats(found["positions"]), run.positions.astype("f4").ravel())
+    np.testing.assert_array_equal(floats(found["tension"]), run.tension.astype("f4").ravel())
+    np.testing.assert_array_equal(floats(found["time"]), run.t.astype("f4"))
+    assert found["water"] is None
+
+
+def test_surface_of_the_page_is_the_regular_wave(wet):
+    found = data(view_page(wet))["water"]
+    eta = floats(found["elevation"]).reshape(found["frames"], found["points"], found["points"])
+    x, t = np.array(found["x"]), floats(found["time"])
+    k = 4 * np.pi**2 / 6.0**2 / 9.81  # deep water to 1 % at this depth
+    phase = k * x[None, :] - 2 * np.pi / 6.0 * t[:, None]
+    assert np.abs(eta[:, :, 0] - np.cos(phase)).max() < 0.05
+    assert found["depth"] == 30.0
+
+
+def test_a_name_cannot_break_out_of_the_page(wet):
+    page = view_page(wet)
+    assert "<line>" not in page
+    assert "<title>wet &lt;line&gt; &amp; sea</title>" in page
+    assert data(page)["name"] == "wet <line> & sea"
+
+
+def test_long_runs_are_thinned_and_keep_their_ends(run, monkeypatch):
+    monkeypatch.setattr("dropper_jax.view.make.FRAMES", 10)
+    found = data(view_page(run))
+    assert found["frames"] == 10
+    assert floats(found["time"])[[0, -1]].tolist() == [0.0, 2.0]
+
+
+def test_command_writes_the_page_and_refuses_other_files(run, tmp_path, capsys):
+    saved, page = run.save(tmp_path / "run.npz"), tmp_path / "view.html"
+    assert main(["view", str(saved), "--out", str(page), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["bytes"] == page.stat().st_size
+    assert main(["view", str(saved), "--out", str(tmp_path / "view.txt")]) == 2
+    assert "--out" in capsys.readouterr().err
+    (tmp_path / "bad.npz").write_text("nothing")
+    assert main(["view", str(tmp_path / "bad.npz"), "--out", str(page)]) == 2
+    assert "not a saved run" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here: the page's structure is checked, its working is not")
+def test_page_plays_scrubs_and_turns_in_a_browser(wet, tmp_path):
+    page = tmp_path / "view.html"
+    page.write_text(view_page(wet).replace("</body>", EXERCISE), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=3000", "--window-size=900,600"]
+    command = [BROWSER, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    found = re.search(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
+    assert found, done.stderr[-500:]
+    seen = json.loads(found[1])
+    assert seen["coloured"] > 300  # links drawn in the colours of their tensions
+    assert float(seen["scrubbed"]) == pytest.approx(1.0, abs=1e-3)
+    assert float(seen["turned"]) == pytest.approx(-0.65 - 0.008 * 80, abs=2e-3)
+    assert all(seen[f"{name}_changes"] for name in ("scrub", "orbit", "zoom", "water"))
+    assert seen["playing"] == "true"
+    assert seen["paused"] == "false"
+    assert float(seen["played"]) > 1.05

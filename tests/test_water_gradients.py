@@ -1,0 +1,79 @@
+"""Derivatives of a run with respect to what water depends on, through the surface: forward, reverse, differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import dropper_jax as dj
+from dropper_jax.sea.make import waves_on
+from dropper_jax.sea.spectrum import components
+
+NAMES = ("cdn", "can", "diameter", "hs", "tp", "direction", "current")
+AT = jnp.array([1.1, 0.8, 0.08, 1.2, 6.0, 0.4, 0.5])
+SCENE = {
+    "run": {"dt": 0.04, "duration": 1.0},
+    "point": [{"name": "a", "position": [0, 0, 0.3]}, {"name": "b", "position": [1.0, 0.2, 0.2]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "links": 5, "length": 0.5, "mass": 4.0, "diameter": 0.08}],
+    "effects": {
+        "weight": {},
+        "buoyancy": {},
+        "morison_drag": {"cdn": 1.1, "cdt": 0.05},
+        "morison_inertia": {"can": 0.8, "cat": 0.1},
+    },
+    "sea": {
+        "depth": 15.0,
+        "waves": {"kind": "spectrum", "hs": 1.2, "tp": 6.0, "count": 8},
+        "current": {"speed": 0.5},
+        "wave_current": "doppler",
+    },
+}
+
+
+def test_gradients_agree_forward_reverse_and_with_differences_through_the_surface():
+    model, state = dj.build(SCENE)
+    stepper = dj.make_stepper(model, halvings=0, extra=0)
+
+    def changed(p):
+        values = dict(zip(NAMES, p, strict=True))
+        effects = tuple(
+            replace(e, **{key: values[key] for key in ("cdn", "can") if hasattr(e, key)}) for e in model.effects
+        )
+        line = replace(model.line, diameter=values["diameter"] * jnp.ones(5))
+        current = replace(model.sea.current, speed=values["current"])
+        drawn = components(values["hs"], values["tp"], values["direction"], depth=15.0, count=8)
+        drawn = drawn._replace(direction=drawn.direction[0])
+        sea = replace(model.sea, current=current, waves=waves_on(drawn, 15.0, current=current))
+        return replace(model, effects=effects, lines=(line,), sea=sea)
+
+    def final(p):
+        s, _ = dj.integrate(stepper, changed(p), state, 0.04, 40)
+        return jnp.sum(s.r * jnp.array([1.0, -0.7, 0.4])) + 0.1 * jnp.sum(s.v[:, 2])
+
+    both = jax.jit(jax.value_and_grad(final))
+    run, reverse = lambda p: both(p)[0], both(AT)[1]
+    along = jnp.array([0.3, -0.5, 0.02, 0.4, 1.0, -0.6, 0.7])
+    forward = jax.jit(lambda p, d: jax.jvp(final, (p,), (d,))[1])(AT, along)
+    np.testing.assert_allclose(forward, reverse @ along, rtol=1e-9)
+    for i, name in enumerate(NAMES):
+        e = 1e-5 * float(AT[i])
+        up, down = (float(run(AT.at[i].add(sign * e))) for sign in (1, -1))
+        central = (up - down) / (2 * e)
+        assert abs(central - float(reverse[i])) < 1e-5 * abs(central) + 1e-8, name
+    assert np.all(np.abs(reverse) > 1e-6)
+
+
+def test_gradients_are_finite_where_water_and_line_are_at_rest():
+    model, state = dj.build({**SCENE, "sea": {"depth": 15.0}})
+
+    @jax.jit
+    @jax.grad
+    def slope(r, v):
+        k = model.kinematics(r, v, state.t)
+        k = model.kinematics(r, v, state.t, prepared=model.prepare(k))
+        return jnp.sum(model.force(k) + model.inertia(k, v))
+
+    assert np.all(np.isfinite(slope(state.r, state.v)))

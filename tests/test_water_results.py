@@ -1,0 +1,55 @@
+"""What is made of runs and lines in water: growth, flow regime, pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax import plots
+from dropper_jax.sea.growth import grown, with_growth
+from dropper_jax.sea.regime import regime
+
+SCENE = {
+    "run": {"dt": 0.05, "duration": 4.0},
+    "point": [{"name": "a", "position": [0, 0, -2.0]}, {"name": "b", "kind": "free", "position": [0, 0, -6.0]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "links": 4, "length": 1.0, "mass": 2.0, "diameter": 0.04}],
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
+    "sea": {"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 6.0}},
+}
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return dj.simulate(SCENE, halvings=0, extra=0)
+
+
+def test_growth_from_a_bare_rope_gives_mass_diameter_and_wet_weight():
+    found = grown(*(np.array([x]) for x in (2.0, 1.0, 0.02, 0.05, 1200.0)), water=1000.0, gravity=10.0)
+    area = np.pi / 4 * (0.12**2 - 0.02**2)
+    assert found.diameter[0] == pytest.approx(0.12)
+    assert found.mass[0] == pytest.approx(1.0 + 1200.0 * area * 2.0)
+    assert found.wet_weight[0] == pytest.approx(10.0 * (found.mass[0] - 1000.0 * np.pi / 4 * 0.12**2 * 2.0))
+
+
+def test_growth_over_depth_is_taken_where_the_links_hang():
+    scene = with_growth(dj.load_scene(SCENE), [2.0, 6.0], [0.05, 0.01], 1300.0)
+    # the links' middles hang at 2.5, 3.5, 4.5 and 5.5 m
+    np.testing.assert_allclose(scene.lines[0].diameter, 0.04 + 2 * (0.05 - 0.01 * np.array([0.5, 1.5, 2.5, 3.5])))
+    assert np.all(scene.lines[0].mass > 2.0)
+    with pytest.raises(dj.SceneError, match="growth.depth"):
+        with_growth(dj.load_scene(SCENE), [6.0, 2.0], [0.05, 0.01], 1300.0)
+
+
+def test_the_flow_regime_is_bounded_by_the_fastest_water(solution):
+    found = regime(solution)
+    fastest = 0.5 * 2 * np.pi / 6.0 / np.tanh(2 * np.pi / 53.0 * 20.0) * 1.2 + solution.max_speed
+    assert 0.05 < found["relative_speed_m_per_s"] < fastest
+    assert found["keulegan_carpenter"] == pytest.approx(found["relative_speed_m_per_s"] * 6.0 / 0.04)
+    assert found["diameter_over_wavelength"] < 0.05
+
+
+@pytest.mark.parametrize("name", ["elevation", "under_surface", "response", "tension_envelope"])
+def test_pictures_of_water_are_written(solution, tmp_path, name):
+    file = getattr(plots, name)(solution, tmp_path / f"{name}.png")
+    assert file.stat().st_size > 10_000

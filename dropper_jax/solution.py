@@ -220,7 +220,7 @@ class Solution:
         return to_xarray(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write to an `.npz` or `.nc` file with the scene and all settings inside, so that `rerun` can repeat the run."""
+        """Write to an `.npz` or `.nc` file with scene and settings inside, so that `rerun` can repeat the run."""
         if Path(path).suffix.lower() == ".nc":
             from dropper_jax.storage import write_netcdf
 

@@ -1,4 +1,4 @@
-"""How much a quantity depends on parameters: exact local derivatives, how far they can be trusted, and global indices.
+"""How much a quantity depends on parameters: exact local derivatives, and how far they can be trusted.
 
 Local derivatives go through the whole run, static start included, in forward and in reverse mode. In a chaotic motion
 they grow like exp(lambda t) and soon say nothing about a change of finite size: the horizon tells when, and averages
@@ -22,7 +22,6 @@ from dropper_jax.errors import SceneError
 from dropper_jax.integrate import Trajectory
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics import nodal_loads
-from dropper_jax.storage import extra
 from fitting.naming import full_names
 from fitting.parameters import Parameter, apply, missing_effects, resolve
 from fitting.quantities import Quantity, quantity
@@ -33,7 +32,6 @@ GROWTH = 100.0
 CHUNK = 64
 #: Standard range of a parameter in global studies, each way.
 SPREAD = 0.2
-METHODS = ("sobol", "morris")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -253,70 +251,3 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
         spread = SPREAD * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
     return found
-
-
-@dataclasses.dataclass(frozen=True)
-class Global:
-    """Indices over a box of parameters.
-
-    Attributes:
-        method: `sobol` (first: share of the variance by the parameter alone; total: with its interactions) or `morris`
-            (first: mean |elementary effect| [unit of the quantity per range]; total: their standard deviation).
-        names, ranges: of the parameters.
-        first, first_error, total, total_error: (p,), errors at 95 % (NaN where there is none).
-        runs, mean, std: number of runs, mean and standard deviation of the quantity over them.
-    """
-
-    method: str
-    names: list[str]
-    ranges: list[tuple[float, float]]
-    first: np.ndarray
-    first_error: np.ndarray
-    total: np.ndarray
-    total_error: np.ndarray
-    runs: int
-    mean: float
-    std: float
-
-
-def global_indices(
-    function: Callable[[np.ndarray], np.ndarray],
-    names: Sequence[str],
-    box: Sequence[tuple[float, float]],
-    method: str = "sobol",
-    samples: int = 256,
-    seed: int = 0,
-) -> Global:
-    """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
-
-    Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
-
-    Raises:
-        SceneError: an unknown method, or cases that failed.
-
-    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; Morris, Technometrics 33 (1991) 161-174.
-    """
-    if method not in METHODS:
-        raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
-    problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
-    sobol = method == "sobol"
-    if sobol and samples & (samples - 1):
-        raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
-    sampler, analyser = (extra(f"SALib.{part}.{method}", "sensitivity") for part in ("sample", "analyze"))
-    more = {"calc_second_order": False} if sobol else {}
-    points = sampler.sample(problem, samples, seed=seed, **more)
-    values = np.asarray(function(points), float)
-    bad = int(np.sum(~np.isfinite(values)))
-    if bad:
-        raise SceneError(f"samples: {bad} of {len(values)} cases failed; allowed: ranges in which every case runs")
-    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
-        zero = np.zeros(len(names))
-        return Global(method, list(names), list(box), zero, zero, zero, zero, len(values), float(values.mean()), 0.0)
-    if sobol:
-        found = analyser.analyze(problem, values, seed=seed, **more)
-        columns = [found[key] for key in ("S1", "S1_conf", "ST", "ST_conf")]
-    else:
-        found = analyser.analyze(problem, points, values, seed=seed)
-        columns = [found["mu_star"], found["mu_star_conf"], found["sigma"], np.full(len(names), np.nan)]
-    columns = [np.asarray(column, float) for column in columns]
-    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))

@@ -14,7 +14,8 @@ from dropper_jax.errors import SceneError
 from dropper_jax.solution import jsonable
 
 if TYPE_CHECKING:
-    from fitting.sensitivity import Global, Local
+    from fitting.screening import Global
+    from fitting.sensitivity import Local
 
 name = "sensitivity"
 help = "how much a quantity depends on parameters: exact derivatives, Sobol indices, Morris screening"
@@ -52,12 +53,12 @@ def run(args: argparse.Namespace) -> int:
     if args.samples < 2:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
-    from fitting import sensitivity
+    from fitting import screening, sensitivity
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
     if args.method:
         box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
-        found: Any = sensitivity.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
+        found: Any = screening.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
         ok = True
     else:
         found = sensitivity.local(problem, progress(args.quiet) or (lambda fraction, text: None))

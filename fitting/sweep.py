@@ -123,7 +123,7 @@ def _write(store: Store, chunk: int, found: dict[str, np.ndarray], kept: int) ->
 
 def _local(plan: Plan, todo: list[int]) -> Iterator[tuple[int | None, Any]]:
     """Results chunk by chunk; the next chunks run while these are written."""
-    program = Program(plan)
+    program = _program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
     yield None, None
@@ -136,13 +136,14 @@ def _local(plan: Plan, todo: list[int]) -> Iterator[tuple[int | None, Any]]:
 
 
 @lru_cache(maxsize=2)
-def _program(identity: str) -> Program:
-    return Program(from_identity(json.loads(identity)), devices=1)
+def _program(identity: str, devices: int | None) -> Program:
+    """Compiled once per process, for later calls and for all chunks of a worker."""
+    return Program(from_identity(json.loads(identity)), devices)
 
 
 def run_chunk(identity: str, chunk: int) -> dict[str, np.ndarray]:
-    """One chunk of the sweep with this identity, on a worker; its program is compiled once per process."""
-    program = _program(identity)
+    """One chunk of the sweep with this identity, on a worker."""
+    program = _program(identity, 1)
     return program.collect(program([chunk]))[chunk]
 
 

@@ -8,7 +8,8 @@ import matplotlib.style
 import numpy as np
 
 from dropper_jax.plots import style
-from fitting.sensitivity import Global, Local
+from fitting.screening import Global
+from fitting.sensitivity import Local
 
 
 def local_picture(found: Local, path: str | Path) -> Path:

@@ -14,7 +14,8 @@ from dropper_jax.errors import SceneError
 from fitting import sensitivity
 from fitting.parameters import apply
 from fitting.quantities import STATISTICS, quantity
-from fitting.sensitivity import global_indices, local, ranges, study, windows
+from fitting.screening import global_indices
+from fitting.sensitivity import local, ranges, study, windows
 
 SCENE = {
     "name": "pendulum",

@@ -217,3 +217,25 @@ def test_command_line_sweeps_and_resumes(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["resumed"] == 3
     assert main([*argv, "--vary", "line.0.length=oops"]) == 2
     assert "is not NAME=LO:HI:N" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_cluster_does_the_chunks_of_a_worker_that_died_elsewhere(whole, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    path, write, killed = tmp_path / "cluster.zarr", Store.write, []
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client:
+        workers = list(client.run(os.getpid).values())
+
+        def kill_one(self, chunk, found):
+            write(self, chunk, found)
+            if not killed:
+                killed.append(workers[0])
+                os.kill(workers[0], signal.SIGKILL)
+
+        monkeypatch.setattr(Store, "write", kill_one)
+        result = sweep(SCENE, VARY, path, chunk=1, traces=True, scheduler=client, **QUICK)
+    assert killed
+    assert result.counts["ok"] == 10
+    one, other = raw(path), raw(whole)
+    np.testing.assert_array_equal(one["status"], other["status"])
+    np.testing.assert_allclose(one["tension_max"], other["tension_max"], rtol=1e-9)

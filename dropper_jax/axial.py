@@ -39,7 +39,7 @@ class Elastic:
     """Elastic link with internal damping: `T = EA (|d| - L)/L + BA d|d|/dt / L`.
 
     `EA` is the axial stiffness [N]. `damping` is BA [N s] (the paper's internal damping, its section 3.1).
-    The link also pushes: a line that can go slack is another law.
+    The link also pushes: a line that can go slack is a `Rope`.
     """
 
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
@@ -90,5 +90,52 @@ class Elastic:
         return -jnp.sum(self.damping / length * stretch**2) / h
 
 
-Axial = Rigid | Elastic
-LAWS = {"rigid": Rigid, "elastic": Elastic}
+@component
+class Rope(Elastic):
+    """Elastic link that goes slack: `T = max(0, EA e + BA (e - e0)/h)`, e the stretch per length, or 0 where it is slack.
+
+    The internal damping counts only what is stretched, so that it acts on a taut link alone, is continuous where a link
+    tautens, and never holds a slack one (MoorDyn's damper stays on and pulls through a slack line).
+    """
+
+    def _pull(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        """Tension over EA/L, (n,) [m]."""
+        stretched = jnp.maximum(safe_norm(d1) - length, 0.0)
+        if self.damping is None:
+            return stretched
+        before = jnp.maximum(safe_norm(d0) - length, 0.0)
+        return jnp.maximum(stretched + self.damping / self.EA * (stretched - before) / h, 0.0)
+
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        return self._pull(d0, d1, length, h) - length * tension / self.EA
+
+    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+        size = safe_norm(d)
+        pull = self.EA * (size - length) / length
+        if self.damping is not None:
+            pull = pull + self.damping / length * dot(d, rate) / size
+        return jnp.where(size > length, jnp.maximum(pull, 0.0), 0.0)
+
+    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+        return jnp.sum(0.5 * self.EA / length * jnp.maximum(safe_norm(d) - length, 0.0) ** 2)
+
+    def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        if self.damping is None:
+            return jnp.zeros((), d0.dtype)
+        elastic = jnp.maximum(safe_norm(d1) - length, 0.0)
+        extra = self.EA / length * (self._pull(d0, d1, length, h) - elastic)
+        return -jnp.sum(extra * (safe_norm(d1) - safe_norm(d0)))
+
+    def ringing_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array) -> jax.Array:
+        """What the law at the end of the step takes beyond the internal damping, scalar [J], never positive.
+
+        `psi(d1) - psi(d0) - T_elastic(d1) (|d1| - |d0|)`, psi the stored energy, which is convex. This is how axial ringing
+        that the step cannot resolve, and the snap of a slack link, are lost.
+        """
+        elastic = self.EA / length * jnp.maximum(safe_norm(d1) - length, 0.0)
+        change = jnp.sum(elastic * (safe_norm(d1) - safe_norm(d0)))
+        return self.energy(d1, length) - self.energy(d0, length) - change
+
+
+Axial = Rigid | Elastic | Rope
+LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope}

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from dropper_jax.axial import LAWS, Axial
-from dropper_jax.effects import EFFECTS
+from dropper_jax.effects import EFFECTS, Effect
+from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
+from dropper_jax.effects.spar_buoys import SparBuoys
+from dropper_jax.graph import Graph, Member
+from dropper_jax.lines import Lines, System
 from dropper_jax.model import Line, Model, Point
 from dropper_jax.scene import Scene
 from dropper_jax.sea.checks import displaced_diameter, line_reach
 from dropper_jax.sea.make import make_sea
-from dropper_jax.sections import LineSpec
+from dropper_jax.sections import LineSpec, PointSpec
 
 
 def build_model(scene: Scene, dtype: Any = None) -> Model:
     """The model of a scene, with arrays of `dtype` (default: the scene's precision)."""
     index = {point.name: i for i, point in enumerate(scene.points)}
+    if scene.branched:
+        return _system(scene).cast(dtype or scene.run.dtype)
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
     lines = tuple(_line(line, index, scene) for line in scene.lines)
     effects = tuple(EFFECTS[name].build(values, scene) for name, values in scene.effects.items())
@@ -35,6 +43,51 @@ def _line(line: LineSpec, index: dict[str, int], scene: Scene) -> Line:
         start=index[line.start],
         end=index[line.end],
     )
+
+
+def _system(scene: Scene) -> System:
+    """Lines joined at points; bodies and buoys become effects of their own."""
+    index = {point.name: i for i, point in enumerate(scene.points)}
+    members = tuple(Member(n.name, n.links, index[n.start], index[n.end]) for n in scene.lines)
+    graph = Graph(members, tuple(p.kind == "fixed" for p in scene.points))
+    line = scene.line
+    lines = Lines(
+        length=line.length,
+        mass=line.mass,
+        diameter=displaced_diameter(line, scene),
+        axial=_axial(line),
+        graph=graph,
+    )
+    effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
+    points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
+    sea = None if scene.sea is None else make_sea(scene.sea, line_reach(scene))
+    return System(points=points, lines=(lines,), effects=(*effects, *_bodies(scene, index)), sea=sea)
+
+
+def _bodies(scene: Scene, index: dict[str, int]) -> list[Effect]:
+    """What the points carry."""
+    water = None if scene.sea is None else scene.sea.gravity
+    gravity = scene.effects.get("weight", {}).get("gravity", water if water is not None else 9.81)
+    found: list[Effect] = []
+    loaded = [p for p in scene.points if p.body]
+    if loaded:
+        arrays = {key: np.array([getattr(p, key) or 0.0 for p in loaded]) for key in PointSpec.BODY}
+        wet = scene.sea is not None
+        cls = WetPointBodies if wet and np.any(arrays["volume"] * arrays["added_mass"]) else PointBodies
+        found.append(cls(**arrays, gravity=gravity, points=tuple(index[p.name] for p in loaded), wet=wet))
+    if scene.buoys:
+        keys = ("mass", "diameter", "height", "attachment", "cdn", "cdt", "can", "cat")
+        arrays = {key: np.array([getattr(b, key) for b in scene.buoys]) for key in keys}
+        kinds = {b.end_added_mass for b in scene.buoys}
+        found.append(
+            SparBuoys(
+                **arrays,
+                gravity=gravity,
+                points=tuple(index[b.point] for b in scene.buoys),
+                end_added_mass=kinds.pop(),
+            )
+        )
+    return found
 
 
 def _axial(line: LineSpec) -> Axial:

@@ -106,18 +106,17 @@ class Kinematics:
     @cached_property
     def nodes(self) -> jax.Array:
         """All nodes (n + 1, 3) [m]."""
-        return stack_nodes(self.r, self.ends.start, self.ends.end)
+        return self.model.nodes(self.r, self.ends)
 
     @cached_property
     def links(self) -> jax.Array:
         """Link vectors (n, 3) [m]."""
-        return link_differences(self.r, self.ends.start, self.ends.end, self.model.end_held)
+        return self.model.differences(self.r, self.ends)
 
     @cached_property
     def link_velocities(self) -> jax.Array:
         """Rates of the link vectors (n, 3) [m/s]."""
-        ends = self.ends
-        return link_differences(self.v, ends.start_velocity, ends.end_velocity, self.model.end_held)
+        return self.model.differences(self.v, self.ends, rates=True)
 
     @cached_property
     def tangents(self) -> jax.Array:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial import Axial, Rigid
+from dropper_jax.axial import Axial, Rigid, Rope
 from dropper_jax.effects.base import Effect, Law, has
+from dropper_jax.effects.wetting import Part, path_parts
 from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Ends, Kinematics, gather_links, link_differences
+from dropper_jax.kinematics import Ends, Kinematics, gather_links, link_differences, stack_nodes
 
 if TYPE_CHECKING:
     from dropper_jax.sea import Sea
@@ -93,6 +95,10 @@ class Line:
             return last[:free]
         return (last + jnp.concatenate([first[1:], jnp.zeros_like(first[:1])]))[:free]
 
+    def parts(self, free: int) -> Iterator[Part]:
+        """Which share of the links' water forces acts on which free node (see `effects.wetting`)."""
+        return path_parts(self, free)
+
     def inertia_force(self, a: jax.Array, start: jax.Array | None, end: jax.Array | None, held: bool) -> jax.Array:
         """M a on the free nodes (free, 3) for nodal accelerations a and those of the ends (None: at rest)."""
         diagonal = self.node_mass(a.shape[0])[:, None] * a
@@ -119,6 +125,11 @@ class Model:
     @property
     def line(self) -> Line:
         return self.lines[0]
+
+    @property
+    def branched(self) -> bool:
+        """Whether it is a system of lines (`dropper_jax.lines.System`)."""
+        return False
 
     @property
     def end_held(self) -> bool:
@@ -158,17 +169,16 @@ class Model:
         shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 
+    def _ends(self, time: jax.Array) -> Ends:
+        end = self._position(self.line.end, time) if self.end_held else None
+        return Ends(self._position(self.line.start, time), end)
+
     def ends(self, t: jax.Array) -> Ends:
         """Positions and velocities of the held ends at time t."""
-
-        def positions(time: jax.Array) -> tuple[jax.Array, jax.Array | None]:
-            end = self._position(self.line.end, time) if self.end_held else None
-            return self._position(self.line.start, time), end
-
         if not self.moving:
-            return Ends(*positions(t))
+            return self._ends(t)
         t = jnp.asarray(t, self.dtype)
-        position, velocity = jax.jvp(positions, (t,), (jnp.ones_like(t),))
+        position, velocity = jax.jvp(lambda time: self._ends(time)[:2], (t,), (jnp.ones_like(t),))
         return Ends(*position, *velocity)
 
     def kinematics(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None, **more: Any) -> Kinematics:
@@ -177,7 +187,47 @@ class Model:
 
     def links(self, r: jax.Array, ends: Ends) -> jax.Array:
         """Link vectors (n, 3) [m]."""
-        return link_differences(r, ends.start, ends.end, self.end_held)
+        return self.differences(r, ends)
+
+    def differences(self, free: jax.Array, ends: Ends | None, rates: bool = False) -> jax.Array:
+        """Differences over the links (n, 3) of places or, with `rates`, velocities; without ends these count as zero."""
+        if ends is None:
+            return link_differences(free, None, None, self.end_held)
+        start, end = (ends.start_velocity, ends.end_velocity) if rates else (ends.start, ends.end)
+        return link_differences(free, start, end, self.end_held)
+
+    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
+        """All nodes of the line (n + 1, 3), both ends included; with `rates` their velocities."""
+        if not rates:
+            return stack_nodes(r, ends.start, ends.end)
+        still = jnp.zeros(3, r.dtype)
+        start = still if ends.start_velocity is None else ends.start_velocity
+        end = still if ends.end_velocity is None else ends.end_velocity
+        return stack_nodes(r, start, end if self.end_held else None)
+
+    def gather(self, pull: jax.Array) -> jax.Array:
+        """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
+        return gather_links(pull, self.end_held)
+
+    @property
+    def node_length(self) -> jax.Array:
+        """Length that belongs to each free node (nodes,) [m]; sizes residuals."""
+        return self.line.length[: self.free_nodes]
+
+    @property
+    def node_mass(self) -> jax.Array:
+        """Diagonal of the mass matrix (nodes,) [kg]."""
+        return self.line.node_mass(self.free_nodes)
+
+    def own_inertia(self, a: jax.Array, ends: Ends | None = None) -> jax.Array:
+        """M a on the free nodes (nodes, 3) [N]; `ends` holds the accelerations of the ends (None: at rest)."""
+        start, end = (None, None) if ends is None else (ends.start, ends.end)
+        return self.line.inertia_force(a, start, end, self.end_held)
+
+    def end_power(self, pull: jax.Array, rates: Ends) -> jax.Array:
+        """Power [W] that moving ends put into link forces `pull` (n, 3) [N] they hold."""
+        power = -jnp.sum(pull[0] * rates.start_velocity)
+        return power + jnp.sum(pull[-1] * rates.end_velocity) if self.end_held else power
 
     def pull(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
@@ -189,8 +239,7 @@ class Model:
 
     def inertia(self, k: Kinematics, a: jax.Array, ends: Ends | None = None) -> jax.Array:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` holds those of the ends."""
-        start, end = (None, None) if ends is None else (ends.start, ends.end)
-        own = self.line.inertia_force(a, start, end, self.end_held)
+        own = self.own_inertia(a, ends)
         return sum((e.inertia(k, a) for e in self.effects if has(e, "inertia")), own)
 
     def prepare(self, k: Kinematics) -> dict[str, Any]:
@@ -202,7 +251,7 @@ class Model:
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
         """Kinetic energy, scalar [J]; with held ends that move, of the links they carry too."""
-        own = 0.5 * jnp.sum(k.v * self.line.inertia_force(k.v, None, None, self.end_held))
+        own = 0.5 * jnp.sum(k.v * self.own_inertia(k.v))
         if self.line.compound and self.moving:
             own = own + self._end_kinetic(k)
         return sum((e.kinetic(k) for e in self.effects if has(e, "kinetic")), own)
@@ -258,6 +307,8 @@ def work_names(model: Model) -> tuple[str, ...]:
     names += [f"{e.name}_turning" for e in model.effects if has(e, "kinetic")]
     if model.line.axial.elastic and model.line.axial.damping is not None:
         names.append("internal_damping")
+    if isinstance(model.line.axial, Rope):
+        names.append("axial_ringing")
     if model.moving:
         names.append("moving_ends")
     return tuple(names)
@@ -266,13 +317,12 @@ def work_names(model: Model) -> tuple[str, ...]:
 def state(model: Model, r: jax.Array, v: jax.Array | None = None, tension: Any = None, t: float = 0.0) -> State:
     """A state from free-node positions (nodes, 3) [m] and velocities; what is not given is zero."""
     r = jnp.asarray(r, model.dtype)
-    joints = model.line.links + (1 if model.end_held else 0)
     return State(
         r=r,
         v=jnp.zeros_like(r) if v is None else jnp.asarray(v, model.dtype),
         tension=jnp.zeros(model.line.links, model.dtype) if tension is None else jnp.asarray(tension, model.dtype),
         t=jnp.asarray(t, model.dtype),
         acceleration=jnp.zeros_like(r),
-        law=tuple(jnp.zeros((joints, law.components), model.dtype) for law in model.laws),
+        law=tuple(jnp.zeros((law.rows(model), law.components), model.dtype) for law in model.laws),
         work=jnp.zeros(len(work_names(model)), model.dtype),
     )

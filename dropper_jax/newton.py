@@ -30,6 +30,28 @@ def newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> t
     return u, norm(problem.residual(u), problem.row_scale())
 
 
+def newton_until(problem: StepProblem, solver: Any, u: Unknowns, most: int, limit: float) -> tuple[Unknowns, jax.Array]:
+    """The same until the rows are below `limit`, at most `most` times.
+
+    For systems with slack lines and contact: most steps need three corrections, those with a switch up to a dozen.
+    """
+    scale = problem.row_scale()
+    rows = problem.residual(u)
+
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, _, size, count = carry
+        return (size > limit) & (count < most)  # a NaN compares false: iterating cannot mend it
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        u, rows, _, count = carry
+        u = add(u, solver.apply(solver.factor(problem, u), rows), -1.0)
+        rows = problem.residual(u)
+        return u, rows, norm(rows, scale), count + 1
+
+    u, _, size, _ = jax.lax.while_loop(unfinished, correct, (u, rows, norm(rows, scale), jnp.zeros((), jnp.int32)))
+    return u, size
+
+
 def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
     """The same with each correction shortened where that leaves a smaller residual; for steps that resist."""
     scale = problem.row_scale()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.kinematics import link_differences, safe_norm, stack_nodes
+from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State, state
 from dropper_jax.problem import StepProblem
 from dropper_jax.solvers import SOLVERS
@@ -38,12 +38,12 @@ class ProjectionProblem(StepProblem):
 
     def residual(self, u: Unknowns) -> Unknowns:
         model, ends = self.model, self.ends
-        rate = link_differences(self.s.v + u.x, ends.start_velocity, ends.end_velocity, model.end_held)
-        inertia = model.line.inertia_force(u.x, None, None, model.end_held)
+        rate = model.differences(self.s.v + u.x, ends, rates=True)
+        inertia = model.own_inertia(u.x)
         return Unknowns(inertia - model.pull(u.y, self.pull), jnp.sum(self.pull * rate, axis=-1))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
-        return self.model.line.node_mass(self.model.free_nodes)
+        return self.model.node_mass
 
     def condensed(self, u: Unknowns) -> CondensedParts:
         return CondensedParts(self.pull, self.pull, jnp.zeros_like(self.model.line.length))
@@ -69,14 +69,11 @@ def observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> Observed:
     ends = model.ends(t)
     k = model.kinematics(r, v, t, ends)
     k = model.kinematics(r, v, t, ends, prepared=model.prepare(k))
-    still = jnp.zeros(3, r.dtype)
-    start_velocity = still if ends.start_velocity is None else ends.start_velocity
-    end_velocity = still if ends.end_velocity is None else ends.end_velocity
     length = model.line.length
     closure = jnp.zeros((), r.dtype) if model.line.axial.elastic else jnp.max(jnp.abs(safe_norm(k.links) - length))
     return Observed(
         positions=k.nodes,
-        velocities=stack_nodes(consistent_velocity(model, s), start_velocity, end_velocity if model.end_held else None),
+        velocities=model.nodes(consistent_velocity(model, s), ends, rates=True),
         kinetic=model.kinetic_energy(k),
         potential=model.potential_energy(k),
         closure=closure,

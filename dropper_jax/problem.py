@@ -31,6 +31,8 @@ class Integrator:
     implicit: ClassVar[bool] = True
     #: Whether `condensed` pieces exist.
     condensable: ClassVar[bool] = False
+    #: Whether the pieces of the network solver exist, and so whether systems of lines can be run.
+    networkable: ClassVar[bool] = False
     #: Whether every row involves neighbouring nodes only.
     local_rows: ClassVar[bool] = True
     #: Whether effects with unknowns of their own (dry friction) can be solved along.
@@ -45,6 +47,8 @@ class Integrator:
 
     def refuse(self, model: Model) -> str | None:
         """Why this integrator cannot run the model, or None."""
+        if model.branched and self.implicit and not self.networkable:
+            return "it runs single lines only; use energy_momentum, theta_midpoint, rk2 or rk4 for systems of lines"
         if model.laws and not self.takes_laws:
             name = model.laws[0].name
             return f"effect {name!r} brings a set-valued law, which it does not solve; use energy_momentum"
@@ -79,6 +83,18 @@ class StepProblem:
         """The rest of the condensed matrix."""
         raise NotImplementedError
 
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        """For the network solver: force rows (nodes, 3) without the links' tensions, and the rows of laws."""
+        raise NotImplementedError
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        """For the network solver: link vectors (n, 3) [m] at the unknowns; they change as x does."""
+        raise NotImplementedError
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """For the network solver: pull of each link (n, 3) [N] and its axial row (n,) [m]."""
+        raise NotImplementedError
+
     def finish(self, u: Unknowns) -> State:
         """The state at the end of the step."""
         raise NotImplementedError
@@ -87,8 +103,7 @@ class StepProblem:
         """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, the laws' own."""
         model, h = self.model, self.h
         line = model.line
-        mass = line.node_mass(model.free_nodes)
-        force = mass * jnp.maximum(GRAVITY_SCALE, line.length[: model.free_nodes] / h**2)
+        force = model.node_mass * jnp.maximum(GRAVITY_SCALE, model.node_length / h**2)
         laws = zip(model.laws, self.s.law, strict=True)
         z = tuple(jnp.broadcast_to(law.law_scale(line, h), guess.shape) for law, guess in laws)
         return Unknowns(force[:, None], line.length, z)

@@ -13,14 +13,26 @@ import numpy as np
 from dropper_jax.catalogue import read_toml, scene_names
 from dropper_jax.effects import EFFECTS
 from dropper_jax.errors import SceneError, nearest
+from dropper_jax.line_types import expand
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.sea.checks import check_water
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.sections import POSE_TOLERANCE, LineSpec, PointSpec, RunSpec, StartSpec, as_table, directions
+from dropper_jax.sections import (
+    POSE_TOLERANCE,
+    BuoySpec,
+    LineSpec,
+    PointSpec,
+    RunSpec,
+    StartSpec,
+    as_table,
+    directions,
+    joined,
+)
+from dropper_jax.system_checks import check_ends, check_system, check_system_effects
 
 __all__ = ["Scene", "load_scene", "scene_names"]
 
-SECTIONS = ("name", "description", "run", "point", "line", "effects", "start", "sea")
+SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,6 +46,7 @@ class Scene:
         start: pose and velocities at t = 0.
         run: default time step, duration, integrator, solver and precision.
         sea: the water, or None.
+        buoys: upright cylinders at free points.
     """
 
     name: str
@@ -44,6 +57,7 @@ class Scene:
     start: StartSpec
     run: RunSpec
     sea: SeaSpec | None = None
+    buoys: tuple[BuoySpec, ...] = ()
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
@@ -52,13 +66,18 @@ class Scene:
         Raises:
             SceneError: one line with the path, the value and what is allowed.
         """
-        table = read_table(table, "scene")
+        table = expand(read_table(table, "scene"))
         check_keys(table, SECTIONS, "")
         points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
         lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
+        buoys = tuple(BuoySpec.read(item, f"buoy.{i}") for i, item in enumerate(_list(table, "buoy")))
         _check_points(points)
-        _check_lines(lines, points)
-        held = _point(points, lines[0].end).kind == "fixed"
+        branched = _branched(points, lines, buoys)
+        if branched:
+            check_system(points, lines, buoys)
+        else:
+            _check_line(lines[0], points)
+        held = branched or _point(points, lines[0].end).kind == "fixed"
         if "run" not in table:
             raise SceneError("run: missing; needed: a table with `dt` and `duration`")
         scene = cls(
@@ -66,17 +85,31 @@ class Scene:
             description=read_text(table.get("description", ""), "description"),
             points=points,
             lines=lines,
-            effects=_read_effects(table.get("effects", {}), lines[0].links),
-            start=StartSpec.read(table.get("start", {}), "start", lines[0], held),
+            buoys=buoys,
+            effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
+            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
             run=RunSpec.read(table["run"], "run"),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
         )
+        if branched:
+            check_system_effects(scene)
         for effect, values in scene.effects.items():
             if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
                 check_water(effect, scene)
             EFFECTS[effect].check(values, scene)
-        _check_pose(scene)
+        if not branched:
+            _check_pose(scene)
         return scene
+
+    @property
+    def branched(self) -> bool:
+        """Whether it is a system of lines: more than one, or with free points other than the end of a line."""
+        return _branched(self.points, self.lines, self.buoys)
+
+    @property
+    def line(self) -> LineSpec:
+        """All lines as one, their arrays one after another."""
+        return joined(self.lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values (text, numbers, lists, tables) from which `from_dict` makes the same scene."""
@@ -86,6 +119,7 @@ class Scene:
             "run": as_table(self.run),
             "point": [as_table(point) for point in self.points],
             "line": [line.table() for line in self.lines],
+            **({"buoy": [as_table(buoy) for buoy in self.buoys]} if self.buoys else {}),
             "effects": {
                 name: {key: plain(value) for key, value in values.items() if value is not None}
                 for name, values in self.effects.items()
@@ -135,6 +169,10 @@ def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:
     return enumerate(items)
 
 
+def _list(table: Mapping[str, Any], section: str) -> list[Any]:
+    return read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")
+
+
 def _point(points: tuple[PointSpec, ...], name: str) -> PointSpec:
     return next(point for point in points if point.name == name)
 
@@ -146,23 +184,21 @@ def _check_points(points: tuple[PointSpec, ...]) -> None:
             raise refuse(f"point.{i}.name", name, "is used twice", "a name of its own")
 
 
-def _check_lines(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
-    if len(lines) > 1:
-        raise SceneError(f"line: {len(lines)} lines; allowed: one line per scene")
-    names = [point.name for point in points]
-    for i, line in enumerate(lines):
-        for key, name in (("from", line.start), ("to", line.end)):
-            if name not in names:
-                raise SceneError(f"line.{i}.{key}: {name!r} is not a point; {nearest(name, names)}")
-        start, end = _point(points, line.start), _point(points, line.end)
-        if start.kind != "fixed":
-            raise refuse(f"point.{names.index(start.name)}.kind", start.kind, "cannot begin a line", "fixed")
-        if end.kind == "fixed":
-            _check_reach(line, f"line.{i}", start, end)
-    used = {name for line in lines for name in (line.start, line.end)}
-    for i, name in enumerate(names):
-        if name not in used:
-            raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+def _branched(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> bool:
+    if len(lines) > 1 or buoys or any(point.body for point in points) or lines[0].nodes == "shared":
+        return True
+    start = next((p for p in points if p.name == lines[0].start), None)
+    return start is not None and start.kind == "free" and not lines[0].rigid
+
+
+def _check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
+    check_ends((line,), points)
+    start, end = _point(points, line.start), _point(points, line.end)
+    if start.kind != "fixed":
+        names = [point.name for point in points]
+        raise refuse(f"point.{names.index(start.name)}.kind", start.kind, "cannot begin a rigid line", "fixed")
+    if end.kind == "fixed":
+        _check_reach(line, "line.0", start, end)
 
 
 def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
@@ -237,8 +273,8 @@ def _paths(table: Mapping[str, Any]) -> list[str]:
     found += SeaSpec.paths()
     found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in _fields(cls)]
     line_keys = [*_fields(LineSpec, LineSpec.KEYS), "axial.law", "axial.EA", "axial.damping"]
-    for section, keys in (("point", _fields(PointSpec)), ("line", line_keys)):
-        for i, item in enumerate(table[section]):
+    for section, keys in (("point", _fields(PointSpec)), ("line", line_keys), ("buoy", _fields(BuoySpec))):
+        for i, item in enumerate(table.get(section, [])):
             found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
     return found
 
@@ -262,7 +298,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
     section, _, rest = field.partition(".")
     if not rest:
         return table, section
-    if section not in ("point", "line"):
+    if section not in ("point", "line", "buoy"):
         *tables, key = rest.split(".")
         parent = table.setdefault(section, {})
     else:

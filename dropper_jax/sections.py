@@ -36,10 +36,55 @@ class PointSpec:
     name: str = option("name", type=str)
     position: np.ndarray = parameter("position", unit="m", shape="vector")
     kind: str = option("fixed or free", choices=("fixed", "free"), default="fixed")
+    mass: float | None = parameter("mass of a body at the point", unit="kg", low=0.0, optional=True)
+    volume: float | None = parameter("its displaced volume", unit="m^3", low=0.0, optional=True)
+    drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, optional=True)
+    added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, optional=True)
+
+    BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
 
     @classmethod
     def read(cls, table: Any, path: str) -> PointSpec:
-        return cls(**read_fields(cls, table, path, {}))
+        point = cls(**read_fields(cls, table, path, {}))
+        if point.kind == "fixed" and point.body:
+            given = next(key for key in cls.BODY if getattr(point, key) is not None)
+            raise refuse(f"{path}.{given}", getattr(point, given), "moves nothing on a fixed point", "kind = 'free'")
+        return point
+
+    @property
+    def body(self) -> bool:
+        """Whether a mass or a volume is at the point."""
+        return any(getattr(self, key) is not None for key in self.BODY)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BuoySpec:
+    """`[[buoy]]`: an upright cylinder at a free point (see `effects.spar_buoys`)."""
+
+    name: str = option("name", type=str)
+    point: str = option("name of the point", type=str)
+    mass: float = parameter("mass", unit="kg", low=0.0, open_low=True)
+    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
+    height: float = parameter("height", unit="m", low=0.0, open_low=True)
+    attachment: float = parameter("height of the point above the base", unit="m", low=0.0, default=0.0)
+    cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
+    cdt: float = parameter("drag coefficient of the base", unit="-", low=0.0, default=0.0)
+    can: float = parameter("added mass coefficient across", unit="-", low=0.0, default=1.0)
+    cat: float = parameter("added mass coefficient of the base", unit="-", low=0.0, default=0.0)
+    end_added_mass: str = option(
+        "water that `cat` counts: a half sphere's, or the wet volume's",
+        choices=("hemisphere", "volume"),
+        default="hemisphere",
+    )
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> BuoySpec:
+        buoy = cls(**read_fields(cls, table, path, {}))
+        if buoy.attachment > buoy.height:
+            raise refuse(
+                f"{path}.attachment", buoy.attachment, "is above the buoy", f"0 to its height, {buoy.height:g} m"
+            )
+        return buoy
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,6 +108,14 @@ class LineSpec:
     diameter: np.ndarray | None = parameter(
         "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
     )
+    breaking_load: np.ndarray | None = parameter(
+        "breaking load", unit="N", shape="link", low=0.0, open_low=True, optional=True
+    )
+    nodes: str = option(
+        "where a link's mass and water forces go: its far node, or halves to both",
+        choices=("far", "shared"),
+        default="far",
+    )
     axial_law: str = "rigid"
     EA: np.ndarray | None = None
     axial_damping: np.ndarray | None = None
@@ -78,7 +131,7 @@ class LineSpec:
             missing = "inertia" if values["inertia"] is None else "centre_of_mass"
             raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
         values.update(_read_axial(axial, f"{path}.axial", count))
-        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "EA", "axial_damping")
+        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
         values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
         return cls(**values)
 
@@ -93,12 +146,36 @@ class LineSpec:
 
     def table(self) -> dict[str, Any]:
         found = {key: _one_or_all(value) for key, value in as_table(self, self.KEYS).items()}
+        if self.nodes == "far":
+            del found["nodes"]  # the default, which scenes of one line need not know of
         if self.rigid:
             return found
         axial = {"law": self.axial_law, "EA": _one_or_all(self.EA.tolist())}
         if self.axial_damping is not None:
             axial["damping"] = _one_or_all(self.axial_damping.tolist())
         return {**found, "axial": axial}
+
+
+def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
+    """All lines as one, their arrays one after another; what some lines lack is None, internal damping zero there."""
+    if len(lines) == 1:
+        return lines[0]
+
+    def together(key: str) -> np.ndarray | None:
+        values = [getattr(line, key) for line in lines]
+        return None if any(v is None for v in values) else np.concatenate(values)
+
+    arrays = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA")
+    damping = None
+    if any(line.axial_damping is not None for line in lines):
+        damping = np.concatenate([np.zeros(n.links) if n.axial_damping is None else n.axial_damping for n in lines])
+    return dataclasses.replace(
+        lines[0],
+        links=sum(line.links for line in lines),
+        end=lines[-1].end,
+        axial_damping=damping,
+        **{key: together(key) for key in arrays},
+    )
 
 
 def _read_axial(table: Any, path: str, links: int) -> dict[str, Any]:
@@ -128,15 +205,18 @@ class StartSpec:
     `angles`: `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`;
     `zero = "down"` (thesis (3.1)): `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth.
     `positions`: all nodes, both ends included.
+    `points`: of a system of lines: free points stand where the scene puts them, the lines settle between them, and all
+    is let go at t = 0.
     """
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
         "static": ("release_nodes", "release_force"),
         "angles": ("polar", "azimuth", "polar_rate", "azimuth_rate", "zero"),
         "positions": ("positions", "velocities"),
+        "points": (),
     }
 
-    kind: str = option("how the start is given", choices=("static", "angles", "positions"), default="static")
+    kind: str = option("how the start is given", choices=("static", "angles", "positions", "points"), default="static")
     release_nodes: tuple[int, ...] | None = dataclasses.field(
         metadata={"kind": "option", "meaning": "nodes let go at t = 0", "type": tuple, "low": 1}, default=None
     )
@@ -150,13 +230,24 @@ class StartSpec:
     velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", optional=True)
 
     @classmethod
-    def read(cls, table: Any, path: str, line: LineSpec, held: bool) -> StartSpec:
+    def read(cls, table: Any, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
         values = read_fields(cls, table, path, {})
         kind = values["kind"]
+        allowed = ("static", "points") if branched else ("static", "angles", "positions")
+        if kind not in allowed:
+            raise refuse(
+                f"{path}.kind",
+                kind,
+                f"does not fit {'a system of lines' if branched else 'one line'}",
+                ", ".join(allowed),
+            )
+        if branched and values["release_nodes"] is not None:
+            raise SceneError(f"{path}.release_nodes: counts the nodes of one line; allowed: none in a system of lines")
         for key in read_table(table, path):
             if key != "kind" and key not in cls.FIELDS[kind]:
                 raise SceneError(f"{path}.{key}: not used by kind {kind!r}, which takes {', '.join(cls.FIELDS[kind])}")
-        _COMPLETE[kind](values, path, line, held)
+        if kind in _COMPLETE:
+            _COMPLETE[kind](values, path, line, held)
         return cls(**values)
 
 

@@ -8,11 +8,11 @@ import math
 import zipfile
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.errors import SceneError, nearest
 from dropper_jax.io import atomic_write
 from dropper_jax.scene import Scene
 
@@ -34,6 +34,14 @@ ARRAYS = (
 )
 
 
+class LineSlice(NamedTuple):
+    """Where one line of a scene stands in a solution's arrays: its nodes, both ends included, and its links."""
+
+    name: str
+    nodes: slice
+    links: slice
+
+
 @dataclasses.dataclass
 class Solution:
     """What a run gives, k saved times, n links.
@@ -43,7 +51,8 @@ class Solution:
         settings: integrator, solver, dt, duration, steps, dtype, gamma, residual_tolerance, save_every; with a
             tolerance also `estimated_error` {rms_angle_rad, until_s}.
         t: saved times (k,) [s].
-        positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s].
+        positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
+            of all lines, line after line (points where lines join stand once per line), see `lines`.
         tension: (k, n) [N] at the times `t_tension` (k,) [s] (the step's midpoint in midpoint schemes).
         kinetic, potential: energies (k,) [J].
         work: work done since the start (k, w) [J] by each of `work_names`.
@@ -82,6 +91,28 @@ class Solution:
     warnings: tuple[str, ...] = ()
 
     @property
+    def lines(self) -> tuple[LineSlice, ...]:
+        """The scene's lines in the arrays: `positions[:, line.nodes]`, `tension[:, line.links]`."""
+        found, node, link = [], 0, 0
+        for line in self.scene.lines:
+            nodes = slice(node, node + line.links + 1)
+            found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
+            node, link = nodes.stop, link + line.links
+        return tuple(found)
+
+    def point_path(self, name: str) -> np.ndarray:
+        """Positions (k, 3) [m] of a point of the scene.
+
+        Raises:
+            SceneError: there is no such point.
+        """
+        for line, where in zip(self.scene.lines, self.lines, strict=True):
+            for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
+                if point == name:
+                    return self.positions[:, node]
+        raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+
+    @property
     def energy(self) -> np.ndarray:
         """Kinetic and potential energy (k,) [J]."""
         return self.kinetic + self.potential
@@ -112,7 +143,8 @@ class Solution:
         """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
         from dropper_jax.analysis.angles import link_angles
 
-        return link_angles(self.positions, zero="horizontal")
+        parts = [link_angles(self.positions[:, line.nodes], zero="horizontal") for line in self.lines]
+        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
     @property
     def polar(self) -> np.ndarray:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.effects.base import has
 from dropper_jax.errors import SceneError
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics import equilibrium, nodal_loads
 
 if TYPE_CHECKING:
+    from dropper_jax.lines import System
     from dropper_jax.sections import StartSpec
 
 
@@ -44,6 +47,23 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
+def between_points(model: System) -> State:
+    """At rest with all points where the scene puts them and the lines settled between them.
+
+    Raises:
+        SceneError: the lines do not settle.
+    """
+    graph = replace(model.graph, held=(True,) * len(model.points))
+    carried = ("point_bodies", "spar_buoys")
+    effects = tuple(e for e in model.effects if e.name not in carried and not has(e, "displace"))
+    held = replace(model, lines=(replace(model.line, graph=graph),), effects=effects)
+    pose = equilibrium(held)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    places = jnp.stack([model.points[int(i)].position for i in model.graph.free_points])
+    return state(model, jnp.concatenate([pose.state.r, places]), tension=pose.state.tension)
+
+
 def initial_state(model: Model, start: StartSpec) -> State:
     """The state at t = 0 that a scene's `[start]` describes.
 
@@ -55,6 +75,8 @@ def initial_state(model: Model, start: StartSpec) -> State:
         if pose.status != "ok":
             raise SceneError(f"start: {pose.message}")
         return pose.state
+    if start.kind == "points":
+        return between_points(model)
     if start.kind == "angles":
         return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
     free = slice(1, 1 + model.free_nodes)

@@ -18,13 +18,13 @@ from dropper_jax.catenary import catenary_guess
 from dropper_jax.effects.base import Law, has
 from dropper_jax.errors import SceneError
 from dropper_jax.hanging import hang
-from dropper_jax.kinematics import stack_nodes
 from dropper_jax.model import Model, State, state
 from dropper_jax.newton import damped_newton
 from dropper_jax.problem import GRAVITY_SCALE, StepProblem
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import Dense, residual_matrix
 from dropper_jax.system import Unknowns
+from dropper_jax.system_statics import find_rest, guess, system_tolerance, unsettled
 
 #: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
 STATIC_TOLERANCE = 1e-10
@@ -39,7 +39,7 @@ class Equilibrium:
     """A static pose.
 
     Attributes:
-        positions: nodes (n + 1, 3) [m].
+        positions: nodes (n + 1, 3) [m]; of a system those of all lines, line after line.
         tension: links (n,) [N].
         residual: largest scaled row.
         status: `ok` or `not_converged`.
@@ -140,6 +140,8 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
     """
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    if model.branched:
+        return _of_system(full, model, loads, t)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
     if not (residual <= _tolerance(model) and stable(model, s)):
@@ -148,6 +150,13 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
         message = _complaint(model, s, loads, share, residual)
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+    return _result(full, s, residual, message)
+
+
+def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
+    tolerance = system_tolerance(model)
+    s, residual = find_rest(model, guess(model, t), loads, tolerance)
+    message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     return _result(full, s, residual, message)
 
 
@@ -265,7 +274,7 @@ def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual:
 def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
     ends = model.ends(s.t)
     return Equilibrium(
-        positions=np.asarray(stack_nodes(s.r, ends.start, ends.end)),
+        positions=np.asarray(model.nodes(s.r, ends)),
         tension=np.asarray(s.tension),
         residual=residual,
         status="not_converged" if message else "ok",

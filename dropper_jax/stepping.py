@@ -27,7 +27,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from dropper_jax.model import Model, State
-from dropper_jax.newton import damped_newton, newton, refine
+from dropper_jax.newton import damped_newton, newton, newton_until, refine
 from dropper_jax.problem import Integrator, StepProblem
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.system import Unknowns, norm
@@ -51,6 +51,8 @@ class Stepper:
         extra: further iterations of the first solver before anything else is tried.
         halvings: most times a step is halved; 0 disables retries altogether.
         track_work: count the work of each effect in `State.work`.
+        until_converged: iterate each step until it has converged, at most `iterations` times, and halve what has not;
+            for systems of lines.
     """
 
     integrator: Integrator
@@ -61,6 +63,7 @@ class Stepper:
     extra: int = 48
     halvings: int = 6
     track_work: bool = True
+    until_converged: bool = False
 
     def limit(self, model: Model) -> float:
         return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
@@ -110,6 +113,8 @@ def _implicit(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax
 
 def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
     """End state, unknowns, residual and level of a step; no derivative rule of its own."""
+    if stepper.until_converged:
+        return _solve_or_halve(stepper, model, s, h, alive)
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.solver]
     u, residual = newton(problem, solver, problem.guess(), stepper.iterations)
@@ -135,6 +140,36 @@ def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Ar
     return jax.lax.while_loop(resist, escalate, (jnp.zeros((), bool), first))[1]
 
 
+def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
+    """The whole step, then 2, 4, 8, ... substeps of the same kind: the step's equations stand in the program once.
+
+    What a system of lines takes: a second copy of its equations would double the time to compile.
+    """
+    limit = stepper.limit(model)
+    problem = stepper.integrator.problem(model, s, h)
+    unsolved = jnp.full((), jnp.inf, model.dtype)
+    start = jax.tree.map(jnp.asarray, s), problem.guess(), unsolved, jnp.full((), FULL_STEP - 1, jnp.int32)
+
+    def resist(carry: tuple[Any, ...]) -> jax.Array:
+        _, _, residual, level = carry
+        retry = ~(residual <= limit) & (level < stepper.halvings) & alive
+        return (level < FULL_STEP) | retry
+
+    def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        level = jnp.where(carry[3] == FULL_STEP, 1, carry[3] + 1)  # one substep would be the whole step again
+        pieces = 2 ** jnp.maximum(level, 0)
+
+        def piece(i: jax.Array, inner: tuple[Any, ...]) -> tuple[Any, ...]:
+            now, _, worst = inner
+            now, u, residual = _substep(stepper, model, now, h / pieces)
+            return now, u, jnp.maximum(worst, residual)
+
+        s1, u, worst = jax.lax.fori_loop(0, pieces, piece, (start[0], start[1], jnp.zeros_like(unsolved)))
+        return s1, u, worst, level
+
+    return jax.lax.while_loop(resist, attempt, start)
+
+
 def _more_iterations(
     problem: StepProblem, solver: Any, u: Unknowns, residual: jax.Array, limit: float, extra: int
 ) -> tuple[Unknowns, jax.Array]:
@@ -156,6 +191,9 @@ def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[St
     """One substep by the fallback solver, damped."""
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.fallback]
+    if stepper.until_converged:
+        u, residual = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
+        return problem.finish(u), u, residual
     iterations = 3 * stepper.integrator.iterations
     u, residual = damped_newton(problem, solver, problem.guess(), iterations)
     return problem.finish(u), u, residual

@@ -118,7 +118,7 @@ BAD = [
     # how the parts belong together
     ("point.1.name", "left", "point.1.name: 'left' is used twice", "a name of its own"),
     ("line.0.to", "rigt", "line.0.to: 'rigt' is not a point", "'right'"),
-    ("point.0.kind", "free", "point.0.kind: 'free' cannot begin a line", "fixed"),
+    ("point.0.kind", "free", "point.0.kind: 'free' cannot begin a rigid line", "fixed"),
     ("point.1.position", [0.5, 0, 0], "line.0.length: the links are 0.4 m long in all", "0.5 m between"),
     ("line.0.length", [0.1, 0.1, 0.1, 0.9], "line.0.length: a link of 0.9 m cannot be closed", "less than 0.5 m"),
     ("line.0.inertia", 1e-4, "line.0.centre_of_mass: missing", "both"),

@@ -10,6 +10,8 @@ from dropper_jax.effects.morison_inertia import MorisonInertia
 from dropper_jax.effects.nodal_force import NodalForce
 from dropper_jax.effects.quadratic_damping import QuadraticDamping
 from dropper_jax.effects.sea_following_end import SeaFollowingEnd
+from dropper_jax.effects.seabed import Seabed
+from dropper_jax.effects.seabed_friction import SeabedFriction
 from dropper_jax.effects.thesis_wave_force import ThesisWaveForce
 from dropper_jax.effects.weight import Weight
 
@@ -28,6 +30,8 @@ EFFECTS: dict[str, type[Effect]] = {
         MorisonInertia,
         ThesisWaveForce,
         SeaFollowingEnd,
+        Seabed,
+        SeabedFriction,
     )
 }
 
@@ -44,6 +48,8 @@ __all__ = [
     "NodalForce",
     "QuadraticDamping",
     "SeaFollowingEnd",
+    "Seabed",
+    "SeabedFriction",
     "ThesisWaveForce",
     "Weight",
 ]

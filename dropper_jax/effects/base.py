@@ -9,6 +9,7 @@ Slots (all pure functions; what a class does not define does not exist in the co
 - `prepare(k)`      anything expensive that may be frozen over a step, evaluated once at the predicted midpoint
                     and passed back to `force` as `k.prepared(self)`
 - `displace(t)`     prescribed displacement of the point `point`, (3,) [m]
+- `point_mass(m)`   constant mass that it adds to the free nodes, (nodes,) [kg]; systems of lines only
 - a law with unknowns of its own (dry friction): see `Law`
 
 `k` is a `dropper_jax.kinematics.Kinematics`: positions, velocities, link vectors, rates, computed on demand.
@@ -24,7 +25,7 @@ import jax.numpy as jnp
 
 if TYPE_CHECKING:
     from dropper_jax.kinematics import Kinematics
-    from dropper_jax.model import Line
+    from dropper_jax.model import Line, Model
 
 
 class Effect:
@@ -65,9 +66,16 @@ class Law(Effect):
     the motion through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
     """
 
+    #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.
+    node_local: ClassVar[bool] = False
+
     @property
     def components(self) -> int:
         raise NotImplementedError
+
+    def rows(self, model: Model) -> int:
+        """Number of rows of z."""
+        return model.free_nodes if self.node_local else model.line.links + (1 if model.end_held else 0)
 
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
         """Nodal force of the unknown, (nodes, 3) [N]."""

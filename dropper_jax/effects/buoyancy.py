@@ -45,5 +45,6 @@ class Buoyancy(Effect):
         lift = sea.density * sea.gravity * k.line.volume
         up = jnp.zeros_like(k.r[:, 2])
         for part in parts(k):
-            up = up + part.share * part.take(lift) * wetted(k, part, water.tangents, water.motion.elevation)
+            wet = wetted(k, part, water.tangents, water.motion.elevation)
+            up = up + part.collect(part.share * part.take(lift) * wet)
         return jnp.zeros_like(k.r).at[:, 2].set(up)

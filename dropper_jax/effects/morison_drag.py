@@ -40,9 +40,9 @@ class MorisonDrag(Effect):
         relative = water.motion.velocity - k.v
         total = jnp.zeros_like(k.v)
         for part in parts(k):
-            across, along = split(relative, part.take(tangents))
+            across, along = split(part.at(relative), part.take(tangents))
             wet = part.share * wetted(k, part, tangents, water.motion.elevation)
             normal = (wet * part.take(skin * self.cdn) * safe_norm(across))[:, None] * across
             axial = (wet * part.take(jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
-            total = total + normal + axial
+            total = total + part.collect(normal + axial)
         return total

@@ -25,7 +25,7 @@ class _InertiaForce(Effect):
         return 0.0, 0.0
 
     def _wet_mass(self, k: Kinematics, part: Part) -> jax.Array:
-        """Mass of the water that the nodes' wet parts displace (nodes, 1) [kg]."""
+        """Mass of the water that the wet rows of a part displace (rows, 1) [kg]."""
         wet = wetted(k, part, k.water.tangents, k.water.motion.elevation)
         return (part.share * part.take(k.model.sea.density * k.line.volume) * wet)[:, None]
 
@@ -34,9 +34,9 @@ class _InertiaForce(Effect):
         change = water.material if self.needs_material else water.motion.acceleration
         total = jnp.zeros_like(k.r)
         for part in parts(k):
-            across, along = split(change, part.take(water.tangents))
+            across, along = split(part.at(change), part.take(water.tangents))
             can, cat = self._coefficients(part)
-            total = total + self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along)
+            total = total + part.collect(self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along))
         return total
 
 
@@ -98,9 +98,9 @@ class MorisonInertia(_InertiaForce):
             return self._lagrangian(k, a)
         total = jnp.zeros_like(a)
         for part in parts(k):
-            across, along = split(a, part.take(k.water.tangents))
+            across, along = split(part.at(a), part.take(k.water.tangents))
             can, cat = self._coefficients(part)
-            total = total + self._wet_mass(k, part) * (can * across + cat * along)
+            total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
         return total
 
     def _lagrangian(self, k: Kinematics, a: jax.Array) -> jax.Array:
@@ -130,6 +130,7 @@ class MorisonInertia(_InertiaForce):
             wet = wetted(k, part, k.tangents, elevation)
             mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
             can, cat = self._coefficients(part)
-            _, along = split(k.v, part.take(k.links / line.length[:, None]))
-            total = total + 0.5 * jnp.sum(mass * k.v * (can * k.v + (cat - can) * along))
+            v = part.at(k.v)
+            _, along = split(v, part.take(k.links / line.length[:, None]))
+            total = total + 0.5 * jnp.sum(mass * v * (can * v + (cat - can) * along))
         return total

@@ -8,29 +8,59 @@ takes up there: `w = s^2 (3 - 2 s)`, `s = 1/2 + (eta - z)/(D + L |q_z|)` between
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 
 if TYPE_CHECKING:
     from dropper_jax.kinematics import Kinematics
+    from dropper_jax.model import Line
 
 
-class Part(NamedTuple):
-    """The links' share on the free nodes: `share` (nodes,), and which link each node takes it from, (start, pad)."""
+class Part:
+    """One share of the links' water forces: rows to compute them on, and the way from and to the free nodes.
+
+    Attributes:
+        share: what part of a link's force it is, a number or (rows,).
+    """
+
+    share: jax.Array | float
+
+    def take(self, per_link: jax.Array) -> jax.Array:
+        """Values (n, ...) of the links, one per row; a number stays one."""
+        raise NotImplementedError
+
+    def at(self, nodal: jax.Array) -> jax.Array:
+        """Values (nodes, ...) of the free nodes, one per row."""
+        raise NotImplementedError
+
+    def collect(self, rows: jax.Array) -> jax.Array:
+        """Sum of the rows on the free nodes (nodes, ...)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class PathPart(Part):
+    """Of one line: the rows are its free nodes, each takes from one link."""
 
     share: jax.Array | float
     first: int
     nodes: int
 
     def take(self, per_link: jax.Array) -> jax.Array:
-        """Values (n, ...) of the links, one per free node (nodes, ...); a number stays one."""
         if jnp.ndim(per_link) == 0:
             return per_link
         taken = per_link[self.first : self.first + self.nodes]
         lacking = self.nodes - taken.shape[0]
         return jnp.concatenate([taken, jnp.zeros_like(per_link[:lacking])]) if lacking else taken
+
+    def at(self, nodal: jax.Array) -> jax.Array:
+        return nodal
+
+    def collect(self, rows: jax.Array) -> jax.Array:
+        return rows
 
     def spread(self, per_node: jax.Array, links: int) -> jax.Array:
         """The transpose of `take`: values of the nodes (nodes, 3) on their links (n, 3)."""
@@ -39,25 +69,29 @@ class Part(NamedTuple):
         return jnp.pad(kept, ((self.first, after), (0, 0)))
 
 
-def parts(k: Kinematics) -> Iterator[Part]:
-    """The far ends of the links and, where links are compound, their near ends."""
-    line, free = k.line, k.free
+def path_parts(line: Line, free: int) -> Iterator[PathPart]:
+    """The far ends of the links of one line and, where links are compound, their near ends."""
     if not line.compound:
-        yield Part(1.0, 0, free)
+        yield PathPart(1.0, 0, free)
         return
     ratio = line.centre_of_mass / line.length
-    yield Part(ratio[:free], 0, free)
-    near = Part(1.0, 1, free)
-    yield near._replace(share=near.take(1.0 - ratio))
+    yield PathPart(ratio[:free], 0, free)
+    near = PathPart(1.0, 1, free)
+    yield replace(near, share=near.take(1.0 - ratio))
+
+
+def parts(k: Kinematics) -> Iterator[Part]:
+    """The parts of the lines' water forces."""
+    return k.line.parts(k.free)
 
 
 def wetted(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
-    """Wet part of each node (nodes,), 0 to 1."""
+    """Wet part of each row (rows,), 0 to 1."""
     line = k.line
     height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))
     # a free end has no next link: its near part has no height, and its share is zero
     height = jnp.where(height > 0.0, height, 1.0)
-    s = jnp.clip(0.5 + (elevation - k.r[:, 2]) / height, 0.0, 1.0)
+    s = jnp.clip(0.5 + part.at(elevation - k.r[:, 2]) / height, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 
 

@@ -33,6 +33,9 @@ INTEGRATORS = {
     )
 }
 
+#: Most Newton corrections of a step of a system of lines; what needs more is halved.
+SYSTEM_ITERATIONS = 16
+
 #: Below this many unknowns LU of the whole Jacobian beats block elimination (measured at 3 compound links).
 SMALL = 16
 
@@ -70,6 +73,9 @@ def make_stepper(
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     chosen = _choose(model, scheme) if solver == "auto" else solver
+    if model.branched:
+        settings = {"iterations": SYSTEM_ITERATIONS, "until_converged": True, **settings}
+        return Stepper(scheme, chosen, chosen, settings.pop("iterations"), **settings)
     iterations = settings.pop("iterations", None)
     if iterations is None:
         iterations = scheme.condensed_iterations if chosen == "condensed" else scheme.iterations
@@ -81,6 +87,8 @@ def _choose(model: Model, scheme: Any) -> str:
 
 
 def _exact(model: Model, scheme: Any) -> str:
+    if model.branched:
+        return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
     if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= SMALL:
         return "dense"
     return "banded"

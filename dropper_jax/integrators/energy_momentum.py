@@ -15,6 +15,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.axial import Rope
 from dropper_jax.effects.base import Effect, has
 from dropper_jax.kinematics import Ends, Kinematics
 from dropper_jax.model import Model, State
@@ -34,6 +35,7 @@ class EnergyMomentum(Integrator):
     name: ClassVar[str] = "energy_momentum"
     order: ClassVar[int] = 2
     condensable: ClassVar[bool] = True
+    networkable: ClassVar[bool] = True
     takes_laws: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
 
@@ -105,12 +107,29 @@ class MidpointProblem(StepProblem):
         axial = line.axial.residual(self.links0, links1, u.y, line.length, self.h)
         if not model.laws:
             return Unknowns(force, axial)
-        mid = self._middle(u.x)
-        v1 = self.s.v + u.x / (self.gamma * self.h)
-        for law, z in zip(model.laws, u.z, strict=True):
-            force = force - law.law_force(mid, z)
-        rows = tuple(law.law_residual(mid, self.s.v, v1, z, self.h) for law, z in zip(model.laws, u.z, strict=True))
-        return Unknowns(force, axial, rows)
+        laws, rows = self._laws(u.x, u.z)
+        return Unknowns(force - laws, axial, rows)
+
+    def _laws(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        """Forces (nodes, 3) [N] of the laws' unknowns, and the rows that determine them."""
+        mid, v1 = self._middle(x), self.s.v + x / (self.gamma * self.h)
+        pairs = tuple(zip(self.model.laws, z, strict=True))
+        force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
+        return force, tuple(law.law_residual(mid, self.s.v, v1, unknown, self.h) for law, unknown in pairs)
+
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        if not z:
+            return self._local(x), ()
+        laws, rows = self._laws(x, z)
+        return self._local(x) - laws, rows
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        return self._links1(x)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        axial = line.axial.residual(self.links0, d, y, line.length, self.h)
+        return y[:, None] * self._directions(d), axial
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         model, line = self.model, self.model.line
@@ -118,7 +137,7 @@ class MidpointProblem(StepProblem):
         following = jnp.concatenate([stiffness[1:], jnp.zeros_like(stiffness[:1])])
         geometric = GEOMETRIC_SHARE * self.gamma * jnp.maximum((stiffness + following)[: model.free_nodes], 0.0)
         if constant_force(model) and not any(has(e, "inertia") for e in model.effects):
-            return line.node_mass(model.free_nodes) / (self.gamma * self.h**2) + geometric
+            return model.node_mass / (self.gamma * self.h**2) + geometric
         node = node_blocks(lambda x: self._local(u.x + x), model.free_nodes, u.x.dtype)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
@@ -130,15 +149,31 @@ class MidpointProblem(StepProblem):
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
+        v1 = s.v + u.x / (self.gamma * h)
+        if any(law.node_local for law in self.model.laws):
+            v1 = self._settled(u, v1)
         return State(
             r=r1,
-            v=s.v + u.x / (self.gamma * h),
+            v=v1,
             tension=u.y,
             t=s.t + h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
             work=s.work + self._work(u) if s.work.size else s.work,
         )
+
+    def _settled(self, u: Unknowns, v1: jax.Array) -> jax.Array:
+        """End velocities of which friction has taken what it holds."""
+        mid = self._middle(u.x)
+        for law, z in zip(self.model.laws, u.z, strict=True):
+            v1 = law.settle(mid, self.s.v, v1, z, self.h) if law.node_local else v1
+        return v1
+
+    def _taken(self, u: Unknowns, v1: jax.Array) -> jax.Array:
+        """Kinetic energy [J] that `_settled` takes, negative."""
+        model, end = self.model, self.s.t + self.h
+        after = model.kinematics(self.s.r + (self.h * self.s.v + u.x), v1, end, self.ends1, prepared=self.prepared)
+        return model.kinetic_energy(after.with_velocity(self._settled(u, v1))) - model.kinetic_energy(after)
 
     def _work(self, u: Unknowns) -> jax.Array:
         """Work (k,) [J] over the step, in the order of `work_names`."""
@@ -148,10 +183,15 @@ class MidpointProblem(StepProblem):
         for law, z in zip(model.laws, u.z, strict=True):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = [h * jnp.sum(f * k.v) for f in forces.values()]
+        held = [law.name for law in model.laws if law.node_local]
+        if held:
+            works[list(forces).index(held[0])] += self._taken(u, self.s.v + u.x / (self.gamma * h))
         works += [self._turning(e, k, u) for e in model.effects if has(e, "kinetic")]
         links1 = self._links1(u.x)
         if line.axial.elastic and line.axial.damping is not None:
             works.append(line.axial.damping_work(self.links0, links1, line.length, h))
+        if isinstance(line.axial, Rope):
+            works.append(line.axial.ringing_work(self.links0, links1, line.length))
         if model.moving:
             works.append(h * self._end_power(u, self._directions(links1)))
         return jnp.stack(works)
@@ -171,10 +211,7 @@ class MidpointProblem(StepProblem):
     def _end_power(self, u: Unknowns, directions: jax.Array) -> jax.Array:
         """Power of the moving ends, scalar [W]: what holds each end (own weight aside) times its velocity."""
         model, line = self.model, self.model.line
-        rate = self.ends
-        power = -jnp.sum(u.y[0] * directions[0] * rate.start_velocity)
-        if model.end_held:
-            power = power + jnp.sum(u.y[-1] * directions[-1] * rate.end_velocity)
+        power = model.end_power(u.y[:, None] * directions, self.ends)
         if not line.compound:
             return power
         # what accelerates the links' shares of mass, times the mean of the end's velocities: that is exactly the
@@ -193,4 +230,4 @@ class MidpointProblem(StepProblem):
         model, line = self.model, self.model.line
         rows = self.row_scale()
         force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
-        return Unknowns(line.length[: model.free_nodes, None], jnp.broadcast_to(force, line.length.shape), rows.z)
+        return Unknowns(model.node_length[:, None], jnp.broadcast_to(force, line.length.shape), rows.z)

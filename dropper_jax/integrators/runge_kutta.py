@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.effects.base import has
-from dropper_jax.integrators.rattle import end_power
 from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State
 from dropper_jax.problem import Integrator
@@ -46,7 +45,7 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
 
 def _accelerations(model: Model, force: jax.Array, t: jax.Array) -> jax.Array:
     line, free = model.line, model.free_nodes
-    diagonal = line.node_mass(free)
+    diagonal = model.node_mass
     if not line.compound:
         return force / diagonal[:, None]
     if model.moving:
@@ -66,7 +65,7 @@ def _powers(model: Model, k, tension: jax.Array) -> jax.Array:  # noqa: ANN001 -
         stretching = jnp.sum(k.links * k.link_velocities, axis=-1) / safe_norm(k.links)
         powers.append(-jnp.sum(line.axial.damping / line.length * stretching**2))
     if model.moving:
-        powers.append(end_power(model, k.ends, tension, k.tangents))
+        powers.append(model.end_power(tension[:, None] * k.tangents, k.ends))
     return jnp.stack(powers)
 
 

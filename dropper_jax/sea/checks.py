@@ -24,7 +24,7 @@ def check_water(effect: str, scene: Scene) -> None:
     """An effect of the water needs a sea, a diameter, and held points above the bed."""
     if scene.sea is None:
         raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
-    line = scene.lines[0]
+    line = scene.line
     if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
         raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")
     for i, point in enumerate(scene.points):
@@ -36,7 +36,7 @@ def check_water(effect: str, scene: Scene) -> None:
 
 def _volume_from_weight(scene: Scene, wet_weight: Any) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
-    line, sea = scene.lines[0], scene.sea
+    line, sea = scene.line, scene.sea
     gravity = scene.effects.get("weight", {}).get("gravity", sea.gravity)
     volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
     if np.any(volume <= 0.0):
@@ -51,7 +51,7 @@ def _volume_from_weight(scene: Scene, wet_weight: Any) -> np.ndarray:
 
 def check_volume(scene: Scene, wet_weight: Any) -> None:
     """One volume: from the diameter, or from dry and wet weight, or from both where they agree."""
-    line = scene.lines[0]
+    line = scene.line
     if wet_weight is None:
         if line.diameter is None:
             raise SceneError("line.0.diameter: missing; effects.buoyancy needs it, or its own `wet_weight` [N]")
@@ -90,6 +90,10 @@ def sea_warnings(scene: Scene, sea: Any) -> tuple[str, ...]:
 
 def line_reach(scene: Scene) -> tuple[np.ndarray, float]:
     """A ball that the line cannot leave while its points stay: its middle (3,) [m] and radius [m]."""
+    if scene.branched:
+        places = np.array([point.position for point in scene.points])
+        middle = np.mean(places, axis=0)
+        return middle, float(np.max(np.linalg.norm(places - middle, axis=1)) + max(line.total for line in scene.lines))
     line = scene.lines[0]
     first, last = scene.point(line.start), scene.point(line.end)
     if last.kind == "fixed":
@@ -99,6 +103,8 @@ def line_reach(scene: Scene) -> tuple[np.ndarray, float]:
 
 def _reach(scene: Scene) -> list[str]:
     """A line that can hang below the bed, since there is no seabed in the scene."""
+    if "seabed" in scene.effects:
+        return []
     depth = scene.sea.depth
     middle, radius = line_reach(scene)
     low = middle[2] - radius
@@ -156,7 +162,7 @@ def _repetition(scene: Scene, sea: Any) -> list[str]:
 
 
 def _slenderness(scene: Scene, sea: Any) -> list[str]:
-    diameter = displaced_diameter(scene.lines[0], scene)
+    diameter = displaced_diameter(scene.line, scene)
     if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []
     ratio = float(np.max(diameter) * np.max(np.asarray(sea.waves.wave_number)) / (2 * np.pi))

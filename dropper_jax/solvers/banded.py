@@ -83,6 +83,8 @@ class Banded:
     name: str = "banded"
 
     def refuse(self, model: Model, integrator: Any) -> str | None:
+        if model.branched:
+            return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:
             return f"effect {model.laws[0].name!r} brings unknowns of its own; use dense"
         if not integrator.local_rows:

@@ -130,6 +130,8 @@ class Condensed:
     name: str = "condensed"
 
     def refuse(self, model: Model, integrator: Any) -> str | None:
+        if model.branched:
+            return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense or banded"
         if model.laws:

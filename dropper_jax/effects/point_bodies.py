@@ -1,0 +1,102 @@
+"""Masses and volumes at points: clump weights, small floats, connectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.fields import component, option, parameter
+from dropper_jax.kinematics import Kinematics, safe_norm
+
+#: Least diameter over which a body gets wet [m], so that a mass without a volume has no jump.
+SMALLEST = 1e-2
+
+
+@component
+class PointBodies(Effect):
+    """Bodies without rotation at free points, as MoorDyn's points; made from the points' own keys.
+
+    Weight `-m g`, buoyancy `rho g V w`, drag `1/2 rho CdA w |u| u` on the relative velocity, inertia
+    `rho V w (1 + Ca) u'` on the right and `rho V w Ca` on the left. w is the wet fraction of a sphere of volume V,
+    smoothed as that of lines. Forces act in the point.
+    """
+
+    name: ClassVar[str] = "point_bodies"
+    mass: jax.Array = parameter("mass of each body", unit="kg", shape="table", low=0.0)
+    volume: jax.Array = parameter("displaced volume", unit="m^3", shape="table", low=0.0)
+    drag_area: jax.Array = parameter("drag coefficient times area", unit="m^2", shape="table", low=0.0)
+    added_mass: jax.Array = parameter("added mass coefficient Ca", unit="-", shape="table", low=0.0)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
+    wet: bool = option("whether there is water", type=bool, default=False)
+
+    @property
+    def needs_water(self) -> bool:
+        return self.wet
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+        return cls(**values)
+
+    def nodes(self, model: Any) -> np.ndarray:
+        """Free node of each body."""
+        return model.graph.point_node[list(self.points)]
+
+    def _diameter(self) -> jax.Array:
+        return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + SMALLEST**3), SMALLEST)
+
+    def point_mass(self, model: Any) -> jax.Array:
+        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
+
+    def contact_area(self, model: Any) -> jax.Array:
+        """Plan area on the seabed (nodes,) [m^2]: of the sphere of the volume."""
+        area = 0.25 * jnp.pi * self._diameter() ** 2
+        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(area)
+
+    def _wet_mass(self, k: Kinematics) -> jax.Array:
+        """Mass of the displaced water (bodies,) [kg]."""
+        nodes = self.nodes(k.model)
+        height = k.water.motion.elevation[nodes] - k.r[nodes, 2]
+        s = jnp.clip(0.5 + height / self._diameter(), 0.0, 1.0)
+        return k.model.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        nodes = self.nodes(k.model)
+        down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+        total = (self.mass * self.gravity)[:, None] * down
+        if self.wet:
+            water, displaced = k.water.motion, self._wet_mass(k)
+            share = displaced / jnp.where(self.volume > 0, k.model.sea.density * self.volume, 1.0)
+            share = jnp.where(self.volume > 0, share, 1.0)
+            u = water.velocity[nodes] - k.v[nodes]
+            drag = 0.5 * k.model.sea.density * self.drag_area * share * safe_norm(u)
+            total = total - (displaced * k.model.sea.gravity)[:, None] * down + drag[:, None] * u
+            total = total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
+        return jnp.zeros_like(k.r).at[nodes].add(total)
+
+
+@component
+class WetPointBodies(PointBodies):
+    """The same with added mass: only where a body in the water has it."""
+
+    name: ClassVar[str] = "point_bodies"
+
+    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        nodes = self.nodes(k.model)
+        return jnp.zeros_like(a).at[nodes].add((self.added_mass * self._wet_mass(k))[:, None] * a[nodes])
+
+    def kinetic(self, k: Kinematics) -> jax.Array:
+        nodes = self.nodes(k.model)
+        mass = self.added_mass * self._still_mass(k)
+        return 0.5 * jnp.sum(mass[:, None] * k.v[nodes] ** 2)
+
+    def _still_mass(self, k: Kinematics) -> jax.Array:
+        nodes = self.nodes(k.model)
+        height = k.model.sea.elevation(k.r[nodes], k.t) - k.r[nodes, 2]
+        s = jnp.clip(0.5 + height / self._diameter(), 0.0, 1.0)
+        return k.model.sea.density * self.volume * s * s * (3.0 - 2.0 * s)

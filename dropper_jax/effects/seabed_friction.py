@@ -1,0 +1,82 @@
+"""Dry friction on the seabed, with true sticking."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.effects.base import Law
+from dropper_jax.effects.seabed import Seabed
+from dropper_jax.errors import SceneError
+from dropper_jax.fields import component, parameter
+from dropper_jax.kinematics import Kinematics
+
+#: Speed below which a node that begins a step counts as at rest [m/s]: rounding, not creep.
+AT_REST = 1e-10
+
+
+@component
+class SeabedFriction(Law):
+    """Coulomb friction `|z| <= mu N` on nodes on the bed, in its plane: mu static at rest, kinetic in motion.
+
+    The friction z (nodes, 2) [N] is an unknown of the step, determined by `z = P(z - rho v_mid)`, P the projection on
+    the disc of radius mu N and rho the node's mass over the step (its value does not change the solutions): a node
+    slides against its mid-step velocity with |z| = mu N, or stays exactly where it is. A node that stayed has no
+    velocity left at the end of the step: what the midpoint rule would let ring is taken by the friction.
+
+    (The paper's (19) is the same law, with the resultant of all other forces in place of the unknown.)
+    """
+
+    name: ClassVar[str] = "seabed_friction"
+    node_local: ClassVar[bool] = True
+    kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
+    static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, optional=True)
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+        if "seabed" not in scene.effects:
+            raise SceneError("effects.seabed_friction: needs the contact force of [effects.seabed]; it is missing")
+        if values["static"] is not None and values["static"] < values["kinetic"]:
+            raise SceneError(
+                f"effects.seabed_friction.static: {values['static']:g} is out of range; "
+                f"allowed: at least `kinetic`, {values['kinetic']:g}"
+            )
+
+    @property
+    def components(self) -> int:
+        return 2
+
+    def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
+        return jnp.concatenate([z, jnp.zeros_like(z[:, :1])], axis=1)
+
+    def _limit(self, mid: Kinematics, v0: jax.Array) -> jax.Array:
+        """Largest friction (nodes, 1) [N]."""
+        bed = next(e for e in mid.model.effects if isinstance(e, Seabed))
+        normal = bed.normal(mid)[:, None]
+        if self.static is None:
+            return self.kinetic * normal
+        moving = jnp.sum(v0[:, :2] ** 2, axis=1, keepdims=True) > AT_REST**2
+        return jnp.where(moving, self.kinetic, self.static) * normal
+
+    def _trial(self, mid: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """`p = z - rho v_mid` (nodes, 2) [N] and its size (nodes, 1)."""
+        p = z - (mid.model.node_mass / h)[:, None] * mid.v[:, :2]
+        return p, jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
+
+    def law_residual(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        limit = self._limit(mid, v0)
+        p, size = self._trial(mid, z, h)
+        return z - jnp.where(size <= limit, p, limit * p / size)
+
+    def settle(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        """End velocities (nodes, 3) [m/s] with those of the nodes that stayed set to zero in the plane of the bed."""
+        _, size = self._trial(mid, z, h)
+        stuck = (size <= self._limit(mid, v0)) & (size > 1e-12)
+        return v1 * jnp.where(stuck, jnp.array([0.0, 0.0, 1.0], v1.dtype), 1.0)
+
+    def law_scale(self, line: Any, h: jax.Array) -> jax.Array:
+        """The size of force rows [N]: contact forces round as those do."""
+        return jnp.mean(line.mass) * jnp.maximum(9.81, jnp.mean(line.length) / h**2)

@@ -1,0 +1,142 @@
+"""Upright cylinders that do not turn: spar buoys at points, up to the actual surface."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects.base import Effect
+from dropper_jax.fields import component, option, parameter
+from dropper_jax.kinematics import Kinematics, dot, safe_norm
+
+#: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.
+PLACES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0
+#: Part of the height over which the buoy's ends enter and leave the water smoothly.
+EDGE = 0.02
+
+
+class Around(NamedTuple):
+    """The water along the buoys, frozen over a step: elevation (buoys,), velocity and acceleration (buoys, 3, 3)."""
+
+    elevation: jax.Array
+    velocity: jax.Array
+    acceleration: jax.Array
+
+
+@component
+class SparBuoys(Effect):
+    """Vertical cylinders with three translations (paper 3.2.6), made from `[[buoy]]`. Their point is `attachment` above the base.
+
+    With the draught `w = eta - z_base`, between 0 and the height H, and means <> over it:
+
+    - weight `-m g`; buoyancy `rho g A w` (A = pi D^2/4) to the actual surface, and `rho A w <u'_z>`: together, to first
+      order on a fixed buoy, the pressure on its base, `rho g A a cosh(k(d + z_base))/cosh(kd)`; the dynamic pressure is
+      not added again;
+    - across: `1/2 rho Cdn D w <|u| u>` and `rho A w (1 + Can) <u'>`, u relative; drag works on D w, the wet part of the
+      projected area D H;
+    - along: `1/2 rho Cdt A |u_z| u_z` at the base;
+    - added mass `rho A w Can` across. Along it belongs to the end: `Cat` times the water of a half sphere on the base,
+      `rho (2/3) pi (D/2)^3`, or of the wet volume with `end_added_mass = "volume"` as in the paper (66 kg against
+      793 kg for its buoy); its force on the right is `M_a u'_z` at the base.
+    """
+
+    name: ClassVar[str] = "spar_buoys"
+    mass: jax.Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
+    diameter: jax.Array = parameter("diameter", unit="m", shape="table", low=0.0, open_low=True)
+    height: jax.Array = parameter("height", unit="m", shape="table", low=0.0, open_low=True)
+    attachment: jax.Array = parameter("height of the point above the base", unit="m", shape="table", low=0.0)
+    cdn: jax.Array = parameter("drag coefficient across", unit="-", shape="table", low=0.0)
+    cdt: jax.Array = parameter("drag coefficient of the base", unit="-", shape="table", low=0.0)
+    can: jax.Array = parameter("added mass coefficient across", unit="-", shape="table", low=0.0)
+    cat: jax.Array = parameter("added mass coefficient of the base", unit="-", shape="table", low=0.0)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
+    end_added_mass: str = option("of the base", choices=("hemisphere", "volume"), default="hemisphere")
+
+    def nodes(self, model: Any) -> np.ndarray:
+        """Free node of each buoy."""
+        return model.graph.point_node[list(self.points)]
+
+    @property
+    def area(self) -> jax.Array:
+        """Waterplane (buoys,) [m^2]."""
+        return 0.25 * jnp.pi * self.diameter**2
+
+    def point_mass(self, model: Any) -> jax.Array:
+        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
+
+    def contact_area(self, model: Any) -> jax.Array:
+        """Plan area on the seabed (nodes,) [m^2]."""
+        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.area)
+
+    def draught(self, base: jax.Array, elevation: jax.Array) -> jax.Array:
+        """Wet height (buoys,) [m], smooth at either end."""
+        return _between((elevation - base) / self.height) * self.height
+
+    def prepare(self, k: Kinematics) -> Around:
+        r = k.r[self.nodes(k.model)]
+        base = r[:, 2] - self.attachment
+        sea = k.model.sea
+        elevation = sea.elevation(r, k.t)
+        wet = self.draught(base, elevation)
+        heights = base[:, None] + wet[:, None] * PLACES
+        places = jnp.stack(
+            [jnp.broadcast_to(r[:, :1], heights.shape), jnp.broadcast_to(r[:, 1:2], heights.shape), heights], axis=-1
+        )
+        motion = sea.at(places.reshape(-1, 3), k.t)
+        return Around(elevation, motion.velocity.reshape(places.shape), motion.acceleration.reshape(places.shape))
+
+    def force(self, k: Kinematics) -> jax.Array:
+        nodes, sea, around = self.nodes(k.model), k.model.sea, k.prepared(self)
+        v = k.v[nodes]
+        wet = self.draught(k.r[nodes, 2] - self.attachment, around.elevation)
+        # hydrostatics, Froude-Krylov force and weight
+        displaced = sea.density * self.area * wet
+        mean = jnp.sum(jnp.asarray(WEIGHTS, v.dtype)[:, None] * around.acceleration, axis=1)
+        lift = displaced * (sea.gravity + mean[:, 2]) - self.mass * self.gravity
+        lift = lift + self._end_mass(sea, wet) * around.acceleration[:, 0, 2]
+        across = (displaced * (1.0 + self.can))[:, None] * mean[:, :2]
+        # drag
+        u = around.velocity - v[:, None, :]
+        level = u.at[..., 2].set(0.0)
+        weights = jnp.asarray(WEIGHTS, v.dtype) * safe_norm(level)
+        drag = (0.5 * sea.density * self.cdn * self.diameter * wet)[:, None] * jnp.sum(
+            weights[..., None] * level[..., :2], axis=1
+        )
+        base = u[:, 0, 2]
+        under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
+        heave = 0.5 * sea.density * self.cdt * self.area * under * jnp.abs(base) * base
+        total = jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1)
+        return jnp.zeros_like(k.r).at[nodes].add(total)
+
+    def _end_mass(self, sea: Any, wet: jax.Array) -> jax.Array:
+        """Added mass along (buoys,) [kg]."""
+        if self.end_added_mass == "volume":
+            return sea.density * self.cat * self.area * wet
+        under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
+        return sea.density * self.cat * under * jnp.pi / 12.0 * self.diameter**3
+
+    def _added(self, sea: Any, wet: jax.Array) -> jax.Array:
+        """Added mass per direction (buoys, 3) [kg]."""
+        across = sea.density * self.area * wet * self.can
+        return jnp.stack([across, across, self._end_mass(sea, wet)], axis=-1)
+
+    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        nodes = self.nodes(k.model)
+        wet = self.draught(k.r[nodes, 2] - self.attachment, k.prepared(self).elevation)
+        return jnp.zeros_like(a).at[nodes].add(self._added(k.model.sea, wet) * a[nodes])
+
+    def kinetic(self, k: Kinematics) -> jax.Array:
+        nodes = self.nodes(k.model)
+        wet = self.draught(k.r[nodes, 2] - self.attachment, k.model.sea.elevation(k.r[nodes], k.t))
+        return 0.5 * jnp.sum(dot(self._added(k.model.sea, wet) * k.v[nodes], k.v[nodes]))
+
+
+def _between(s: jax.Array) -> jax.Array:
+    """s held between 0 and 1, rounded off over `EDGE` at either end (quadratic there, exact elsewhere)."""
+    low = jnp.where(s < EDGE, jnp.clip(s + EDGE, 0.0, 2 * EDGE) ** 2 / (4 * EDGE), s)
+    high = 1.0 - jnp.clip(1.0 + EDGE - s, 0.0, 2 * EDGE) ** 2 / (4 * EDGE)
+    return jnp.where(s > 1.0 - EDGE, high, low)

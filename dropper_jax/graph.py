@@ -1,0 +1,155 @@
+"""How lines join at points: a static graph of nodes and links, in the form that array work needs.
+
+Free nodes are numbered: the inner nodes of line 0, of line 1, ..., then the free points. Held points follow them in the
+numbering of all nodes. Links are numbered line by line from each line's first point. Every sum over the links of a
+node is a gather, never a scatter: inner nodes have two links, points a short list of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+class Member(NamedTuple):
+    """One line of a system: its name, its number of links and the numbers of the points where it begins and ends."""
+
+    name: str
+    links: int
+    start: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Static; equal graphs share compiled programs.
+
+    Attributes:
+        members: the lines.
+        held: per point, whether it stays or follows a prescribed motion.
+    """
+
+    members: tuple[Member, ...]
+    held: tuple[bool, ...]
+
+    @property
+    def links(self) -> int:
+        return sum(m.links for m in self.members)
+
+    @cached_property
+    def inner(self) -> int:
+        """Number of inner nodes of all lines."""
+        return sum(m.links - 1 for m in self.members)
+
+    @cached_property
+    def free_points(self) -> np.ndarray:
+        """Numbers of the free points, in the order of their nodes."""
+        return np.flatnonzero(~np.array(self.held))
+
+    @cached_property
+    def held_points(self) -> np.ndarray:
+        return np.flatnonzero(np.array(self.held))
+
+    @property
+    def free(self) -> int:
+        """Number of free nodes."""
+        return self.inner + len(self.free_points)
+
+    @cached_property
+    def point_node(self) -> np.ndarray:
+        """Number of each point among all nodes."""
+        node = np.zeros(len(self.held), int)
+        node[self.free_points] = self.inner + np.arange(len(self.free_points))
+        node[self.held_points] = self.free + np.arange(len(self.held_points))
+        return node
+
+    @cached_property
+    def paths(self) -> tuple[np.ndarray, ...]:
+        """Numbers of each line's nodes (links + 1,) among all nodes, both ends included."""
+        found, begin = [], 0
+        for m in self.members:
+            inner = begin + np.arange(m.links - 1)
+            found.append(np.concatenate([[self.point_node[m.start]], inner, [self.point_node[m.end]]]).astype(int))
+            begin += m.links - 1
+        return tuple(found)
+
+    @cached_property
+    def first(self) -> np.ndarray:
+        """First node of each link (n,) among all nodes."""
+        return np.concatenate([path[:-1] for path in self.paths])
+
+    @cached_property
+    def last(self) -> np.ndarray:
+        """Last node of each link (n,) among all nodes."""
+        return np.concatenate([path[1:] for path in self.paths])
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """The links of each line."""
+        ends = np.cumsum([0, *(m.links for m in self.members)])
+        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+    @cached_property
+    def before(self) -> np.ndarray:
+        """The link before each inner node (inner,); the one after it is the next."""
+        return np.concatenate([np.arange(s.start, s.stop - 1) for s in self.spans]).astype(int)
+
+    def _incident(self, node_of_link: np.ndarray) -> np.ndarray:
+        """Links (free points, most) that have the free point on that side; `links` where there are fewer."""
+        lists = [np.flatnonzero(node_of_link == self.inner + p) for p in range(len(self.free_points))]
+        most = max((len(a) for a in lists), default=0)
+        table = np.full((len(lists), most), self.links, int)
+        for row, links in zip(table, lists, strict=True):
+            row[: len(links)] = links
+        return table
+
+    @cached_property
+    def leaving(self) -> np.ndarray:
+        """Links that begin at each free point, padded with the number of links."""
+        return self._incident(self.first)
+
+    @cached_property
+    def arriving(self) -> np.ndarray:
+        """Links that end at each free point, padded with the number of links."""
+        return self._incident(self.last)
+
+    def everywhere(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+        """A nodal field on all nodes; held points without values count as zero."""
+        if held is None:
+            held = jnp.zeros((len(self.held_points), *free.shape[1:]), free.dtype)
+        return jnp.concatenate([free, held])
+
+    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+        """Differences of a nodal field over the links (n, ...)."""
+        field = self.everywhere(free, held)
+        return field[self.last] - field[self.first]
+
+    def _at_points(self, value: jax.Array, table: np.ndarray) -> jax.Array:
+        if not table.shape[1]:
+            return jnp.zeros((len(table), *value.shape[1:]), value.dtype)
+        padded = jnp.concatenate([value, jnp.zeros_like(value[:1])])
+        return sum(padded[table[:, i]] for i in range(table.shape[1]))
+
+    def from_first(self, value: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free, ...) of what each link (n, ...) puts on its first node."""
+        inner = value[self.before + 1]
+        return jnp.concatenate([inner, self._at_points(value, self.leaving)]) if len(self.free_points) else inner
+
+    def from_last(self, value: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free, ...) of what each link (n, ...) puts on its last node."""
+        inner = value[self.before]
+        return jnp.concatenate([inner, self._at_points(value, self.arriving)]) if len(self.free_points) else inner
+
+    def gather(self, pull: jax.Array) -> jax.Array:
+        """Sum on the free nodes of what links pull: + on their first node, - on their last."""
+        return self.from_first(pull) - self.from_last(pull)
+
+    def shared(self, value: jax.Array) -> jax.Array:
+        """Half of each link's value on either end, summed on the free nodes."""
+        half = 0.5 * value
+        return self.from_first(half) + self.from_last(half)

@@ -1,0 +1,125 @@
+"""What lines and points must agree on: ends that exist, and what a system of lines needs beyond a single one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.errors import SceneError, nearest
+from dropper_jax.schema import refuse
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+    from dropper_jax.sections import BuoySpec, LineSpec, PointSpec
+
+#: Effects that follow the links of one line.
+ONE_LINE = ("joint_friction", "nodal_force", "thesis_wave_force")
+
+
+def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
+    """Every line ends at points that exist, every point is an end of a line."""
+    names = [point.name for point in points]
+    for i, line in enumerate(lines):
+        for key, name in (("from", line.start), ("to", line.end)):
+            if name not in names:
+                raise SceneError(f"line.{i}.{key}: {name!r} is not a point; {nearest(name, names)}")
+    used = {name for line in lines for name in (line.start, line.end)}
+    for i, name in enumerate(names):
+        if name not in used:
+            raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+
+
+def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
+    """A system of lines: unique names, elastic lines of one law, every point hung from a fixed one, buoys on free points."""
+    check_ends(lines, points)
+    for label, items in (("line", lines), ("buoy", buoys)):
+        names = [item.name for item in items]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise refuse(f"{label}.{i}.name", name, "is used twice", "a name of its own")
+    for i, line in enumerate(lines):
+        path = f"line.{i}"
+        if line.rigid:
+            _check_rigid(line, path, points)
+            raise refuse(
+                f"{path}.axial.law", line.axial_law, "does not fit a system of lines", "rope, elastic (with EA)"
+            )
+        if line.axial_law != lines[0].axial_law:
+            raise refuse(f"{path}.axial.law", line.axial_law, "differs from that of the first line", lines[0].axial_law)
+        if line.centre_of_mass is not None:
+            raise SceneError(f"{path}.centre_of_mass: compound links are for single lines; allowed: leave it out")
+        if line.start == line.end and line.links < 2:
+            raise refuse(f"{path}.links", line.links, "leaves nothing free in a loop", "a whole number >= 2")
+    _check_connected(points, lines)
+    kinds = {point.name: point.kind for point in points}
+    for i, buoy in enumerate(buoys):
+        if buoy.end_added_mass != buoys[0].end_added_mass:
+            path = f"buoy.{i}.end_added_mass"
+            raise refuse(path, buoy.end_added_mass, "differs from that of the first buoy", buoys[0].end_added_mass)
+    for i, buoy in enumerate(buoys):
+        if buoy.point not in kinds:
+            raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, kinds)}")
+        if kinds[buoy.point] != "free":
+            raise refuse(f"buoy.{i}.point", buoy.point, "is a fixed point", "a point of kind 'free'")
+
+
+def _check_rigid(line: LineSpec, path: str, points: tuple[PointSpec, ...]) -> None:
+    """A rigid line shorter than its ends' distance is named for that first."""
+    start, end = (next(p for p in points if p.name == name) for name in (line.start, line.end))
+    distance = float(np.linalg.norm(end.position - start.position))
+    if start.kind == end.kind == "fixed" and line.total <= distance:
+        raise SceneError(
+            f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
+            f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
+        )
+
+
+def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> None:
+    reached = {point.name for point in points if point.kind == "fixed"}
+    grown = True
+    while grown:
+        grown = False
+        for line in lines:
+            if (line.start in reached) != (line.end in reached):
+                reached |= {line.start, line.end}
+                grown = True
+    for i, point in enumerate(points):
+        if point.name not in reached:
+            raise refuse(
+                f"point.{i}.name",
+                point.name,
+                "is not connected to any fixed point",
+                "lines from a point of kind 'fixed'",
+            )
+
+
+def check_system_effects(scene: Scene) -> None:
+    """Effects that need one line, bodies that need water, and nodes below the bed."""
+    for name in ONE_LINE:
+        if name in scene.effects:
+            raise SceneError(f"effects.{name}: follows the nodes of one line; allowed: scenes of one line")
+    for i, buoy in enumerate(scene.buoys):
+        if scene.sea is None:
+            raise SceneError(
+                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; allowed: [sea] with `depth`"
+            )
+    depth = _depth(scene)
+    if depth is None:
+        return
+    for i, point in enumerate(scene.points):
+        if point.position[2] < -depth - 1e-9:
+            raise SceneError(
+                f"point.{i}.position: z = {point.position[2]:g} m is below the bed; allowed: >= {-depth:g} m"
+            )
+
+
+def _depth(scene: Scene) -> Any:
+    bed = scene.effects.get("seabed")
+    if bed is None:
+        return None
+    if bed["depth"] is not None:
+        return bed["depth"]
+    if bed["bed_depth"] is not None:
+        return float(np.max(bed["bed_depth"]))
+    return None if scene.sea is None else scene.sea.depth

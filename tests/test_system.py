@@ -1,0 +1,117 @@
+"""Systems of lines: the network solver, statics, snapping lines, floats and friction against independent answers."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dropper_jax import equilibrium, simulate
+from dropper_jax.axial import Rope
+from dropper_jax.effects import LinearDamping, Weight
+from dropper_jax.graph import Graph, Member
+from dropper_jax.integrators import make_stepper
+from dropper_jax.lines import Lines, System
+from dropper_jax.model import Point, state
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.system import Unknowns
+
+PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]
+
+
+def net(members: tuple[Member, ...], held: tuple[bool, ...], places: list) -> tuple[System, np.random.Generator]:
+    rng = np.random.default_rng(1)
+    graph = Graph(members, held)
+    n = graph.links
+    lines = Lines(
+        length=np.ones(n),
+        mass=0.5 + rng.random(n),
+        axial=Rope(EA=np.full(n, 1e4), damping=np.full(n, 10.0)),
+        graph=graph,
+    )
+    points = [
+        Point(position=np.array(p, float), name=str(i), kind="fixed" if h else "free")
+        for i, (p, h) in enumerate(zip(places, held, strict=True))
+    ]
+    model = System(points=tuple(points), lines=(lines,), effects=(Weight(), LinearDamping(b_l=0.3)))
+    return model.cast(jnp.float64), rng
+
+
+def star() -> tuple[System, np.random.Generator]:
+    """Three held points, two free ones, a cycle, a line of one link, lines of unequal lengths."""
+    members = (
+        Member("a", 5, 0, 3),
+        Member("b", 3, 3, 1),
+        Member("c", 1, 3, 4),
+        Member("d", 4, 4, 2),
+        Member("e", 2, 3, 4),
+    )
+    return net(members, (True, True, True, False, False), PLACES)
+
+
+def ladder(rungs: int) -> tuple[System, np.random.Generator]:
+    """A backbone with a looped dropper in every bay: enough points for the banded matrix of points."""
+    members, places = [], [(2.0 * i, 0.0, 0.0) for i in range(rungs + 2)]
+    for i in range(rungs + 1):
+        members.append(Member(f"bay{i}", 2, i, i + 1))
+        members.append(Member(f"drop{i}", 3, i, i + 1))
+    return net(tuple(members), (True, *(False,) * rungs, True), places)
+
+
+@pytest.mark.parametrize("make", [star, lambda: ladder(20)], ids=["star", "ladder"])
+@pytest.mark.parametrize("way", ["apply", "apply_transposed"])
+def test_network_solve_and_its_transpose_are_those_of_the_dense_jacobian(make, way):
+    model, rng = make()
+    r = rng.standard_normal((model.free_nodes, 3))
+    s = state(model, r, 0.1 * rng.standard_normal(r.shape), tension=rng.random(model.line.links))
+    problem = make_stepper(model).integrator.problem(model, s, jnp.asarray(0.01))
+    u = Unknowns(1e-3 * rng.standard_normal(r.shape), 10 * rng.random(model.line.links))
+    rows = Unknowns(rng.standard_normal(r.shape), rng.standard_normal(model.line.links))
+
+    def solved(name):
+        solver = SOLVERS[name]
+        return getattr(solver, way)(solver.factor(problem, u), rows)
+
+    for ours, dense in zip(jax.tree.leaves(solved("network")), jax.tree.leaves(solved("dense")), strict=True):
+        np.testing.assert_allclose(ours, dense, rtol=0, atol=1e-11 * float(jnp.max(jnp.abs(dense))))
+
+
+CHAIN = {"name": "chain", "mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1}
+HANGING = {
+    "run": {"dt": 0.02, "duration": 1.0},
+    "line_type": [CHAIN],
+    "point": [
+        {"name": "a", "position": [0.0, 0.0, 0.0]},
+        {"name": "joint", "kind": "free", "position": [10.0, 0.0, -1.0], "mass": 100.0},
+        {"name": "b", "position": [20.0, 0.0, 0.0]},
+    ],
+    "line": [
+        {"name": "left", "from": "a", "to": "joint", "type": "chain", "length": 12.0, "links": 6},
+        {"name": "right", "from": "joint", "to": "b", "type": "chain", "length": 12.0, "links": 6},
+    ],
+    "effects": {"weight": {}},
+}
+
+
+def test_a_clump_weight_between_two_equal_lines_is_held_by_half_the_total_weight_at_each_end():
+    pose = equilibrium(HANGING)
+    assert pose.status == "ok"
+    # nodes at the ends take half a link each: the rest hangs on the two first links
+    hanging = (24.0 - 2.0) * 10.91 * 9.81 + 100.0 * 9.81
+    drop = np.diff(pose.positions[:7], axis=0)
+    vertical = pose.tension[0] * abs(drop[0, 2]) / np.linalg.norm(drop[0])
+    assert vertical == pytest.approx(0.5 * hanging, rel=1e-9)
+    # the horizontal force is one and the same along the line
+    level = pose.tension[:6] * drop[:, 0] / np.linalg.norm(drop, axis=1)
+    np.testing.assert_allclose(level, level[0], rtol=1e-9)
+
+
+def test_lines_of_a_system_are_found_in_the_solution():
+    solution = simulate(HANGING)
+    assert [line.name for line in solution.lines] == ["left", "right"]
+    left, right = solution.lines
+    np.testing.assert_array_equal(solution.positions[:, left.nodes][:, -1], solution.positions[:, right.nodes][:, 0])
+    np.testing.assert_array_equal(solution.point_path("joint"), solution.positions[:, 6])
+    # started in its static pose it stays there
+    assert np.max(np.abs(solution.positions[-1] - solution.positions[0])) < 1e-6

@@ -92,7 +92,7 @@ class Elastic:
 
 @component
 class Rope(Elastic):
-    """Elastic link that goes slack: `T = max(0, EA e + BA (e - e0)/h)`, e the stretch per length, or 0 where it is slack.
+    """Elastic link that goes slack: `T = max(0, EA e + BA (e - e0)/h)`, e the stretch per length, 0 where slack.
 
     The internal damping counts only what is stretched, so that it acts on a taut link alone, is continuous where a link
     tautens, and never holds a slack one (MoorDyn's damper stays on and pulls through a slack line).
@@ -129,8 +129,8 @@ class Rope(Elastic):
     def ringing_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array) -> jax.Array:
         """What the law at the end of the step takes beyond the internal damping, scalar [J], never positive.
 
-        `psi(d1) - psi(d0) - T_elastic(d1) (|d1| - |d0|)`, psi the stored energy, which is convex. This is how axial ringing
-        that the step cannot resolve, and the snap of a slack link, are lost.
+        `psi(d1) - psi(d0) - T_elastic(d1) (|d1| - |d0|)`, psi the stored energy, which is convex. This is how axial
+        ringing that the step cannot resolve, and the snap of a slack link, are lost.
         """
         elastic = self.EA / length * jnp.maximum(safe_norm(d1) - length, 0.0)
         change = jnp.sum(elastic * (safe_norm(d1) - safe_norm(d0)))

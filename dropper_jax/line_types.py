@@ -1,4 +1,4 @@
-"""Line types, sections and attached points: from what a user writes to lines with one value per link. Plain values only.
+"""Line types, sections and attached points: from what a user writes to lines with one value per link.
 
     [[line_type]]                      a rope or chain by the metre
     [[line]] type, length, links       one section of one type, or

@@ -190,7 +190,7 @@ class Model:
         return self.differences(r, ends)
 
     def differences(self, free: jax.Array, ends: Ends | None, rates: bool = False) -> jax.Array:
-        """Differences over the links (n, 3) of places or, with `rates`, velocities; without ends these count as zero."""
+        """Differences over the links (n, 3) of places, or of velocities (`rates`); without ends they are zero."""
         if ends is None:
             return link_differences(free, None, None, self.end_held)
         start, end = (ends.start_velocity, ends.end_velocity) if rates else (ends.start, ends.end)

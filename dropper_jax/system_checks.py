@@ -31,7 +31,7 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
 
 
 def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
-    """A system of lines: unique names, elastic lines of one law, every point hung from a fixed one, buoys on free points."""
+    """Unique names, elastic lines of one law, every point hung from a fixed one, buoys on free points."""
     check_ends(lines, points)
     for label, items in (("line", lines), ("buoy", buoys)):
         names = [item.name for item in items]

@@ -72,7 +72,7 @@ class RestProblem(StepProblem):
 
 
 def system_tolerance(model: System) -> float:
-    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding of the places does to stiff links."""
+    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
     line = model.line
     stiffness = float(jnp.max(line.axial.EA / line.length))
     extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(jnp.max(line.length))
@@ -98,7 +98,7 @@ def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, j
 def _round(
     model: System, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
-    """One correction of the pose s; returns the next pose, its largest unbalanced force over the scale, and the share."""
+    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
     problem, solver = RestProblem(model, s, loads, kappa), Network()
     u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
     rows = problem.residual(u)
@@ -166,8 +166,8 @@ def unsettled(model: System, s: State, loads: jax.Array, residual: float) -> str
     force = ", ".join(f"{x:.3g}" for x in rows[node])
     place = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
     return (
-        f"no equilibrium found in {ROUNDS} rounds: largest scaled unbalanced force {residual:.1e}, {name_of(model, node)} "
-        f"at ({place}) m is left with ({force}) N"
+        f"no equilibrium found in {ROUNDS} rounds: largest scaled unbalanced force {residual:.1e}, "
+        f"{name_of(model, node)} at ({place}) m is left with ({force}) N"
     )
 
 

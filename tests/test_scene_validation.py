@@ -169,10 +169,12 @@ def test_nan_inside_a_list_is_refused_with_its_place(path):
     assert refusal(table).startswith(f"{path}: nan is not finite")
 
 
-def test_a_second_line_is_refused():
+def test_rigid_lines_are_refused_in_a_system():
     table = copy.deepcopy(LOOP)
     table["line"].append({**table["line"][0], "name": "other"})
-    assert refusal(table).startswith("line: 2 lines")
+    message = refusal(table)
+    assert message.startswith("line.0.axial.law: 'rigid'")
+    assert "rope, elastic" in message
 
 
 def test_a_point_without_a_line_is_refused():

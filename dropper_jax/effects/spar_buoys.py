@@ -28,7 +28,9 @@ class Around(NamedTuple):
 
 @component
 class SparBuoys(Effect):
-    """Vertical cylinders with three translations (paper 3.2.6), made from `[[buoy]]`. Their point is `attachment` above the base.
+    """Vertical cylinders with three translations (paper 3.2.6), from `[[buoy]]`.
+
+    Their point is `attachment` above the base.
 
     With the draught `w = eta - z_base`, between 0 and the height H, and means <> over it:
 

@@ -32,7 +32,7 @@ SOFT = 1e-8
 
 
 class LawBlocks(NamedTuple):
-    """A node-local law in the Jacobian: force rows by z, law rows by x and by z, (free, 3, 2), (free, 2, 3), (free, 2, 2)."""
+    """A node-local law in the Jacobian: force rows by z (free, 3, 2), its rows by x (free, 2, 3) and z (free, 2, 2)."""
 
     force: jax.Array
     place: jax.Array

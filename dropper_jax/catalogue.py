@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.errors import SceneError, nearest
+from dropper_jax.farm import farm_table, is_farm
 
 #: `NAME-undamped` is the packaged scene NAME without these effects, for the releases of the lab dropper.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -41,7 +42,8 @@ def packaged() -> dict[str, dict[str, Any]]:
         found[name] = table
         if name.startswith(RELEASES):
             found[name + UNDAMPED] = _undamped(table)
-    return found
+    found["dropper-farm"] = farm_table("dropper-farm")
+    return dict(sorted(found.items()))
 
 
 def _undamped(table: dict[str, Any]) -> dict[str, Any]:
@@ -63,6 +65,8 @@ def read_toml(source: str | Path) -> tuple[dict[str, Any], str]:
     known = packaged()
     if isinstance(source, str) and source in known:
         return known[source], source
+    if isinstance(source, str) and is_farm(source):
+        return farm_table(source), source
     path = Path(source)
     looks_like_file = path.suffix or len(path.parts) > 1 or path.exists()
     if not looks_like_file:

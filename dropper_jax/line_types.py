@@ -4,6 +4,7 @@
     [[line]] type, length, links       one section of one type, or
     [[line]] sections = [{type, length, links}, ...]
     [[line]] attach = [{point, at}]    points along the line, by arc length from its first end
+    [[line]] shelter                   factor on the current that reaches the line (`effects.morison_drag.shelter`)
 
 A line with attached points becomes as many lines as it has pieces, named `NAME-1`, `NAME-2`, ...
 """
@@ -91,6 +92,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
     pieces: list[dict[str, Any]] = []
     used: list[list[Section]] = []
+    shelter: list[float] = []
     for i, line in enumerate(lines):
         line = dict(read_table(line, f"line.{i}"))
         if not {"type", "sections"} & set(line):
@@ -98,11 +100,17 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
                 f"line.{i}: no type; allowed: where one line has a type, all lines have `type` or `sections`"
             )
         sections = _sections(line, f"line.{i}", types)
+        factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
             pieces.append({**piece, **_per_link(part, f"line.{i}")})
             used.append(part)
+            shelter += [factor] * pieces[-1]["links"]
     table["line"] = pieces
     table["effects"] = _with_coefficients(table.get("effects", {}), used)
+    if any(factor != 1.0 for factor in shelter):
+        if not isinstance(table["effects"].get("morison_drag"), dict):
+            raise SceneError("line.shelter: reduces the current of [effects.morison_drag]; it is missing")
+        table["effects"]["morison_drag"]["shelter"] = shelter
     return table
 
 

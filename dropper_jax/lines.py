@@ -1,7 +1,8 @@
 """Many lines joined at points, behind the interface of one: effects, steps and statics do not see the difference.
 
 `Lines` is a `Line` whose arrays hold all links of all lines one after another; `System` is a `Model` of such
-lines. In a system each link's mass, weight and water forces are shared in halves by its two ends (lumped mass, as in MoorDyn).
+lines. In a system each link's mass, weight and water forces are shared in halves by its two ends
+(lumped mass, as in MoorDyn).
 """
 
 from __future__ import annotations

@@ -247,7 +247,8 @@ class Model:
         own = {e.name: e.prepare(k) for e in self.effects if has(e, "prepare")}
         if self.sea is None or not any(e.needs_water for e in self.effects):
             return own
-        return {**own, "water": self.sea.water(k, any(e.needs_material for e in self.effects))}
+        material, current = (any(getattr(e, f"needs_{what}") for e in self.effects) for what in ("material", "current"))
+        return {**own, "water": self.sea.water(k, material, current)}
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
         """Kinetic energy, scalar [J]; with held ends that move, of the links they carry too."""

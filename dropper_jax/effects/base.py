@@ -46,6 +46,11 @@ class Effect:
         """Whether it reads `k.water.material`, the material acceleration of the water."""
         return False
 
+    @property
+    def needs_current(self) -> bool:
+        """Whether it reads `k.water.current`, the current alone."""
+        return False
+
     def force(self, k: Kinematics) -> jax.Array | None:
         return None
 

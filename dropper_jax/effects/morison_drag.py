@@ -20,6 +20,8 @@ class MorisonDrag(Effect):
     Axial drag works on the wetted skin, pi D, as in MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24)
     the relative velocity: errata). w is the wet fraction. The links' directions are those of the predicted middle of
     the step, which is second order and keeps the force on its own node; `tangents = "implicit"` solves for them too.
+    `shelter` reduces the current, not the waves, that reaches a link behind others.
+
     Either way the force opposes the relative velocity: in water at rest it never adds energy.
     """
 
@@ -27,7 +29,14 @@ class MorisonDrag(Effect):
     needs_water: ClassVar[bool] = True
     cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0)
     cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
+    shelter: jax.Array | None = parameter(
+        "factor on the current that reaches the link", unit="-", shape="link", low=0.0, optional=True
+    )
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
+
+    @property
+    def needs_current(self) -> bool:
+        return self.shelter is not None
 
     @property
     def reach(self) -> int:
@@ -40,7 +49,10 @@ class MorisonDrag(Effect):
         relative = water.motion.velocity - k.v
         total = jnp.zeros_like(k.v)
         for part in parts(k):
-            across, along = split(part.at(relative), part.take(tangents))
+            flow = part.at(relative)
+            if self.shelter is not None:
+                flow = flow - part.at(water.current) * part.take((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
+            across, along = split(flow, part.take(tangents))
             wet = part.share * wetted(k, part, tangents, water.motion.elevation)
             normal = (wet * part.take(skin * self.cdn) * safe_norm(across))[:, None] * across
             axial = (wet * part.take(jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along

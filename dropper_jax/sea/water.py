@@ -68,11 +68,15 @@ class Sea:
         """The same water without waves."""
         return replace(self, waves=None)
 
-    def water(self, k: Kinematics, material: bool) -> Water:
-        """What effects see around the free nodes of k; with Du/Dt where `material` asks for it."""
+    def water(self, k: Kinematics, material: bool, current: bool = False) -> Water:
+        """What effects see around the free nodes of k; with Du/Dt and the current alone where asked for."""
         motion = self.at(k.r, k.t)
         change = self.convective(k.r, k.t, motion) if material else None
-        return Water(motion, None if change is None else motion.acceleration + change, k.tangents)
+        alone = None
+        if current:
+            still = jnp.zeros_like(k.r)
+            alone = still if self.current is None else self.current.velocity(k.r[:, 2], k.t, self.depth)
+        return Water(motion, None if change is None else motion.acceleration + change, k.tangents, alone)
 
 
 class Water(NamedTuple):
@@ -82,8 +86,10 @@ class Water(NamedTuple):
         motion: elevation, velocity, local acceleration at the free nodes.
         material: Du/Dt there (None where no effect asks for it).
         tangents: of the links (n, 3).
+        current: velocity of the current alone (None where no effect asks for it).
     """
 
     motion: Motion
     material: jax.Array | None
     tangents: jax.Array
+    current: jax.Array | None = None

@@ -45,13 +45,13 @@ class RestProblem(StepProblem):
         self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
 
-    def _place(self, x: jax.Array) -> Any:
+    def place(self, x: jax.Array) -> Any:
         model, still = self.model, jnp.zeros_like(x)
         k = model.kinematics(self.s.r + x, still, self.s.t, self.ends)
         return model.kinematics(k.r, still, k.t, self.ends, prepared=model.prepare(k))
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        return self.kappa * x - self.model.force(self._place(x)) - self.loads, ()
+        return self.kappa * x - self.model.force(self.place(x)) - self.loads, ()
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         return self.model.links(self.s.r + x, self.ends)
@@ -75,6 +75,9 @@ def system_tolerance(model: System) -> float:
     """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
     line = model.line
     stiffness = float(jnp.max(line.axial.EA / line.length))
+    bed = model.effect("seabed")
+    if bed is not None:
+        stiffness = max(stiffness, float(bed.stiffness * jnp.max(line.diameter * line.length)))
     extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(jnp.max(line.length))
     rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * stiffness * extent
     return max(1e-10, rounding / float(force_scale(model)))

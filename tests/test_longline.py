@@ -1,0 +1,365 @@
+"""Longlines against closed forms: catenary on a bed, currents, modes, buoys, friction, energy, gradients."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq, fsolve
+from scipy.special import jn_zeros
+
+from dropper_jax import build, equilibrium, load_scene, simulate
+from dropper_jax.build import build_model
+from dropper_jax.effects import Effect
+from dropper_jax.fields import component, parameter
+from dropper_jax.integrate import integrate
+from dropper_jax.integrators import make_stepper
+from dropper_jax.modes import natural_modes
+from dropper_jax.statics import settle
+from dropper_jax.stepping import step
+
+G = 9.81
+
+
+def one_line(length, links, start, end, kind, effects, **more):
+    """A line of one type between two fixed points."""
+    return {
+        "run": {"dt": 0.02, "duration": 1.0},
+        "line_type": [{"name": "rope", **kind}],
+        "point": [{"name": "a", "position": start}, {"name": "b", "position": end}],
+        "line": [{"name": "line", "from": "a", "to": "b", "type": "rope", "length": length, "links": links}],
+        "effects": effects,
+        **more,
+    }
+
+
+# --- statics ------------------------------------------------------------------------------------------------------
+
+CHAIN = {"mass": 10.91, "diameter": 0.042, "EA": 1e6}
+
+
+def jonkman(length, w, EA, x, z):
+    """Horizontal and vertical fairlead load of an elastic catenary with a part on a frictionless bed (Jonkman 2007)."""
+
+    def rows(u):
+        h, v = np.exp(u)
+        reach = length - v / w + h / w * np.arcsinh(v / h) + h * length / EA
+        rise = h / w * (np.sqrt(1 + (v / h) ** 2) - 1) + v**2 / (2 * EA * w)
+        return [reach - x, rise - z]
+
+    return np.exp(fsolve(rows, np.log([2000.0, 0.5 * w * length]), xtol=1e-13))
+
+
+def fairlead(links):
+    scene = one_line(
+        75.0,
+        links,
+        [0.0, 0.0, -30.0],
+        [60.0, 0.0, 0.0],
+        CHAIN,
+        {"weight": {}, "seabed": {"depth": 30.0, "stiffness": 1e9}},
+    )
+    pose = equilibrium(scene)
+    assert pose.status == "ok", pose.message
+    last = pose.positions[-1] - pose.positions[-2]
+    pull = pose.tension[-1] * last / np.linalg.norm(last)
+    return pull[0], pull[2] + 0.5 * CHAIN["mass"] * G * 75.0 / links  # the last half link hangs on the fairlead itself
+
+
+def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order():
+    exact = jonkman(75.0, CHAIN["mass"] * G, CHAIN["EA"], 60.0, 30.0)
+    error = {links: np.max(np.abs(np.array(fairlead(links)) / exact - 1)) for links in (25, 100, 200)}
+    assert error[100] < 1e-4
+    assert error[25] / error[200] > 8.0**1.8  # second order, up to where the touchdown falls between nodes
+
+
+def in_a_current(links):
+    """Largest error of the tension and of the sag, both relative, of a weightless line without axial drag."""
+    drag, diameter, speed, length, span = 1.2, 0.05, 1.5, 40.0, 30.0
+    kind = {"mass": 2.0, "diameter": diameter, "EA": 1e8, "cdn": drag}  # no weight in the scene: mass has no say
+    sea = {"depth": 100.0, "current": {"kind": "uniform", "speed": speed}}
+    scene = one_line(length, links, [0.0, 0.0, -50.0], [0.0, span, -50.0], kind, {"morison_drag": {}}, sea=sea)
+    pose = equilibrium(scene)
+    assert pose.status == "ok", pose.message
+    q = 0.5 * 1025.0 * drag * diameter * speed**2
+    a = brentq(lambda a: 2 * a * np.sinh(span / (2 * a)) - length, 5.0, 100.0)
+    sag = a * (np.cosh(span / (2 * a)) - 1)
+    return np.max(np.abs(pose.tension / (q * a) - 1)), abs(np.max(pose.positions[:, 0]) / sag - 1)
+
+
+def test_weightless_line_in_a_current_is_a_catenary_of_constant_tension():
+    # without axial drag the load is normal, 1/2 rho Cd D U^2 cos^2 per length: a catenary with a = T/q
+    (coarse, _), (fine, sag) = in_a_current(50), in_a_current(100)
+    assert sag < 1e-4
+    assert fine < 2.5e-4  # of the tension in the middle, where the line is bent most
+    assert coarse / fine == pytest.approx(4.0, abs=0.4)
+
+
+# --- modes --------------------------------------------------------------------------------------------------------
+
+
+def hanging_modes(links):
+    scene = {
+        **one_line(
+            10.0, links, [0.0, 0.0, 0.0], [0.0, 0.0, -10.0], {"mass": 2.0, "diameter": 0.05, "EA": 1e8}, {"weight": {}}
+        ),
+    }
+    scene["point"][1]["kind"] = "free"
+    model, s = build(scene)
+    return natural_modes(model, equilibrium(scene).state, 6).omega[::2]  # each frequency twice: in x and in y
+
+
+def test_hanging_chain_swings_at_the_bessel_frequencies_and_converges_with_second_order():
+    exact = 0.5 * jn_zeros(0, 3) * np.sqrt(G / 10.0)
+    coarse, fine = (np.abs(hanging_modes(links) / exact - 1) for links in (50, 100))
+    assert fine[0] < 1e-4
+    assert np.all(coarse / fine > 3.7)
+    assert np.all(coarse / fine < 4.3)
+
+
+def test_taut_sagging_cable_vibrates_as_irvine_and_caughey_say():
+    span, mass, tension, EA = 100.0, 1.0, 2.0e4, 2.0e6
+    sag = mass * G * span**2 / (8 * tension)
+    effective = span * (1 + 8 * (sag / span) ** 2)
+    irvine = (mass * G * span / tension) ** 2 * span / (tension * effective / EA)
+    # the inextensible parabola's length less the elastic stretch gives the wanted horizontal tension
+    length = (
+        span * (1 + 8 / 3 * (sag / span) ** 2 - 32 / 5 * (sag / span) ** 4) / (1 + tension * effective / (EA * span))
+    )
+    scene = one_line(
+        length, 100, [0.0] * 3, [span, 0.0, 0.0], {"mass": mass, "diameter": 0.02, "EA": EA}, {"weight": {}}
+    )
+    pose = equilibrium(scene)
+    level = pose.tension * np.diff(pose.positions[:, 0]) / np.linalg.norm(np.diff(pose.positions, axis=0), axis=1)
+    assert level[0] == pytest.approx(tension, rel=3e-4)
+    base = np.sqrt(level[0] * (1 + tension / EA) / mass) / span  # mass per stretched length
+    odd = brentq(lambda w: np.tan(w / 2) - w / 2 + 4 / irvine * (w / 2) ** 3, np.pi + 1e-9, 3.0 * np.pi - 1e-3)
+    modes = natural_modes(build_model(load_scene(scene)), pose.state, 6)
+    upright = [m for m in range(6) if np.max(np.abs(modes.shape[m, :, 2])) > 0.5]
+    level_modes = [m for m in range(6) if m not in upright]
+    assert modes.omega[level_modes[0]] == pytest.approx(np.pi * base, rel=3e-4)  # out of plane: a taut string
+    symmetric = [m for m in upright if abs(modes.shape[m, 49, 2]) > 0.5][0]
+    assert modes.omega[symmetric] == pytest.approx(odd * base, rel=1e-3)
+
+
+# --- buoys --------------------------------------------------------------------------------------------------------
+
+
+def moored_buoy(sea, links=4, **buoy):
+    """A spar on a slack, light line, so that it is all but free."""
+    spar = {"mass": 1200.0, "diameter": 0.79, "height": 8.865, "cdn": 0.0, "cdt": 0.0, "can": 0.0, "cat": 0.0, **buoy}
+    return {
+        "run": {"dt": 0.02, "duration": 20.0},
+        "line_type": [{"name": "rope", "mass": 1e-3, "diameter": 1e-3, "EA": 1e3}],
+        "point": [
+            {"name": "anchor", "position": [0.0, 0.0, -30.0]},
+            {"name": "buoy", "kind": "free", "position": [0.0, 0.0, -2.5]},
+        ],
+        "line": [{"name": "rope", "from": "anchor", "to": "buoy", "type": "rope", "length": 40.0, "links": links}],
+        "buoy": [{"name": "spar", "point": "buoy", **spar}],
+        "sea": {"depth": 30.0, **sea},
+        "effects": {"weight": {}},
+    }
+
+
+def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order():
+    amplitude, period, depth = 0.01, 8.33, 30.0
+    sea = {"waves": {"kind": "regular", "amplitude": amplitude, "period": period}, "stretching": "none"}
+    model = build_model(load_scene(moored_buoy(sea)))
+    node, base = model.free_nodes - 1, -5.0
+    r = jnp.zeros((model.free_nodes, 3)).at[:, 2].set(base)
+
+    def force(t):
+        k = model.kinematics(r, jnp.zeros_like(r), t)
+        k = model.kinematics(r, jnp.zeros_like(r), t, k.ends, prepared=model.prepare(k))
+        return model.effect("spar_buoys").force(k)[node, 2]
+
+    times = jnp.linspace(0.0, period, 33)[:-1]
+    found = jax.vmap(force)(times)
+    k = brentq(lambda k: G * k * np.tanh(k * depth) - (2 * np.pi / period) ** 2, 1e-3, 1.0)
+    expected = 1025.0 * G * np.pi / 4 * 0.79**2 * amplitude * np.cosh(k * (depth + base)) / np.cosh(k * depth)
+    first_harmonic = 2 * np.abs(np.mean(np.asarray(found) * np.exp(-2j * np.pi * np.arange(32) / 32)))
+    assert first_harmonic == pytest.approx(expected, rel=1e-3)  # second-order terms are a/H = 1e-3 of it
+
+
+def test_free_spar_heaves_with_its_natural_period_and_added_mass_of_a_half_sphere():
+    scene = moored_buoy({}, cat=0.5)
+    pose = equilibrium(scene)
+    modes = natural_modes(build_model(load_scene(scene)), pose.state)
+    area = np.pi / 4 * 0.79**2
+    added = 1025.0 * 0.5 * 2 / 3 * np.pi * (0.79 / 2) ** 3
+    assert added == pytest.approx(66.0, abs=0.5)  # errata: 66 kg on a hemisphere
+    expected = 2 * np.pi * np.sqrt((1200.0 + added) / (1025.0 * G * area))
+    assert np.min(np.abs(modes.period / expected - 1)) < 1e-4
+
+
+# --- friction -----------------------------------------------------------------------------------------------------
+
+
+def on_the_bed(links, length, kind, **more):
+    bed = {"seabed": {"depth": 10.0, "stiffness": 1e6, "damping": 1e5}, "weight": {}}
+    scene = one_line(length, links, [0.0, 0.0, -10.0], [length, 0.0, -10.0], kind, {**bed, **more})
+    return scene
+
+
+def test_a_sliding_weight_stops_after_v2_over_2_mu_g():
+    mu, speed = 0.4, 2.0
+    kind = {"mass": 1e-3, "diameter": 0.02, "EA": 1e4}
+    scene = on_the_bed(2, 10.0, kind, seabed_friction={"kinetic": mu})
+    scene["point"][1] = {"name": "b", "kind": "free", "position": [4.0, 0.0, -10.0], "mass": 50.0, "volume": 1e-3}
+    scene["line"][0]["length"] = 20.0  # slack throughout
+    model, s = build(scene)
+    s = s.__class__(**{**s.__dict__, "v": s.v.at[-1, 0].set(speed)})
+    stepper = make_stepper(model)
+    _, path = jax.jit(lambda m, s: integrate(stepper, m, s, 0.001, 1000))(model, s)
+    distance = float(path.r[-1, -1, 0] - s.r[-1, 0])
+    assert distance == pytest.approx(speed**2 / (2 * mu * G), rel=1e-3)
+    stopped = np.flatnonzero(np.abs(np.asarray(path.v[:, -1, 0])) == 0.0)
+    assert stopped[0] * 0.001 == pytest.approx(speed / (mu * G), abs=0.003)
+    np.testing.assert_array_equal(path.r[stopped[0] + 1 :, -1, 0], path.r[stopped[0] + 1, -1, 0])  # and stays
+
+
+def test_grounded_chain_does_not_creep_across_a_current_below_the_limit():
+    kind = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1, "cdn": 1.4, "cdt": 0.2}
+    scene = on_the_bed(6, 20.0, kind, seabed_friction={"kinetic": 0.5}, buoyancy={}, morison_drag={})
+    scene["point"][1]["kind"] = "free"
+    scene["sea"] = {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.3, "direction": np.pi / 2}}
+    scene["start"] = {"kind": "points"}
+    solution = simulate(scene, dt=0.1, duration=300.0, save_every=100)
+    assert solution.status == "ok", solution.failure
+    across = solution.positions[:, :, 1]
+    assert np.max(np.abs(across - across[0])) < 1e-4  # asked: 1 mm
+    late = solution.t > 100.0  # what moved at first was the tension of the start
+    np.testing.assert_allclose(across[late], np.broadcast_to(across[-1], across[late].shape), rtol=0, atol=1e-12)
+
+
+def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloading():
+    # T^2/(2 mu w EA): a bar in Coulomb friction; after slow unloading the outer half slips back, half the stretch stays
+    mu, pull, mass, EA, length, links = 0.5, 1000.0, 10.0, 1e5, 40.0, 100
+    scene = on_the_bed(
+        links, length, {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0}, seabed_friction={"kinetic": mu}
+    )
+    scene["point"][1]["kind"] = "free"
+    scene["start"] = {"kind": "points"}
+    model, s = build(scene)
+    s = replace(s, work=jnp.zeros(0))  # no energy balance here
+    grip = mu * mass * G  # friction per metre [N/m]
+    stepper = make_stepper(model)
+    end = model.graph.point_node[1]
+    rise = 40.0
+
+    def run(model, s):
+        def one(s, i):
+            t = (i + 0.5) * 0.05
+            force = pull * jnp.where(t < rise, t / rise, jnp.maximum(2.0 - t / rise, 0.0))
+            s, report = step(stepper, with_force(model, end, force), s, jnp.asarray(0.05))
+            return s, (s.r[end, 0], report.residual)
+
+        return jax.lax.scan(one, s, jnp.arange(1600))[1]
+
+    x, residual = jax.jit(run)(model, s)
+    assert float(jnp.max(residual)) < 1e-9
+    stretch = np.asarray(x) - length
+    full = pull**2 / (2 * grip * EA)
+    assert np.max(stretch) == pytest.approx(full, rel=0.02)
+    assert stretch[-1] / np.max(stretch) == pytest.approx(0.5, abs=0.01)
+
+
+def with_force(model, node, force):
+    """The model with a force along x on one free node."""
+    pull = jnp.zeros((model.free_nodes, 3)).at[node, 0].set(force)
+    return replace(model, effects=(*model.effects, Pull(pull)))
+
+
+@component
+class Pull(Effect):
+    """Forces on the free nodes, as given."""
+
+    name: ClassVar[str] = "pull"
+    pull: jax.Array = parameter("force on each free node", unit="N", shape="vectors")
+
+    def force(self, k):
+        return self.pull
+
+
+# --- energy and gradients -----------------------------------------------------------------------------------------
+
+
+def test_a_falling_chain_in_water_at_rest_never_gains_energy():
+    kind = {
+        "mass": 10.91,
+        "diameter": 0.042,
+        "EA": 1e6,
+        "damping_ratio": 0.05,
+        "cdn": 1.4,
+        "cdt": 0.2,
+        "can": 1.0,
+        "cat": 1.0,
+    }
+    effects = {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}, "seabed": {"depth": 12.0}}
+    scene = one_line(16.0, 8, [0.0, 0.0, -2.0], [8.0, 0.0, -2.0], kind, effects, sea={"depth": 12.0})
+    scene["point"][1] = {"name": "b", "kind": "free", "position": [8.0, 0.0, -2.0], "mass": 20.0, "volume": 0.01}
+    scene["start"] = {"kind": "points"}
+    solution = simulate(scene, dt=0.02, duration=12.0)
+    assert solution.status == "ok", solution.failure
+    work = dict(zip(solution.work_names, solution.work.T, strict=True))
+    for name in ("morison_drag", "internal_damping", "axial_ringing"):
+        assert np.max(np.diff(work[name])) <= 1e-9 * solution.energy_scale, name
+    assert solution.energy_drift < 1e-6 * solution.energy_scale
+
+
+def driven_chain():
+    """A chain that hangs free of the bed, taut, its top driven in a current."""
+    kind = {"mass": 10.91, "diameter": 0.042, "EA": 1e5, "damping_ratio": 0.1}
+    kind = {**kind, "cdn": 1.4, "cdt": 0.2, "can": 1.0, "cat": 1.0}
+    motion = {"point": "b", "amplitude": [0.3, 0.0, 0.1], "period": 4.0, "ramp": 1.0}
+    effects = {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}, "end_motion": motion}
+    sea = {"depth": 20.0, "current": {"kind": "uniform", "speed": 0.5, "direction": 1.0}}
+    scene = one_line(24.0, 4, [0.0, 0.0, -10.0], [20.0, 0.0, 0.0], kind, effects, sea=sea)
+    model, s = build(scene)
+    return model, s, make_stepper(model, halvings=0)
+
+
+def scaled(model, factors):
+    """The model with axial stiffness, drag coefficient, mass and length scaled."""
+    line, drag = model.line, model.effect("morison_drag")
+    axial = replace(line.axial, EA=line.axial.EA * factors[0])
+    line = replace(line, axial=axial, mass=line.mass * factors[2], length=line.length * factors[3])
+    drag = replace(drag, cdn=drag.cdn * factors[1])
+    effects = tuple(drag if e.name == drag.name else e for e in model.effects)
+    return replace(model, lines=(line,), effects=effects)
+
+
+def assert_differences_agree(value, slopes, size=1e-5):
+    for i, slope in enumerate(slopes):
+        ahead = jnp.ones(len(slopes)).at[i].add(size)
+        behind = jnp.ones(len(slopes)).at[i].add(-size)
+        assert float((value(ahead) - value(behind)) / (2 * size)) == pytest.approx(float(slope), rel=1e-5), i
+
+
+def test_gradients_of_the_mean_tension_of_a_driven_chain_agree_with_differences_and_between_modes():
+    model, s, stepper = driven_chain()
+
+    def mean_tension(factors):
+        return jnp.mean(integrate(stepper, scaled(model, factors), s, 0.02, 100)[1].tension)
+
+    forward = jax.jit(jax.jacfwd(mean_tension))(jnp.ones(4))
+    reverse = jax.jit(jax.grad(mean_tension))(jnp.ones(4))
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9)
+    assert_differences_agree(jax.jit(mean_tension), forward)
+
+
+def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences():
+    scene = load_scene("paper-case-4")
+    model, near = build_model(scene), equilibrium(scene).state
+
+    @jax.jit
+    def anchor(factors):
+        return settle(scaled(model, factors), near).tension[0]
+
+    assert float(anchor(jnp.ones(4))) == pytest.approx(1535.0, rel=0.015)  # the paper's adapted MoorDyn
+    assert_differences_agree(anchor, jax.jit(jax.jacfwd(anchor))(jnp.ones(4)))

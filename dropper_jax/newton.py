@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
+#: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
+EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 #: Most preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton does.
 REFINEMENTS = 200
 
@@ -54,6 +56,8 @@ def newton_until(problem: StepProblem, solver: Any, u: Unknowns, most: int, limi
 
 def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
     """The same with each correction shortened where that leaves a smaller residual; for steps that resist."""
+    if problem.model.laws:
+        return follow(problem, solver, u)
     scale = problem.row_scale()
     fractions = jnp.asarray(FRACTIONS, u.x.dtype)
 
@@ -67,6 +71,24 @@ def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: in
 
     u, _ = jax.lax.scan(correct, u, None, length=iterations)
     return u, norm(problem.residual(u), scale)
+
+
+def follow(problem: StepProblem, solver: Any, u: Unknowns) -> tuple[Unknowns, jax.Array]:
+    """Solutions of the smoothed laws, smoothed less and less, and last of the laws themselves.
+
+    Which joints slide and which are held is found on the way: trying it out (Newton on the laws themselves) goes round
+    in circles where several joints stop at once. The primal-dual form of the smoothed law (Chan, Golub and Mulet 1999)
+    takes full corrections as long as its unknowns stay admissible.
+    """
+
+    def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
+        eased = problem.eased(easing)
+        u = add(u, solver.apply(solver.factor(eased, u), eased.residual(u)), -1.0)
+        z = tuple(law.admissible(z) for law, z in zip(problem.model.laws, u.z, strict=True))
+        return u._replace(z=z), None
+
+    u, _ = jax.lax.scan(correct, u, jnp.asarray(EASING, u.x.dtype))
+    return u, norm(problem.residual(u), problem.row_scale())
 
 
 def refine(matvec: Any, apply: Any, b: Unknowns, column_scale: Unknowns) -> Unknowns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -65,6 +66,9 @@ class Integrator:
 class StepProblem:
     """The equations of one step from state `s` over `h`; made anew inside each trace."""
 
+    #: Smoothing of set-valued laws, 1 to 0; None is the laws themselves.
+    easing: jax.Array | None = None
+
     def __init__(self, model: Model, s: State, h: jax.Array):
         self.model, self.s, self.h = model, s, h
 
@@ -74,6 +78,12 @@ class StepProblem:
     def residual(self, u: Unknowns) -> Unknowns:
         """Rows in physical units: forces [N], elongations [m], torques [N m]."""
         raise NotImplementedError
+
+    def eased(self, easing: jax.Array) -> StepProblem:
+        """The same equations with smoothed laws."""
+        other = copy(self)
+        other.easing = easing
+        return other
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         """K of the condensed solver, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix."""

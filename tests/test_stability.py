@@ -22,12 +22,15 @@ LEFT_TO_THE_COMMAND = {
 }
 
 
-#: Two dry joints that stick in one step: the law's branches shut each other out, and no step size helps.
-OPEN = {"dry-friction-two-joints": pytest.mark.xfail(reason="the friction law has no solution where two joints stick")}
-
-
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=OPEN.get(name, ())) for name in CASES if name not in LEFT_TO_THE_COMMAND]
+    "name",
+    [
+        pytest.param(
+            name,
+        )
+        for name in CASES
+        if name not in LEFT_TO_THE_COMMAND
+    ],
 )
 def test_hard_case_keeps_its_claim(name: str) -> None:
     row = evaluate(CASES[name], short=True, compare=False)

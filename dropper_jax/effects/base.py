@@ -86,8 +86,27 @@ class Law(Effect):
         """Nodal force of the unknown, (nodes, 3) [N]."""
         raise NotImplementedError
 
-    def law_residual(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        """Rows that determine z, same shape as z; `mid` is the middle of the step from v0 to v1."""
+    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
+        """Rows that determine z, same shape as z; `k` is the middle of the step.
+
+        With `easing` (scalar, 1 to 0) those of a smoothed law, which is the law itself at 0.
+        """
+        raise NotImplementedError
+
+    def admissible(self, z: jax.Array) -> jax.Array:
+        """The nearest z that the law allows at all."""
+        raise NotImplementedError
+
+    def rates(self, k: Kinematics) -> jax.Array:
+        """Rates (joints, c) on which z works: the power of `law_force` is `sum(z * rates)`."""
+        raise NotImplementedError
+
+    def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
+        """Which joints (joints, 1) were held still in the middle of the step."""
+        raise NotImplementedError
+
+    def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        """Of a node-local law: end velocities (nodes, 3) [m/s] with those of the nodes it held in the middle stopped."""
         raise NotImplementedError
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:

@@ -11,16 +11,14 @@ import jax.numpy as jnp
 from dropper_jax.effects.base import Law
 from dropper_jax.errors import SceneError
 from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics, gather_links, safe_norm
+from dropper_jax.kinematics import Kinematics, cross, gather_links, safe_norm
 
 if TYPE_CHECKING:
     from dropper_jax.model import Line
 
-#: Part of a stuck joint's torque along its links, which moves nothing and would be undetermined otherwise.
-SPIN_COMPLIANCE = 1e-9
-#: A joint counts as still where stopping it within the step takes less than this share of the dry torque. A held joint
-#: keeps a rate of rounding size; its sign, taken for a motion, let go of the joint in every few steps.
-AT_REST = 1e-9
+
+#: Added under roots [(N m)^2, (rad/s)^2]: keeps derivatives finite at zero, also in float32.
+SMALLEST = 1e-30
 
 
 @component
@@ -31,16 +29,10 @@ class JointFriction(Law):
     `axis` the joints are pins: only the component along it counts. Torques act as couples of nodal forces, so that
     their power is exactly `torque . w`.
 
-    Dry friction is set-valued: |torque| <= `dry`. Its unknown z is solved with the step, for
-    `p_mid = z - 2 rho w_mid` and `p_end = z - rho w_end` (rho an inertia over the step, its value does not change
-    the solutions):
-
-    - slides where |p_mid| > tau:    z = tau p_mid/|p_mid|, against the mid-step rate;
-    - else held unless that would push (p_end . w_0 > 0, then z = 0):    z = p_end, which is w_end = 0, or its
-      projection on the ball of radius tau.
-
-    A law on the mid-step rate alone would leave the rate ringing for ever (w_end = -w_0); one on the end rate alone
-    lets the energy rise. Here `z . w_mid <= 0` in every case and a held joint creeps by nothing.
+    Dry friction is set-valued: |torque| <= `dry`. Its unknown z is the projection of `z - 2 rho w_mid` on the ball of
+    radius tau: `z = -tau w_mid/|w_mid|` where the joint slides, `w_mid = 0` where it is held (rho is an inertia over
+    the step; its value does not change the solutions). The law is monotone, so that every step has a solution and
+    `z . w_mid <= 0`. What it leaves of the rates of held joints at the end of the step, `held` stops.
     """
 
     name: ClassVar[str] = "joint_friction"
@@ -83,7 +75,7 @@ class JointFriction(Law):
             torque = torque * self._pin()
         after = torque[1:] if k.model.end_held else jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])
         before = torque[:-1] if k.model.end_held else torque
-        couple = jnp.cross(before - after, k.tangents) / safe_norm(k.links)[:, None]
+        couple = cross(before - after, k.tangents) / safe_norm(k.links)[:, None]
         return -gather_links(couple, k.model.end_held)
 
     def _per_joint(self, value: jax.Array, joints: int) -> jax.Array:
@@ -98,32 +90,44 @@ class JointFriction(Law):
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
         return self.torque_force(k, z)
 
-    def law_residual(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        limit = self._per_joint(self.dry, len(z))[:, None]
-        rate = self.relative_rates(mid)
-        rate0 = self.relative_rates(mid.with_velocity(v0))
-        rho = jnp.min(mid.line.mass * mid.line.length**2) / h
-        p_mid = z - 2 * rho * rate
-        p_end = z - rho * (2 * rate - rate0)
-        size_mid, size_end = safe_norm(p_mid)[:, None], safe_norm(p_end)[:, None]
-        slide = z - limit * p_mid / size_mid
-        moving = rho * safe_norm(rate0)[:, None] > AT_REST * limit  # else its direction is rounding
-        pushes = moving & (jnp.sum(p_end * rate0, axis=-1, keepdims=True) > 0)
-        held = z - p_end + self._spin(mid, z)
-        clipped = z - limit * p_end / size_end
-        stuck = jnp.where(size_end <= limit, held, clipped)
-        return jnp.where((size_mid > limit) | (limit <= 0), slide, jnp.where(pushes, z, stuck))
+    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
+        limit, rate = self._limit(z), self.relative_rates(k)
+        rho = self._rho(k, h)
+        exact = z - self._project(z - 2 * rho * rate, limit)
+        if easing is None:
+            return exact
+        blur = easing * limit / rho
+        size = jnp.sqrt(jnp.sum(rate**2, axis=-1, keepdims=True) + blur**2 + SMALLEST)
+        weight = jax.lax.stop_gradient(rho / (limit + rho * size))
+        return jnp.where(easing > 0, weight * (size * z + limit * rate), exact)
 
-    def _spin(self, k: Kinematics, z: jax.Array) -> jax.Array:
-        if self.axis is not None:
-            return jnp.zeros_like(z)
-        q = k.tangents
-        ahead = jnp.concatenate([q, q[-1:]]) if k.model.end_held else q
-        behind = jnp.concatenate([q[:1], q]) if k.model.end_held else jnp.concatenate([q[:1], q[:-1]])
-        along = ahead + behind
-        along = along / safe_norm(along)[:, None]
-        return SPIN_COMPLIANCE * jnp.sum(z * along, axis=-1, keepdims=True) * along
+    def admissible(self, z: jax.Array) -> jax.Array:
+        return self._project(z, self._limit(z))
+
+    def rates(self, k: Kinematics) -> jax.Array:
+        return self.relative_rates(k)
+
+    def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
+        trial = _size(z - 2 * self._rho(k, h) * self.relative_rates(k))
+        return trial < self._limit(z)
+
+    def _limit(self, z: jax.Array) -> jax.Array:
+        return self._per_joint(self.dry, len(z))[:, None]
+
+    def _rho(self, k: Kinematics, h: jax.Array) -> jax.Array:
+        return jnp.min(k.line.mass * k.line.length**2) / h
+
+    @staticmethod
+    def _project(z: jax.Array, limit: jax.Array) -> jax.Array:
+        """The nearest torques with |z| <= limit."""
+        size = _size(z)
+        return jnp.where(size > limit, limit / size * z, z)
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The torque of a link's weight [N m]."""
         return jnp.mean(line.mass * line.length) * 9.81
+
+
+def _size(z: jax.Array) -> jax.Array:
+    """|z| per joint as a column, with a finite derivative at zero."""
+    return jnp.sqrt(jnp.sum(z**2, axis=-1, keepdims=True) + SMALLEST)

@@ -39,6 +39,10 @@ class SeabedFriction(Law):
     def check(cls, values: Mapping[str, Any], scene: Any) -> None:
         if "seabed" not in scene.effects:
             raise SceneError("effects.seabed_friction: needs the contact force of [effects.seabed]; it is missing")
+        if "joint_friction" in scene.effects:
+            raise SceneError(
+                "effects.seabed_friction: cannot be solved beside [effects.joint_friction]; allowed: one of them"
+            )
         if values["static"] is not None and values["static"] < values["kinetic"]:
             raise SceneError(
                 f"effects.seabed_friction.static: {values['static']:g} is out of range; "
@@ -52,29 +56,36 @@ class SeabedFriction(Law):
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
         return jnp.concatenate([z, jnp.zeros_like(z[:, :1])], axis=1)
 
-    def _limit(self, mid: Kinematics, v0: jax.Array) -> jax.Array:
+    def prepare(self, k: Kinematics) -> jax.Array | None:
+        """Which nodes (nodes, 1) begin the step in motion; k has the velocities of its beginning."""
+        if self.static is None:
+            return None
+        return jnp.sum(k.v[:, :2] ** 2, axis=1, keepdims=True) > AT_REST**2
+
+    def _limit(self, k: Kinematics) -> jax.Array:
         """Largest friction (nodes, 1) [N]."""
-        bed = next(e for e in mid.model.effects if isinstance(e, Seabed))
-        normal = bed.normal(mid)[:, None]
+        bed = next(e for e in k.model.effects if isinstance(e, Seabed))
+        normal = bed.normal(k)[:, None]
         if self.static is None:
             return self.kinetic * normal
-        moving = jnp.sum(v0[:, :2] ** 2, axis=1, keepdims=True) > AT_REST**2
-        return jnp.where(moving, self.kinetic, self.static) * normal
+        return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
 
-    def _trial(self, mid: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
         """`p = z - rho v_mid` (nodes, 2) [N] and its size (nodes, 1)."""
-        p = z - (mid.model.node_mass / h)[:, None] * mid.v[:, :2]
+        p = z - (k.model.node_mass / h)[:, None] * k.v[:, :2]
         return p, jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
-    def law_residual(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        limit = self._limit(mid, v0)
-        p, size = self._trial(mid, z, h)
+    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
+        limit = self._limit(k)
+        p, size = self._trial(k, z, h)
         return z - jnp.where(size <= limit, p, limit * p / size)
 
-    def settle(self, mid: Kinematics, v0: jax.Array, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        """End velocities (nodes, 3) [m/s] with those of the nodes that stayed set to zero in the plane of the bed."""
-        _, size = self._trial(mid, z, h)
-        stuck = (size <= self._limit(mid, v0)) & (size > 1e-12)
+    def admissible(self, z: jax.Array) -> jax.Array:
+        return z  # the bound is the contact force, which the step determines too
+
+    def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        _, size = self._trial(k, z, h)
+        stuck = (size <= self._limit(k)) & (size > 1e-12)
         return v1 * jnp.where(stuck, jnp.array([0.0, 0.0, 1.0], v1.dtype), 1.0)
 
     def law_scale(self, line: Any, h: jax.Array) -> jax.Array:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 
 from dropper_jax.axial import Rope
 from dropper_jax.effects.base import Effect, has
+from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
 from dropper_jax.kinematics import Ends, Kinematics
 from dropper_jax.model import Model, State
 from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, constant_force, node_blocks
@@ -112,10 +113,9 @@ class MidpointProblem(StepProblem):
 
     def _laws(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Forces (nodes, 3) [N] of the laws' unknowns, and the rows that determine them."""
-        mid, v1 = self._middle(x), self.s.v + x / (self.gamma * self.h)
-        pairs = tuple(zip(self.model.laws, z, strict=True))
+        mid, pairs = self._middle(x), tuple(zip(self.model.laws, z, strict=True))
         force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
-        return force, tuple(law.law_residual(mid, self.s.v, v1, unknown, self.h) for law, unknown in pairs)
+        return force, tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         if not z:
@@ -149,9 +149,7 @@ class MidpointProblem(StepProblem):
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
-        v1 = s.v + u.x / (self.gamma * h)
-        if any(law.node_local for law in self.model.laws):
-            v1 = self._settled(u, v1)
+        v1, stopped = self._end_velocity(u, r1)
         return State(
             r=r1,
             v=v1,
@@ -159,23 +157,21 @@ class MidpointProblem(StepProblem):
             t=s.t + h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
-            work=s.work + self._work(u) if s.work.size else s.work,
+            work=s.work + self._work(u, stopped) if s.work.size else s.work,
         )
 
-    def _settled(self, u: Unknowns, v1: jax.Array) -> jax.Array:
-        """End velocities of which friction has taken what it holds."""
-        mid = self._middle(u.x)
-        for law, z in zip(self.model.laws, u.z, strict=True):
-            v1 = law.settle(mid, self.s.v, v1, z, self.h) if law.node_local else v1
-        return v1
+    def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, jax.Array | None]:
+        """Velocity (nodes, 3) [m/s] at the end, and what stopping held joints or nodes took [J]."""
+        s, h, model = self.s, self.h, self.model
+        v1 = s.v + u.x / (self.gamma * h)
+        if not model.laws:
+            return v1, None
+        middle, after = self._middle(u.x), model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
+        if all(law.node_local for law in model.laws):
+            return stop_held_nodes(model, u.z, middle, after, h)
+        return stop_held_joints(model, u.z, middle, after, h)
 
-    def _taken(self, u: Unknowns, v1: jax.Array) -> jax.Array:
-        """Kinetic energy [J] that `_settled` takes, negative."""
-        model, end = self.model, self.s.t + self.h
-        after = model.kinematics(self.s.r + (self.h * self.s.v + u.x), v1, end, self.ends1, prepared=self.prepared)
-        return model.kinetic_energy(after.with_velocity(self._settled(u, v1))) - model.kinetic_energy(after)
-
-    def _work(self, u: Unknowns) -> jax.Array:
+    def _work(self, u: Unknowns, stopped: jax.Array | None) -> jax.Array:
         """Work (k,) [J] over the step, in the order of `work_names`."""
         model, line, h = self.model, self.model.line, self.h
         k = self._middle(u.x)
@@ -183,9 +179,9 @@ class MidpointProblem(StepProblem):
         for law, z in zip(model.laws, u.z, strict=True):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = [h * jnp.sum(f * k.v) for f in forces.values()]
-        held = [law.name for law in model.laws if law.node_local]
-        if held:
-            works[list(forces).index(held[0])] += self._taken(u, self.s.v + u.x / (self.gamma * h))
+        if model.laws:
+            first = list(forces).index(model.laws[0].name)
+            works[first] = works[first] + stopped
         works += [self._turning(e, k, u) for e in model.effects if has(e, "kinetic")]
         links1 = self._links1(u.x)
         if line.axial.elastic and line.axial.damping is not None:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from dropper_jax.problem import StepProblem
 
 
+SHARING = 1e-9
+
+
 @dataclass(frozen=True)
 class Dense:
     """LU of the whole Jacobian."""
@@ -32,7 +35,7 @@ class Dense:
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
         flat, unravel = ravel_pytree(u)
         jacobian = jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(flat)
-        return lu_factor(jacobian)
+        return lu_factor(jacobian + _sharing(u) if u.z else jacobian)
 
     def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
         flat, unravel = ravel_pytree(rows)
@@ -46,6 +49,13 @@ class Dense:
         """Number of unknowns."""
         joints = model.line.links + 1
         return 3 * model.free_nodes + model.line.links + joints * sum(law.components for law in model.laws)
+
+
+def _sharing(u: Unknowns) -> jax.Array:
+    """A small diagonal on the laws' unknowns, which several held joints leave undetermined; Newton converges all the
+    same, to one of their solutions."""
+    mark = Unknowns(jnp.zeros_like(u.x), jnp.zeros_like(u.y), tuple(jnp.full_like(z, SHARING) for z in u.z))
+    return jnp.diag(ravel_pytree(mark)[0])
 
 
 def residual_matrix(problem: StepProblem, u: Unknowns) -> jax.Array:

@@ -1,4 +1,4 @@
-"""Farms: a backbone between two anchored spar buoys with looped droppers, as plain scene values for any number of them."""
+"""Farms: a backbone between two anchored spar buoys with looped droppers, as plain scene values."""
 
 from __future__ import annotations
 

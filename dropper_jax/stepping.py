@@ -222,35 +222,52 @@ def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, first: tuple[
     return jax.lax.while_loop(go, retry, first)
 
 
+_solve_once = partial(jax.jit, static_argnums=0)(_solve)
+_substep_once = partial(jax.jit, static_argnums=0)(_substep)
+
+
 # --- derivatives ------------------------------------------------------------------------------------------------
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _solved(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Any:
-    s1, _, residual, level = _solve(stepper, model, s, h, alive)
+    solve = _solve_once if model.laws else _solve
+    s1, _, residual, level = solve(stepper, model, s, h, alive)
     return s1, residual, level
 
 
 @partial(_solved.defjvp, symbolic_zeros=True)
 def _solved_jvp(stepper: Stepper, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
     model, s, h, alive = primals
-    s1, u, residual, level = _solve(stepper, model, s, h, alive)
-    theta = (model, s, h)
-    leaves, tree = jax.tree.flatten(theta)
-    dots = jax.tree.leaves(tangents[:3], is_leaf=lambda x: isinstance(x, SymbolicZero))
-    moving = [i for i, d in enumerate(dots) if not isinstance(d, SymbolicZero)]
-    given = [dots[i] for i in moving]
-
-    def inputs(changed: list[jax.Array]) -> Any:
-        full = list(leaves)
-        for i, value in zip(moving, changed, strict=True):
-            full[i] = value
-        return jax.tree.unflatten(tree, full)
-
-    chain = _Chain(stepper, inputs, [leaves[i] for i in moving], u, level)
-    ds1 = _linear(chain.forward, chain.backward, given, s1, (leaves, u))
+    s1, u, residual, level = _solve_once(stepper, model, s, h, alive)
+    leaves, tree = jax.tree.flatten(model)
+    dmodel, ds, dh = (jax.tree.leaves(dot, is_leaf=_is_zero) for dot in tangents[:3])
+    moving = tuple(i for i, dot in enumerate(dmodel) if not _is_zero(dot))
+    filled = [jnp.zeros_like(x) if _is_zero(dot) else dot for x, dot in zip(jax.tree.leaves(s), ds, strict=True)]
+    given = _At([dmodel[i] for i in moving], jax.tree.unflatten(jax.tree.structure(s), filled), _nonzero(dh))
+    at = _At([leaves[i] for i in moving], s, [h] if given.h else [])
+    frozen = leaves, h, u, level
+    forward = partial(_forward, stepper, tree, moving, frozen, at)
+    backward = partial(_backward, stepper, tree, moving, frozen, at)
+    ds1 = _linear(forward, backward, given, s1, (frozen, at))
     zeros = jnp.zeros_like(residual), jnp.zeros(level.shape, jax.dtypes.float0)
     return (s1, residual, level), (ds1, *zeros)
+
+
+class _At(NamedTuple):
+    """What a step is differentiated with respect to: some leaves of the model, the state, the step (or nothing)."""
+
+    model: list[jax.Array]
+    s: State
+    h: list[jax.Array]
+
+
+def _is_zero(dot: Any) -> bool:
+    return isinstance(dot, SymbolicZero)
+
+
+def _nonzero(dots: list[Any]) -> list[Any]:
+    return [dot for dot in dots if not _is_zero(dot)]
 
 
 def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) -> Any:
@@ -259,7 +276,9 @@ def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) 
     It is the solution x = (a, forward(a)) of `[[1, 0], [-forward, 1]] x = (a, 0)`, which JAX's linear solve carries
     together with the transposed solve. The matrix itself is never applied; differentiating it again is refused.
     """
-    nothing = 0.0 * jnp.sum(given[0])  # a zero that depends on the input: the transpose rule wants no constants
+    nothing = 0.0 * jnp.sum(
+        jax.tree.leaves(given)[0]
+    )  # a zero that depends on the input: the transpose rule wants no constants
     zeros = jax.tree.map(lambda a: jnp.broadcast_to(nothing, a.shape).astype(a.dtype), like)
 
     def matrix(x: Any) -> Any:
@@ -294,87 +313,110 @@ batching.primitive_batchers[_refusing] = lambda args, dims: (_refusing.bind(*arg
 ad.primitive_jvps[_refusing] = _refuse_second
 
 
-class _Chain:
-    """Tangent and cotangent of a step: of its one solve, or of its chain of substeps where it was halved."""
+# The functions below are traced once per kind of run, not each time that JAX looks at the derivative rule (it does so
+# two or three times, and traces forward and transposed solve each time): tracing would cost more than compiling.
 
-    def __init__(self, stepper: Stepper, inputs: Any, moving: list[jax.Array], u: Unknowns, level: jax.Array):
-        self.stepper, self.inputs, self.moving, self.u, self.level = stepper, inputs, moving, u, level
-        self.pieces = jnp.where(level >= 0, 2 ** jnp.maximum(level, 0), 0)
 
-    def _rows(self, theta: Any, u: Unknowns) -> tuple[Unknowns, State]:
-        problem = self.stepper.integrator.problem(*theta)
-        return problem.residual(u), problem.finish(u)
+def _inputs(tree: Any, moving: tuple[int, ...], frozen: Any, at: _At) -> tuple[Model, State, jax.Array]:
+    leaves = list(frozen[0])
+    for i, value in zip(moving, at.model, strict=True):
+        leaves[i] = value
+    return jax.tree.unflatten(tree, leaves), at.s, at.h[0] if at.h else frozen[1]
 
-    def forward(self, given: list[jax.Array]) -> State:
-        theta = self.inputs(self.moving)
-        whole = self._push(self.inputs, self.moving, given, self.u, self.stepper.solver)
-        if not self.stepper.halvings:
+
+def _pieces(level: jax.Array) -> jax.Array:
+    """Substeps of a halved step, 0 of a whole one."""
+    return jnp.where(level >= 0, 2 ** jnp.maximum(level, 0), 0)
+
+
+def _cut(frozen: Any, at: _At, pieces: jax.Array) -> tuple[Any, _At]:
+    """The same for one of several substeps."""
+    many = jnp.maximum(pieces, 1)
+    return (frozen[0], frozen[1] / many, *frozen[2:]), at._replace(h=[h / many for h in at.h])
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _forward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any, at: _At, given: _At) -> State:
+    """Tangent of a step: of its one solve, or of its chain of substeps where it was halved."""
+    _, _, u, level = frozen
+    whole = _push(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, given, u)
+    if not stepper.halvings:
+        return whole
+    pieces = _pieces(level)
+    part, at = _cut(frozen, at, pieces)
+    given = given._replace(h=[dh / jnp.maximum(pieces, 1) for dh in given.h])
+    inputs = partial(_inputs, tree, moving, part)
+
+    def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        i, now, dnow = carry
+        here = at._replace(s=now)
+        after, u, _ = _substep_once(stepper, *inputs(here))
+        return i + 1, after, _push(stepper, stepper.fallback, inputs, here, given._replace(s=dnow), u)
+
+    start = (jnp.zeros((), jnp.int32), at.s, given.s)
+    _, _, split = jax.lax.while_loop(lambda c: c[0] < pieces, piece, start)
+    return jax.tree.map(lambda a, b: jnp.where(pieces > 0, a, b), split, whole)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _backward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any, at: _At, cotangent: State) -> _At:
+    """Cotangent of a step; the states and unknowns of substeps are found again and kept on a shelf."""
+    _, _, u, level = frozen
+    one_way = stepper.solver == stepper.fallback  # a whole step is then a chain of one, with half as much to compile
+    if not (one_way and stepper.halvings):
+        whole = _pull(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, cotangent, u)
+        if not stepper.halvings:
             return whole
-        model, s, h = theta
-        _, (dmodel, ds, dh) = jax.jvp(self.inputs, (self.moving,), (given,))
-        part, dpart = h / jnp.maximum(self.pieces, 1), dh / jnp.maximum(self.pieces, 1)
+    pieces = _pieces(level)
+    part, at = _cut(frozen, at, pieces)
+    inputs = partial(_inputs, tree, moving, part)
+    room = 2**stepper.halvings
+    shelf = jax.tree.map(lambda a: jnp.zeros((room, *a.shape), a.dtype).at[0].set(a), (at.s, u))
 
-        def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-            i, now, dnow = carry
-            after, u, _ = _substep(self.stepper, model, now, part)
-            d = self._push(lambda x: x, (model, now, part), (dmodel, dnow, dpart), u, self.stepper.fallback)
-            return i + 1, after, d
+    def record(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        i, now, shelf = carry
+        after, u, _ = _substep_once(stepper, *inputs(at._replace(s=now)))
+        shelf = jax.tree.map(lambda all_, one: all_.at[i].set(one), shelf, (now, u))
+        return i + 1, after, shelf
 
-        start = (jnp.zeros((), jnp.int32), s, ds)
-        _, _, split = jax.lax.while_loop(lambda c: c[0] < self.pieces, piece, start)
-        return jax.tree.map(lambda a, b: jnp.where(self.pieces > 0, a, b), split, whole)
+    begun = (jnp.zeros((), jnp.int32), at.s, shelf)
+    _, _, shelf = jax.lax.while_loop(lambda c: c[0] < pieces, record, begun)
 
-    def backward(self, cotangent: State) -> list[jax.Array]:
-        whole = self._pull(self.inputs, self.moving, cotangent, self.u, self.stepper.solver)
-        if not self.stepper.halvings:
-            return whole
-        theta = self.inputs(self.moving)
-        model, s, h = theta
-        part = h / jnp.maximum(self.pieces, 1)
-        room = 2**self.stepper.halvings
-        shelf = jax.tree.map(lambda a: jnp.zeros((room, *a.shape), a.dtype), s)
+    def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        i, ct, others = carry
+        now, u = jax.tree.map(lambda all_: all_[i], shelf)
+        found = _pull(stepper, stepper.fallback, inputs, at._replace(s=now), ct, u)
+        return i - 1, found.s, jax.tree.map(jnp.add, others, (found.model, found.h))
 
-        def record(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-            i, now, shelf = carry
-            shelf = jax.tree.map(lambda all_, one: all_.at[i].set(one), shelf, now)
-            return i + 1, _substep(self.stepper, model, now, part)[0], shelf
+    none = jax.tree.map(jnp.zeros_like, (at.model, at.h))
+    last = (jnp.maximum(pieces, 1) if one_way else pieces) - 1
+    _, ct, (ct_model, ct_h) = jax.lax.while_loop(lambda c: c[0] >= 0, piece, (last, cotangent, none))
+    split = _At(ct_model, ct, [c / jnp.maximum(pieces, 1) for c in ct_h])
+    return split if one_way else jax.tree.map(lambda a, b: jnp.where(pieces > 0, a, b), split, whole)
 
-        begun = (jnp.zeros((), jnp.int32), s, shelf)
-        _, _, shelf = jax.lax.while_loop(lambda c: c[0] < self.pieces, record, begun)
 
-        def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-            i, ct, ct_model, ct_part = carry
-            now = jax.tree.map(lambda all_: all_[i], shelf)
-            _, u, _ = _substep(self.stepper, model, now, part)
-            dm, ds, dp = self._pull(lambda x: x, (model, now, part), ct, u, self.stepper.fallback)
-            return i - 1, ds, jax.tree.map(jnp.add, ct_model, dm), ct_part + dp
+def _push(stepper: Stepper, solver: str, inputs: Any, at: _At, given: _At, u: Unknowns) -> State:
+    problem = stepper.integrator.problem(*inputs(at))
+    linear = SOLVERS[solver]
+    factor = linear.factor(problem, u)
+    rows = jax.jvp(lambda x: stepper.integrator.problem(*inputs(x)).residual(u), (at,), (given,))[1]
+    _, jacobian = jax.linearize(problem.residual, u)
+    du = refine(jacobian, partial(linear.apply, factor), jax.tree.map(jnp.negative, rows), problem.column_scale())
+    return jax.jvp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), (at, u), (given, du))[1]
 
-        zero = jax.tree.map(jnp.zeros_like, model), jnp.zeros_like(part)
-        _, ct, ct_model, ct_part = jax.lax.while_loop(lambda c: c[0] >= 0, piece, (self.pieces - 1, cotangent, *zero))
-        _, pull = jax.vjp(self.inputs, self.moving)
-        split = pull((ct_model, ct, ct_part / jnp.maximum(self.pieces, 1)))[0]
-        return jax.tree.map(lambda a, b: jnp.where(self.pieces > 0, a, b), split, whole)
 
-    def _push(self, inputs: Any, at: Any, given: Any, u: Unknowns, solver: str) -> State:
-        problem = self.stepper.integrator.problem(*inputs(at))
-        linear = SOLVERS[solver]
-        factor = linear.factor(problem, u)
-        rows = jax.jvp(lambda x: self._rows(inputs(x), u)[0], (at,), (given,))[1]
-        _, jacobian = jax.linearize(problem.residual, u)
-        du = refine(jacobian, partial(linear.apply, factor), jax.tree.map(jnp.negative, rows), problem.column_scale())
-        return jax.jvp(lambda x, w: self._rows(inputs(x), w)[1], (at, u), (given, du))[1]
-
-    def _pull(self, inputs: Any, at: Any, cotangent: State, u: Unknowns, solver: str) -> Any:
-        problem = self.stepper.integrator.problem(*inputs(at))
-        linear = SOLVERS[solver]
-        factor = linear.factor(problem, u)
-        (rows, _), pull = jax.vjp(lambda x, w: self._rows(inputs(x), w), at, u)
-        ct_at, ct_u = pull((jax.tree.map(jnp.zeros_like, rows), cotangent))
-        _, transpose = jax.vjp(problem.residual, u)
-        inverse_scale = jax.tree.map(lambda a: 1 / a, problem.row_scale())
-        adjoint = refine(lambda w: transpose(w)[0], partial(linear.apply_transposed, factor), ct_u, inverse_scale)
-        through, _ = pull((jax.tree.map(jnp.negative, adjoint), jax.tree.map(jnp.zeros_like, cotangent)))
-        return jax.tree.map(jnp.add, ct_at, through)
+def _pull(stepper: Stepper, solver: str, inputs: Any, at: _At, cotangent: State, u: Unknowns) -> _At:
+    problem = stepper.integrator.problem(*inputs(at))
+    linear = SOLVERS[solver]
+    factor = linear.factor(problem, u)
+    _, pull_end = jax.vjp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), at, u)
+    ct_at, ct_u = pull_end(cotangent)
+    _, pull_rows = jax.vjp(lambda x: stepper.integrator.problem(*inputs(x)).residual(u), at)
+    _, transpose = jax.vjp(problem.residual, u)
+    inverse_scale = jax.tree.map(lambda a: 1 / a, problem.row_scale())
+    adjoint = refine(lambda w: transpose(w)[0], partial(linear.apply_transposed, factor), ct_u, inverse_scale)
+    (through,) = pull_rows(jax.tree.map(jnp.negative, adjoint))
+    return jax.tree.map(jnp.add, ct_at, through)
 
 
 __all__ = ["FULL_STEP", "TOLERANCE", "Report", "Stepper", "norm", "step"]

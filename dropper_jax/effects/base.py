@@ -106,7 +106,7 @@ class Law(Effect):
         raise NotImplementedError
 
     def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        """Of a node-local law: end velocities (nodes, 3) [m/s] with those of the nodes it held in the middle stopped."""
+        """Of a node-local law: end velocities (nodes, 3) [m/s], those of nodes it held in the middle stopped."""
         raise NotImplementedError
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:

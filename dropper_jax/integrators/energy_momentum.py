@@ -86,9 +86,9 @@ class MidpointProblem(StepProblem):
         v = s.v + x / h
         return self.model.kinematics(s.r + self.gamma * h * v, v, self.t_mid, self.ends, prepared=self.prepared, h=h)
 
-    def _local(self, x: jax.Array) -> jax.Array:
+    def _local(self, x: jax.Array, middle: Kinematics | None = None) -> jax.Array:
         """Inertia minus forces (nodes, 3) [N], tensions and laws aside."""
-        k = self._middle(x)
+        k = self._middle(x) if middle is None else middle
         a = x / (self.gamma * self.h**2)
         return self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
 
@@ -104,24 +104,26 @@ class MidpointProblem(StepProblem):
     def residual(self, u: Unknowns) -> Unknowns:
         model, line = self.model, self.model.line
         links1 = self._links1(u.x)
-        force = self._local(u.x) - model.pull(u.y, self._directions(links1))
+        mid = self._middle(u.x) if model.laws else None
+        force = self._local(u.x, mid) - model.pull(u.y, self._directions(links1))
         axial = line.axial.residual(self.links0, links1, u.y, line.length, self.h)
         if not model.laws:
             return Unknowns(force, axial)
-        laws, rows = self._laws(u.x, u.z)
+        laws, rows = self._laws(mid, u.z)
         return Unknowns(force - laws, axial, rows)
 
-    def _laws(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Forces (nodes, 3) [N] of the laws' unknowns, and the rows that determine them."""
-        mid, pairs = self._middle(x), tuple(zip(self.model.laws, z, strict=True))
+        pairs = tuple(zip(self.model.laws, z, strict=True))
         force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
         return force, tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         if not z:
             return self._local(x), ()
-        laws, rows = self._laws(x, z)
-        return self._local(x) - laws, rows
+        mid = self._middle(x)
+        laws, rows = self._laws(mid, z)
+        return self._local(x, mid) - laws, rows
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         return self._links1(x)

@@ -18,16 +18,17 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
+from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.kinematics import Kinematics, dot
+from dropper_jax.kinematics import Kinematics, dot, link_differences
 from dropper_jax.system import Unknowns
 
 if TYPE_CHECKING:
     from dropper_jax.model import Model
 
-#: Passes over the bounds: impulses found on their bound in one are kept there in the next. A joint that comes to a
-#: bound in the last pass keeps more than its share of one step, which costs accuracy of that event, never energy.
-PASSES = 2
+#: Newton corrections: the first is exact where no impulse meets its bound. A joint that comes to its bound in the last
+#: one keeps more than its share of one step, which costs accuracy of that event, never energy.
+PASSES = 3
 #: Compliance of the impulses, relative: held joints may be more than the motions they stop (8 joints, 5 motions of a
 #: plane loop of 7 links), and then share the load in any way.
 SHARING = 1e-10
@@ -45,11 +46,14 @@ def stop_held_joints(
     """
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
     some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
-    stop = partial(_stop, model, h)
-    keep = lambda after_v, *_: jnp.zeros_like(after_v)  # noqa: E731
-    arguments = after.v, after.r, z, after.t
-    delta = jax.lax.cond(some, lambda v, r, z, t: stop(held, v, r, z, t), keep, *arguments)
-    return _falling(model, after, delta)
+    zero = Unknowns(jnp.zeros_like(after.v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
+    # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
+    # derivative of the solution, at the price of a few operations
+    plain = jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h))
+    u, factor, over = jax.lax.cond(some, _solve, partial(_nothing, zero), *plain)
+    rows = ravel_pytree(_rows(model, held, after, z, h, over, u))[0]
+    flat, unravel = ravel_pytree(u)
+    return _falling(model, after, unravel(flat - lu_solve(factor, rows)).x)
 
 
 def stop_held_nodes(
@@ -62,27 +66,42 @@ def stop_held_nodes(
     return v1, model.kinetic_energy(after.with_velocity(v1)) - model.kinetic_energy(after)
 
 
-def _stop(model: Model, h: jax.Array, held: tuple[jax.Array, ...], v: Any, r: Any, z: Any, t: Any) -> jax.Array:
+def _nothing(zero: Unknowns, model: Model, held: Any, *_: Any) -> tuple[Unknowns, Any, Any]:
+    flat = ravel_pytree(zero)[0]
+    return zero, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held)
+
+
+def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> tuple[Unknowns, Any, Any]:
+    """Unknowns, factors of their matrix, and the joints whose impulse is on its bound."""
     after = model.kinematics(r, v, t)
-    system = partial(_rows, model, after, after.with_velocity(jnp.zeros_like(v)))
-
-    def again(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
-        """One pass: solve, then keep on their bounds the impulses that went over them."""
-        _, held, fixed = carry
-        u = _linear_solve(partial(system, held, fixed), zero)
-        allowed = tuple(h * law.admissible(p / h + q) - h * q for law, p, q in zip(model.laws, u.z, z, strict=True))
-        over = tuple(
-            one & jnp.any(jnp.abs(p - a) > 1e-9 * jnp.abs(a), axis=-1, keepdims=True)
-            for one, p, a in zip(held, u.z, allowed, strict=True)
-        )
-        fixed = tuple(jnp.where(o, a, f) for o, a, f in zip(over, allowed, fixed, strict=True))
-        return (u.x, tuple(one & ~o for one, o in zip(held, over, strict=True)), fixed), None
-
     zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
-    return jax.lax.scan(again, (zero.x, held, zero.z), None, length=PASSES)[0][0]
+    flat, unravel = ravel_pytree(zero)
+
+    def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
+        x, _, over = carry
+        plain = lambda x: ravel_pytree(_rows(model, held, after, z, h, over, unravel(x)))[0]  # noqa: E731
+        factor = lu_factor(jax.jacfwd(plain)(x))
+        x = x - lu_solve(factor, plain(x))
+        found = zip(model.laws, held, over, unravel(x).z, z, strict=True)
+        over = tuple(one & (o | _beyond(law, p, q, h)) for law, one, o, p, q in found)
+        return (x, factor, over), None
+
+    start = (flat, *_nothing(zero, model, held)[1:])
+    x, factor, over = jax.lax.scan(correct, start, None, length=PASSES)[0]
+    return unravel(x), factor, over
 
 
-def _rows(model: Model, after: Kinematics, still: Kinematics, held: Any, fixed: Any, u: Unknowns) -> Unknowns:
+def _bounded(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+    """The impulse nearest to p that keeps `h q + p`, friction's impulse over the whole step, within its bound."""
+    return h * law.admissible(p / h + q) - h * q
+
+
+def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+    nearest = _bounded(law, p, q, h)
+    return jnp.any(jnp.abs(p - nearest) > 1e-9 * jnp.abs(nearest), axis=-1, keepdims=True)
+
+
+def _rows(model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over: Any, u: Unknowns) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints."""
     line = model.line
     scale = jnp.mean(line.mass * line.length**2)
@@ -92,22 +111,15 @@ def _rows(model: Model, after: Kinematics, still: Kinematics, held: Any, fixed: 
         force = force - law.law_force(after, p)
     along = u.y
     if not line.axial.elastic:
-        change = after.with_velocity(u.x).link_velocities - still.link_velocities
+        change = link_differences(u.x, None, None, model.end_held)
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, change)
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
+    rest = tuple(scale * law.rates(moved) + SHARING * p for law, p in zip(model.laws, u.z, strict=True))
+    bound = tuple(p - _bounded(law, p, q, h) for law, p, q in zip(model.laws, u.z, z, strict=True))
     joints = tuple(
-        jnp.where(one, scale * law.rates(moved) + SHARING * p, p - f)
-        for law, one, p, f in zip(model.laws, held, u.z, fixed, strict=True)
+        jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)
     )
     return Unknowns(force, along, joints)
-
-
-def _linear_solve(rows: Any, zero: Unknowns) -> Unknowns:
-    """Where `rows`, linear in the unknowns, vanish."""
-    flat, unravel = ravel_pytree(zero)
-    constant = ravel_pytree(rows(zero))[0]
-    columns = jax.vmap(lambda x: ravel_pytree(rows(unravel(x)))[0] - constant)(jnp.eye(len(flat), dtype=flat.dtype))
-    return unravel(jnp.linalg.solve(columns.T, -constant))
 
 
 def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:

@@ -1,6 +1,6 @@
 """What each effect of the water does to the dropper in the North Sea, what the sea costs, and a pendulum in waves.
 
-    python benchmarks/north_sea.py [--hour]
+    python benchmarks/north_sea.py [--hour | --effects]
 
 Prints three tables: extreme angles, spectral peaks and tensions with the effects switched on one by one; cost per step
 of 231 components, one component and the interpolated sea (and with --hour one hour of storm); the wet pendulum around
@@ -9,17 +9,22 @@ its resonance (thesis 6.1): mean shift, phase, answer to 10 % more amplitude, su
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from machine import describe
 
 import dropper_jax as dj
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 
+RESULTS = Path(__file__).parent / "results" / "north_sea.json"
 LINK = 10
 DRAG = {"morison_drag": {"cdn": 2.0}}
 #: Name, changes of the scene, and the effects on top of weight and linear damping.
@@ -34,23 +39,42 @@ STAGES = (
 )
 
 
-def describe(solution: dj.Solution) -> str:
-    """A row of the table."""
+def summary(name: str, solution: dj.Solution) -> dict[str, Any]:
+    """A row of the table, link `LINK`'s angles [rad], tensions of all links [N]."""
     polar, azimuth = solution.polar[:, LINK - 1], solution.azimuth[:, LINK - 1]
     frequency, size = amplitude_spectrum(solution.t, azimuth)
-    peak = f"{frequency[1 + int(np.argmax(size[1:]))]:.2f}" if size[1:].max() > 1e-6 else "-"
     tension = solution.tension[1:]
+    return {
+        "name": name,
+        "duration_s": float(solution.t[-1]),
+        "polar_min_rad": float(polar.min()),
+        "polar_max_rad": float(polar.max()),
+        "azimuth_max_rad": float(np.abs(azimuth).max()),
+        "azimuth_peak_hz": float(frequency[1 + int(np.argmax(size[1:]))]) if size[1:].max() > 1e-6 else None,
+        "tension_first_max_n": float(tension[:, 0].max()),
+        "tension_last_max_n": float(tension[:, -1].max()),
+        "tension_min_n": float(tension.min()),
+        "speed_max_m_s": float(solution.max_speed),
+        "status": solution.status,
+        "retried_steps": int(solution.retried_steps),
+    }
+
+
+def text(row: dict[str, Any]) -> str:
+    """The row for people."""
+    peak = "-" if row["azimuth_peak_hz"] is None else f"{row['azimuth_peak_hz']:.2f}"
     return (
-        f"{polar.min():8.2f} {polar.max():8.2f} {np.abs(azimuth).max():8.2f} {peak:>8} "
-        f"{tension[:, 0].max():10.0f} {tension[:, -1].max():10.0f} {tension.min():9.0f} "
-        f"{solution.max_speed:8.1f} {solution.status}"
+        f"{row['name']:42} {row['polar_min_rad']:8.2f} {row['polar_max_rad']:8.2f} {row['azimuth_max_rad']:8.2f} "
+        f"{peak:>8} {row['tension_first_max_n']:10.0f} {row['tension_last_max_n']:10.0f} {row['tension_min_n']:9.0f} "
+        f"{row['speed_max_m_s']:8.1f} {row['status']}"
     )
 
 
 def effects_table() -> None:
-    """The dropper with the effects one by one, and as the thesis has it."""
+    """The dropper with the effects one by one, and as the thesis has it; also as JSON in `results/`."""
     base = dj.load_scene("dropper-north-sea").to_dict()
     plain = {key: base["effects"][key] for key in ("weight", "linear_damping")}
+    rows = []
     print(
         f"{'link ' + str(LINK) + ', 30 s':42} {'polar':>8} {'[rad]':>8} {'|azim.|':>8} {'peak Hz':>8} "
         f"{'T first N':>10} {'T last N':>10} {'T least':>9} {'m/s':>8}"
@@ -59,8 +83,12 @@ def effects_table() -> None:
         table = {**base, "effects": base["effects"] if effects is None else {**plain, **effects}}
         table["sea"] = sea or base["sea"]
         table["run"] = {**base["run"], "duration": 120.0 if sea else 30.0}
-        print(f"{name:42} {describe(dj.simulate(table))}", flush=True)
-    print(f"{'thesis force (dropper-north-sea-thesis)':42} {describe(dj.simulate('dropper-north-sea-thesis'))}")
+        rows.append(summary(name, dj.simulate(table)))
+        print(text(rows[-1]), flush=True)
+    rows.append(summary("thesis force (dropper-north-sea-thesis)", dj.simulate("dropper-north-sea-thesis")))
+    print(text(rows[-1]))
+    found = {"schema": 1, "link": LINK, "machine": describe(), "rows": rows}
+    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
 
 
 def microseconds(scene: dj.Scene, steps: int = 500) -> float:
@@ -117,6 +145,8 @@ def pendulum(solution: dj.Solution, period: float) -> tuple[float, float, float,
 
 if __name__ == "__main__":
     effects_table()
+    if "--effects" in sys.argv:
+        sys.exit()
     print()
     cost_table("--hour" in sys.argv)
     print()

@@ -63,13 +63,10 @@ def advance(
     stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
 ) -> tuple[Progress, Trajectory]:
     """`saves * save_every` further steps, saved every `save_every`."""
-    limit = stepper.limit(model)
 
     def one(carry: Progress, _: None) -> tuple[Progress, tuple[jax.Array, ...]]:
         s, report = step(stepper, model, carry.state, dt, carry.first_bad < 0)
-        bad = ~(report.residual <= limit)
-        if not stepper.integrator.holds_length:
-            bad = bad | ~(_drift(model, s) <= DRIFT_LIMIT)
+        bad = failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
         return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
 
@@ -84,6 +81,14 @@ def advance(
         return carry, Trajectory(s.r, s.v, s.tension, s.work, residual, retried, bad, carry.first_bad)
 
     return jax.lax.scan(save, progress, None, length=saves)
+
+
+def failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
+    """Whether the step that led to `s` failed: unsolved, not finite, or with lengths that have drifted off."""
+    bad = ~(residual <= stepper.limit(model))
+    if stepper.integrator.holds_length:
+        return bad
+    return bad | ~(_drift(model, s) <= DRIFT_LIMIT)
 
 
 def _drift(model: Model, s: State) -> jax.Array:

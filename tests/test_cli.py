@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -286,3 +287,15 @@ def test_set_reads_numbers_lists_and_names(capsys):
     assert main(argv) == 0
     assert json.loads(capsys.readouterr().out)["positions_m"][-1] == [0.3, 0.0, 0.0]
     assert load_scene(SCENE).points[1].position[0] == 0.28
+
+
+def test_a_reader_that_stops_early_is_no_error() -> None:
+    """`dropper scenes | head -0`: the pipe is closed before anything is written."""
+    end, writing = os.pipe()
+    os.close(end)
+    try:
+        command = [sys.executable, "-c", "import sys; from dropper_jax.cli import main; sys.exit(main(['scenes']))"]
+        done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")

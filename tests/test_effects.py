@@ -96,12 +96,17 @@ def test_nodal_force_is_constant_or_follows_its_table():
     np.testing.assert_allclose(found, [0.0, 0.5, 1.0, 0.0, -1.0, -1.0], atol=1e-14)
 
 
-def test_harmonic_end_motion_is_its_sine_and_ramps_linearly():
+def test_harmonic_end_motion_is_its_sine_and_its_ramp_has_no_jump_of_velocity():
     amplitude = jnp.array([0.1, 0.0, -0.2])
     motion = EndMotion(amplitude, jnp.array(2.0), jnp.array(0.3), jnp.array(5.0), point="right")
-    for t in (0.0, 1.3, 5.0, 8.7):
-        expected = min(t / 5.0, 1.0) * np.array([0.1, 0.0, -0.2]) * np.sin(np.pi * t + 0.3)
+    for t in (0.0, 2.5, 5.0, 8.7):
+        share = {0.0: 0.0, 2.5: 0.5}.get(t, 1.0)  # half way at half the time, by symmetry
+        expected = share * np.array([0.1, 0.0, -0.2]) * np.sin(np.pi * t + 0.3)
         np.testing.assert_allclose(motion.displace(jnp.asarray(t)), expected, atol=1e-14)
+    speed = jax.jacfwd(motion.displace)
+    for t in (0.0, 5.0):
+        jump = speed(jnp.asarray(t + 1e-9)) - speed(jnp.asarray(t - 1e-9))
+        np.testing.assert_allclose(jump, 0.0, atol=1e-8)
 
 
 def test_table_of_end_motion_passes_its_points_with_continuous_velocity():

@@ -7,12 +7,13 @@ A command is a module or object with `name`, `help`, `add_arguments(parser)` and
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from typing import Any, NoReturn
 
-from dropper_jax.cli.codes import INTERRUPTED, INVALID_INPUT
+from dropper_jax.cli.codes import INTERRUPTED, INVALID_INPUT, OK
 from dropper_jax.cli.output import failure_object, print_json, print_line
 from dropper_jax.errors import SceneError
 
@@ -52,7 +53,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     as_json = "--json" in argv
     try:
         args = _parser().parse_args(argv)
-        return args.run(args)
+        code = args.run(args)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # `dropper scenes | head`: the reader has what it wanted
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains as it flushes at the end
+        return OK
     except (SceneError, OSError) as error:
         return _stop("invalid_input", str(error), INVALID_INPUT, as_json)
     except KeyboardInterrupt:

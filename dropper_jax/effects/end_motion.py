@@ -18,7 +18,8 @@ from dropper_jax.fields import component, option, parameter
 class EndMotion(Effect):
     """Displacement of a held point from its position.
 
-    Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = min(t/ramp, 1)` where a ramp is given.
+    Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^2 (3 - 2 u)`, `u = min(t/ramp, 1)` where a
+    ramp is given: a linear one would start and end with a jump of the velocity.
     Table: `displacement` (k, 3) at `time`, a smooth cubic (Catmull-Rom) between, so that velocities exist.
     """
 
@@ -57,7 +58,10 @@ class EndMotion(Effect):
             return _catmull_rom(t, self.time, self.displacement)
         phase = 0.0 if self.phase is None else self.phase
         wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
-        return self.amplitude * (wave if self.ramp is None else wave * jnp.minimum(t / self.ramp, 1.0))
+        if self.ramp is None:
+            return self.amplitude * wave
+        u = jnp.clip(t / self.ramp, 0.0, 1.0)
+        return self.amplitude * (wave * u * u * (3 - 2 * u))
 
 
 def _catmull_rom(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:

@@ -21,6 +21,9 @@ class NodalForce(Effect):
 
     `s(t)` is 1 (constant), `min(max((t - start)/rise, 0), 1)` until `release` and 0 after it (ramp; thesis
     (E.1)-(E.3) is `rise = M g / 0.094 s`), or read from a table `time`, `scale` (linear between, held outside).
+
+    Schemes see s at their own instants (the middle of the step by default): a `release` inside a step is moved to the
+    end or the beginning of that step, an error of first order in the step. Take a step that divides `release`.
     """
 
     name: ClassVar[str] = "nodal_force"

@@ -48,7 +48,7 @@ def accuracy(
     """
     say = say or (lambda fraction, text: None)
     model, s = build(scene, "float64")
-    chosen, refused = runnable(default_schemes() if schemes is None else schemes, model)
+    chosen, refused = runnable(default_schemes(model) if schemes is None else schemes, model)
     if not chosen:
         raise SceneError(f"--integrators: none runs this scene: {refused[0]['reason']}")
     say(0.0, "how long errors mean something")

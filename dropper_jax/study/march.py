@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrate import Progress, begin
+from dropper_jax.integrate import Progress, begin, failed
 from dropper_jax.model import Model, State
 from dropper_jax.stepping import FULL_STEP, Stepper, step
 
@@ -40,13 +40,12 @@ class Marched(NamedTuple):
 @partial(jax.jit, static_argnums=(0, 5))
 def march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int) -> Marched:
     """`saves` times `every` steps of `dt` from s; dt and `every` are traced, so no step size compiles anew."""
-    limit = stepper.limit(model)
     dt = jnp.asarray(dt, model.dtype)
 
     def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
         progress, first, worst, retried, path = carry
         s, report = step(stepper, model, progress.state, dt, progress.first_bad < 0)
-        bad = ~(report.residual <= limit)
+        bad = failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (progress.first_bad < 0), progress.done, progress.first_bad)
         worst = jnp.maximum(worst, report.residual)
         path = path + jnp.sum((s.r - progress.state.r) ** 2) / dt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,8 @@ AMPLIFICATION = 100.0
 TARGET = 1e-9
 #: Most steps of one reference run.
 MOST_STEPS = 150_000
+#: A refinement that would take longer than this [s] is left out: an hour of waves costs too much to go on for ever.
+LONGEST_WALL = 40.0
 
 
 @dataclass(frozen=True)
@@ -83,9 +86,12 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     first, second = _pair(model)
     best = None
     every = max(4, int(np.ceil(grid * 256)))
-    while best is None or (every * saves <= MOST_STEPS and best[0] > target):
+    wall = 0.0  # of the last level, whose programs were compiled before
+    while best is None or (every * saves <= MOST_STEPS and best[0] > target and 2 * wall <= LONGEST_WALL):
+        begun = time.perf_counter()
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolated(second, model, s, grid, every, saves)
+        wall = 0.0 if best is None else time.perf_counter() - begun
         error = rms_angle(link_vectors(model, fine.r, t), link_vectors(model, check, t))
         if best is not None and np.isfinite(error) and error > 0.7 * best[0]:
             break  # rounding or a kink in the forces: refining does not help any more

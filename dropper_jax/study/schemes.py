@@ -14,6 +14,8 @@ WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.
 #: Further solvers and precisions of the main schemes.
 SOLVERS = {"energy_momentum": ("banded", "dense")}
 SINGLE = ("energy_momentum", "rattle")
+#: What is compared in waves.
+IN_WAVES = ("energy_momentum", "rattle", "theta_midpoint", "rk4", "energy_momentum_4")
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,14 @@ def parse(text: str) -> Scheme:
         raise SceneError(f"--integrators: {text!r}: {weight!r} is not a number; allowed: NAME or NAME:GAMMA") from None
 
 
-def default_schemes() -> list[Scheme]:
-    """Every integrator; the main ones with every solver and in single precision too."""
+def default_schemes(model: Model) -> list[Scheme]:
+    """Every integrator; the main ones with every solver and in single precision too.
+
+    In waves one of each kind: a step costs 50 times as much there, and the rest follows from calm scenes.
+    """
     found = []
+    if model.sea is not None and model.sea.waves is not None:
+        return [Scheme(name, WEIGHTS.get(name, (None,))[0]) for name in IN_WAVES]
     for name in INTEGRATORS:
         plain = [Scheme(name, gamma) for gamma in WEIGHTS.get(name, (None,))]
         found += plain

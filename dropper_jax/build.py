@@ -15,12 +15,14 @@ from dropper_jax.lines import Lines, System
 from dropper_jax.model import Line, Model, Point
 from dropper_jax.scene import Scene
 from dropper_jax.sea.checks import displaced_diameter, line_reach
+from dropper_jax.sea.growth import overgrown
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sections import LineSpec, PointSpec
 
 
 def build_model(scene: Scene, dtype: Any = None) -> Model:
     """The model of a scene, with arrays of `dtype` (default: the scene's precision)."""
+    scene = overgrown(scene)
     index = {point.name: i for i, point in enumerate(scene.points)}
     if scene.branched:
         return _system(scene).cast(dtype or scene.run.dtype)

@@ -16,6 +16,7 @@ from dropper_jax.errors import SceneError, nearest
 from dropper_jax.line_types import expand
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.sea.checks import check_water
+from dropper_jax.sea.growth import GrowthSpec, check_growth
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sections import (
     POSE_TOLERANCE,
@@ -97,6 +98,7 @@ class Scene:
             if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
                 check_water(effect, scene)
             EFFECTS[effect].check(values, scene)
+        check_growth(scene)
         if not branched:
             _check_pose(scene)
         return scene
@@ -273,6 +275,7 @@ def _paths(table: Mapping[str, Any]) -> list[str]:
     found += SeaSpec.paths()
     found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in _fields(cls)]
     line_keys = [*_fields(LineSpec, LineSpec.KEYS), "axial.law", "axial.EA", "axial.damping"]
+    line_keys += [f"growth.{key}" for key in _fields(GrowthSpec)]
     for section, keys in (("point", _fields(PointSpec)), ("line", line_keys), ("buoy", _fields(BuoySpec))):
         for i, item in enumerate(table.get(section, [])):
             found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]

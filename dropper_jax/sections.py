@@ -12,6 +12,7 @@ from dropper_jax.axial import LAWS
 from dropper_jax.errors import SceneError
 from dropper_jax.fields import option, parameter
 from dropper_jax.schema import plain, read_fields, read_table, refuse
+from dropper_jax.sea.growth import GrowthSpec
 
 #: Relative mismatch of a given pose with lengths and held ends that is still taken for rounding.
 POSE_TOLERANCE = 1e-6
@@ -119,11 +120,13 @@ class LineSpec:
     axial_law: str = "rigid"
     EA: np.ndarray | None = None
     axial_damping: np.ndarray | None = None
+    growth: GrowthSpec | None = None
 
     @classmethod
     def read(cls, table: Any, path: str) -> LineSpec:
         own = dict(read_table(table, path))
         axial = own.pop("axial", {"law": "rigid"})
+        growth = own.pop("growth", None)
         links = own.get("links")
         count = links if isinstance(links, int) and links > 0 else 1  # a wrong number is refused as the field is read
         values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
@@ -133,7 +136,7 @@ class LineSpec:
         values.update(_read_axial(axial, f"{path}.axial", count))
         spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
         values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
-        return cls(**values)
+        return cls(**values, growth=None if growth is None else GrowthSpec.read(growth, f"{path}.growth"))
 
     @property
     def total(self) -> float:
@@ -148,6 +151,8 @@ class LineSpec:
         found = {key: _one_or_all(value) for key, value in as_table(self, self.KEYS).items()}
         if self.nodes == "far":
             del found["nodes"]  # the default, which scenes of one line need not know of
+        if self.growth is not None:
+            found["growth"] = self.growth.table()
         if self.rigid:
             return found
         axial = {"law": self.axial_law, "EA": _one_or_all(self.EA.tolist())}

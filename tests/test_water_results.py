@@ -37,8 +37,40 @@ def test_growth_over_depth_is_taken_where_the_links_hang():
     # the links' middles hang at 2.5, 3.5, 4.5 and 5.5 m
     np.testing.assert_allclose(scene.lines[0].diameter, 0.04 + 2 * (0.05 - 0.01 * np.array([0.5, 1.5, 2.5, 3.5])))
     assert np.all(scene.lines[0].mass > 2.0)
+    keyed = {
+        **SCENE,
+        "line": [{**SCENE["line"][0], "growth": {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}}],
+    }
+    bare = dj.load_scene(keyed)
+    model = dj.build(bare)[0]
+    np.testing.assert_array_equal(model.line.diameter, scene.lines[0].diameter)
+    np.testing.assert_array_equal(model.line.mass, scene.lines[0].mass)
+    assert bare.lines[0].mass[0] == 2.0  # the scene keeps the bare rope
+    assert dj.load_scene(bare.to_dict()) == bare
     with pytest.raises(dj.SceneError, match="growth.depth"):
         with_growth(dj.load_scene(SCENE), [6.0, 2.0], [0.05, 0.01], 1300.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"thickness": [0.05]}, "line.0.growth.thickness"),
+        ({"thickness": [0.05, -0.01]}, "line.0.growth.thickness"),
+        ({"density": [1.0, 2.0, 3.0]}, "line.0.growth.density"),
+        ({"densty": 1.0}, "line.0.growth.densty"),
+    ],
+)
+def test_growth_that_makes_no_sense_is_refused_by_its_path(change, message):
+    growth = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300, **change}
+    with pytest.raises(dj.SceneError, match=message):
+        dj.load_scene({**SCENE, "line": [{**SCENE["line"][0], "growth": growth}]})
+
+
+def test_growth_out_of_the_water_is_refused():
+    growth = {"depth": [0], "thickness": [0.05], "density": 1300}
+    line = {**SCENE["line"][0], "growth": growth}
+    with pytest.raises(dj.SceneError, match="has no .sea."):
+        dj.load_scene({**{k: v for k, v in SCENE.items() if k != "sea"}, "line": [line], "effects": {"weight": {}}})
 
 
 def test_the_flow_regime_is_bounded_by_the_fastest_water(solution):

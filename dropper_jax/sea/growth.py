@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from dropper_jax.errors import SceneError
+from dropper_jax.fields import parameter
+from dropper_jax.schema import plain, read_fields, refuse
 
 if TYPE_CHECKING:
     from dropper_jax.scene import Scene
@@ -41,28 +44,87 @@ def grown(
     return Grown(mass, diameter, gravity * (mass - water * 0.25 * np.pi * diameter**2 * length))
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class GrowthSpec:
+    """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
+
+    Linear between the given depths, held outside them.
+    """
+
+    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
+    thickness: np.ndarray = parameter("thickness of the layer at those depths", unit="m", shape="table", low=0.0)
+    density: np.ndarray = parameter(
+        "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0
+    )
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> GrowthSpec:
+        spec = cls(**read_fields(cls, table, path, {}))
+        depths = len(spec.depth)
+        if not depths or np.any(np.diff(spec.depth) <= 0):
+            raise refuse(f"{path}.depth", plain(spec.depth), "does not rise", "one or more rising depths [m]")
+        if len(spec.thickness) != depths:
+            raise refuse(f"{path}.thickness", plain(spec.thickness), f"has {len(spec.thickness)} entries", str(depths))
+        if np.ndim(spec.density) and len(spec.density) not in (1, depths):
+            raise refuse(f"{path}.density", plain(spec.density), f"has {len(spec.density)} entries", f"1 or {depths}")
+        return spec
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` makes the same."""
+        return {f.name: plain(getattr(self, f.name)) for f in dataclasses.fields(self)}
+
+    def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Thickness [m] and density [kg/m^3] at depths [m]."""
+        density = np.broadcast_to(self.density, self.depth.shape)
+        return np.interp(depth, self.depth, self.thickness), np.interp(depth, self.depth, density)
+
+
 def with_growth(
     scene: Scene, depth: Sequence[float], thickness: Sequence[float], density: Sequence[float] | float
 ) -> Scene:
     """The scene with mussels on its bare line, thickness [m] and density [kg/m^3] given over depth [m] (rising).
 
     The depth of a link is that of its middle in the pose of the bare line at rest in calm water. Changes `line.0.mass`
-    and `line.0.diameter`; linear between the given depths, held outside them.
+    and `line.0.diameter`; `[line.growth]` does the same and keeps the bare rope in the scene.
 
     Raises:
         SceneError: no sea, no diameter of the bare rope, or tables that do not fit together.
     """
+    table = scene.to_dict()
+    table["line"][0]["growth"] = {"depth": plain(depth), "thickness": plain(thickness), "density": plain(density)}
+    return overgrown(type(scene).from_dict(table))
+
+
+def overgrown(scene: Scene) -> Scene:
+    """The scene with its `[line.growth]` in mass and diameter of the links; a scene without growth as it is."""
     from dropper_jax.simulate import equilibrium
 
     line = scene.lines[0]
-    if scene.sea is None or line.diameter is None:
-        raise SceneError("line.0.diameter: growth needs the diameter of the bare rope and a [sea]; allowed: both")
-    depth, thickness = np.asarray(depth, float), np.asarray(thickness, float)
-    density = np.broadcast_to(np.asarray(density, float), depth.shape)
-    if depth.ndim != 1 or depth.shape != thickness.shape or np.any(np.diff(depth) <= 0) or np.any(thickness < 0):
-        raise SceneError("growth.depth: needs rising depths and as many thicknesses, each >= 0 m")
+    if line.growth is None:
+        return scene
+    bare = scene.to_dict()
+    del bare["line"][0]["growth"]
+    scene = type(scene).from_dict(bare)
     z = equilibrium(scene).positions[:, 2]
-    middle = -0.5 * (z[1:] + z[:-1])
-    layer, heavy = np.interp(middle, depth, thickness), np.interp(middle, depth, density)
+    layer, heavy = line.growth.over(-0.5 * (z[1:] + z[:-1]))
     found = grown(line.length, line.mass, line.diameter, layer, heavy, scene.sea.density, scene.sea.gravity)
     return scene.with_values({"line.0.mass": found.mass, "line.0.diameter": found.diameter})
+
+
+def check_growth(scene: Scene) -> None:
+    """Growth needs water and the diameter of the bare rope, and the volume must follow from the diameter."""
+    line = scene.lines[0]
+    if line.growth is None:
+        return
+    if scene.sea is None:
+        raise SceneError("line.0.growth: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+    if line.diameter is None:
+        raise SceneError("line.0.diameter: missing; line.0.growth needs that of the bare rope, > 0 m")
+    if line.centre_of_mass is not None:
+        raise SceneError(
+            "line.0.growth: is for point masses at the nodes, but the line has compound links; leave it out"
+        )
+    if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
+        raise SceneError(
+            "effects.buoyancy.wet_weight: is that of the bare line, but line.0.growth changes it; leave it out"
+        )

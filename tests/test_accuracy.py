@@ -50,6 +50,16 @@ def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) 
     assert [item["scheme"] for item in found["refused"]] == ["rk4"]
 
 
+def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
+    """The scheme of rk4 and the reference share the name only: the reference's step is 16 times finer."""
+    changes = {"line.0.axial.law": "elastic", "line.0.axial.EA": 20.0, "line.0.axial.damping": 0.02}
+    scene = load_scene("double-pendulum-periodic").with_values(changes)
+    found = accuracy(scene, [Scheme("rk2"), Scheme("rk4")], tuple(2.0**-k for k in range(7, 10)), 0.5, extras=False)
+    assert all(row["status"] == "ok" for row in found["rows"])
+    assert abs(found["orders"]["rk2"] - 2.0) < 0.15
+    assert abs(found["orders"]["rk4"] - 4.0) < 0.3
+
+
 def test_the_reference_is_a_hundred_times_better_than_what_it_measures(report) -> None:
     found = report[1]
     assert found["reference"]["independent"]
@@ -101,7 +111,7 @@ def test_instant_tension_of_a_pendulum_is_weight_and_centripetal_force() -> None
     np.testing.assert_allclose(found, 9.81 * np.cos(0.7) + 2.0 * 1.5**2, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["dropper-release-b", "conical-pendulum"])
+@pytest.mark.parametrize("name", ["dropper-release-b", "conical-pendulum", "double-pendulum-chaotic", "string"])
 def test_estimated_error_is_within_a_factor_3_of_the_true_one(name: str) -> None:
     scene = load_scene(name).with_values({"run.duration": 1.0})
     choice = choose_step(scene, 1e-2)

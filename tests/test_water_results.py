@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import dropper_jax as dj
 from dropper_jax import plots
@@ -85,3 +86,19 @@ def test_the_flow_regime_is_bounded_by_the_fastest_water(solution):
 def test_pictures_of_water_are_written(solution, tmp_path, name):
     file = getattr(plots, name)(solution, tmp_path / f"{name}.png")
     assert file.stat().st_size > 10_000
+
+
+def test_the_animation_shows_the_surface_rise_and_fall(solution, tmp_path):
+    """Mean row of the surface's pixels per frame, against the elevation at the line, which the picture's scale maps."""
+    rows, blue = [], np.array([0x00, 0x72, 0xB2])
+    with Image.open(plots.animate(solution, tmp_path / "sea.gif", fps=10)) as image:
+        for frame in range(0, image.n_frames, 5):
+            image.seek(frame)
+            pixels = np.asarray(image.convert("RGB"), int)
+            left = pixels[:, : int(0.7 * pixels.shape[1])]  # the colour bar has blues too
+            rows.append(np.nonzero(np.abs(left - blue).sum(axis=-1) < 12)[0].mean())
+    assert np.all(np.isfinite(rows))
+    sea = dj.build(solution.scene)[0].sea
+    times = np.linspace(0.0, 4.0, len(rows))
+    eta = [float(sea.elevation(np.zeros((1, 3)), t)[0]) for t in times]
+    assert np.corrcoef(eta, rows)[0, 1] < -0.95  # rows are counted downwards

@@ -23,6 +23,8 @@ from dropper_jax.plots.run import Run
 MOST_FRAMES = 240
 #: Trace of the middle node: the way it has gone in this many frames.
 TRACE = 10
+#: Points of a cut through the surface.
+SURFACE_POINTS = 80
 
 Progress = Callable[[float, str], None]
 
@@ -93,13 +95,15 @@ class _Stage:
         self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
-        limits = view.box(positions)
+        self.water, self.eta = _water(run, positions, frames)
+        limits = view.box(_with_water(positions, self.eta))
         self.figure = style.new_figure(*view.figure_size(limits, flat, longest=4.2), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         self._movers(run, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
         self.canvas = self.figure.canvas
         self.canvas.draw()
         self.screen = self._project(positions, flat)
+        self.flat = flat
         self.held.set_data(*self._project(view.fixed_ends(positions), flat).T)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
         self.palette = _palette()
@@ -116,7 +120,8 @@ class _Stage:
         inch = 1 / self.figure.get_figwidth()
         bar = self.figure.add_axes((1 - 0.9 * inch, 0.2, 0.13 * inch, 0.6))
         self.figure.colorbar(self.links, cax=bar).set_label("tension [N]")
-        for artist in (self.links, self.trace, self.nodes, self.held):
+        self.surface = LineCollection([], colors=style.CYCLE[0], linewidths=1.6)
+        for artist in (self.surface, self.links, self.trace, self.nodes, self.held):
             artist.set(**place)
         self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
@@ -138,17 +143,49 @@ class _Stage:
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")
+        if self.water is not None:
+            self.surface.set_segments(list(self._project(self._at_surface(frame), self.flat)))
         renderer = self.canvas.get_renderer()
-        for artist in (self.trace, self.links, self.nodes, self.held, self.clock):
+        for artist in (self.surface, self.trace, self.links, self.nodes, self.held, self.clock):
             artist.draw(renderer)
         image = Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
         return image.quantize(palette=self.palette, dither=Image.Dither.NONE)
+
+    def _at_surface(self, frame: int) -> np.ndarray:
+        """Points on the surface (cuts, points, 3) [m]; along x only where the motion is seen from the side."""
+        points = self.water.copy()
+        points[..., 2] = self.eta[frame].reshape(points.shape[:2])
+        return points[:1] if self.flat else points
+
+
+def _water(run: Run, positions: np.ndarray, frames: np.ndarray) -> tuple[Any, dict[int, np.ndarray]]:
+    """Where the surface is drawn, (2, points, 3) along x and along y through the line's middle, and its heights."""
+    if run.surface is None:
+        return None, {}
+    limits = view.box(positions)
+    middle = positions.reshape(-1, 3).mean(axis=0)
+    cuts = np.tile(middle, (2, SURFACE_POINTS, 1))
+    for axis in (0, 1):
+        cuts[axis, :, axis] = np.linspace(*limits[axis], SURFACE_POINTS)
+    heights = run.surface(cuts.reshape(-1, 3), run.t[frames])
+    return cuts, dict(zip(frames.tolist(), heights, strict=True))
+
+
+def _with_water(positions: np.ndarray, eta: dict[int, np.ndarray]) -> np.ndarray:
+    """Points (k, 3) that the picture must hold: the nodes, and the lowest and highest surface above them."""
+    nodes = positions.reshape(-1, 3)
+    if not eta:
+        return nodes
+    heights = np.concatenate(list(eta.values()))
+    extremes = np.tile(nodes.mean(axis=0), (2, 1))
+    extremes[:, 2] = heights.min(), heights.max()
+    return np.concatenate([nodes, extremes])
 
 
 def _palette() -> Image.Image:
     """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
     tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
-    strong = np.concatenate([tension, [to_rgb(colour) for colour in (style.CYCLE[5], style.ALERT)]])
+    strong = np.concatenate([tension, [to_rgb(colour) for colour in (style.CYCLE[5], style.CYCLE[0], style.ALERT)]])
     mixed = [1 - part * (1 - strong) for part in (1.0, 0.75, 0.5, 0.25)]
     greys = np.linspace(to_rgb(style.DARK), (1.0, 1.0, 1.0), 32)
     colours = np.rint(255 * np.concatenate([*mixed, greys])).astype(int)

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+
+from dropper_jax.build import build_model
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
 FARTHEST = 100.0
@@ -13,7 +19,10 @@ FARTHEST = 100.0
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """Arrays of a solution as in `dropper_jax.solution.Solution`, k samples; all but the tension are finite."""
+    """Arrays of a solution as in `dropper_jax.solution.Solution`, k samples; all but the tension are finite.
+
+    `surface` gives the elevation (q, n) [m] at places (n, 3) and times (q,); None without water.
+    """
 
     name: str
     integrator: str
@@ -28,6 +37,7 @@ class Run:
     potential: np.ndarray
     work: np.ndarray
     work_names: tuple[str, ...]
+    surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
 
 def readable(solution: Any) -> Run:
@@ -56,4 +66,11 @@ def readable(solution: Any) -> Run:
         potential=potential,
         work=work[:last],
         work_names=tuple(solution.work_names),
+        surface=None if getattr(solution.scene, "sea", None) is None else partial(elevations, solution.scene),
     )
+
+
+def elevations(scene: Any, places: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Elevation (q, n) [m] of a scene's sea at places (n, 3) and times (q,)."""
+    sea = build_model(scene, "float64").sea
+    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(places), jnp.asarray(times)))

@@ -1,0 +1,107 @@
+"""The tables of `docs/`, written from measurements in `results/` so that nobody copies numbers by hand.
+
+    python benchmarks/tables.py [--measure]
+
+With --measure the measurements are made anew first: `dropper stability`, `dropper accuracy dropper-north-sea --quick`
+and `benchmarks/north_sea.py --effects`, about ten minutes. A table stands in a document between the lines
+`<!-- table: NAME -->` and `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+RESULTS, DOCS = HERE / "results", HERE.parent / "docs"
+COMMANDS = {
+    "stability": ["stability", "--json", "--quiet"],
+    "accuracy_north_sea": ["accuracy", "dropper-north-sea", "--quick", "--json", "--quiet"],
+}
+BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
+
+
+def measure() -> None:
+    """Make the measurements anew."""
+    for name, arguments in COMMANDS.items():
+        call = "import sys; from dropper_jax.cli import main; sys.exit(main(sys.argv[1:]))"
+        done = subprocess.run([sys.executable, "-c", call, *arguments], stdout=subprocess.PIPE, text=True, check=False)
+        (RESULTS / f"{name}.json").write_text(done.stdout)  # a case beyond its limit is a row like the others
+    subprocess.run([sys.executable, HERE / "north_sea.py", "--effects"], check=True)
+
+
+def markdown(rows: list[tuple[str, ...]]) -> str:
+    """Rows, the first one the head."""
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
+
+
+def stability(found: dict[str, Any]) -> str:
+    rows = [("case", "claim", "measured", "limit", "holds", *BASELINES)]
+    for row in found["cases"]:
+        compared = row["baseline_thesis"] or {}
+        measured = "-" if row["measured"] is None else f"{row['measured']:.1e} {row['unit']}"
+        baselines = (_baseline(compared.get(label)) for label in BASELINES)
+        holds = "yes" if row["ok"] else "**no**"
+        rows.append((row["name"], row["claim"], measured, f"{row['limit']:.0e}", holds, *baselines))
+    return markdown(rows)
+
+
+def _baseline(found: dict[str, Any] | None) -> str:
+    if found is None:
+        return "-"
+    if found["status"] == "ok":
+        share = found["energy_drift_share"]
+        return ("wrong" if found["wrong_energy"] else "ok") + ("" if share is None else f", energy {share:.0e}")
+    return f"{found['status']} at {found['failed_at_s']:.3g} s" if "failed_at_s" in found else found["status"]
+
+
+def accuracy_north_sea(found: dict[str, Any]) -> str:
+    head = ("scheme", "dt [s]", "RMS angle [rad]", "RMS position [m]", "tension [N]", "status")
+    keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n")
+    rows = [head]
+    for row in found["rows"]:
+        errors = ("-" if row[key] is None else f"{row[key]:.1e}" for key in keys)
+        rows.append((row["label"], f"{row['dt']:.4g}", *errors, row["status"]))
+    reference, orders = found["reference"], found["orders"]
+    text = ", ".join(f"{label} {order:.2f}" for label, order in orders.items())
+    return (
+        f"{markdown(rows)}\n\nCompared over {reference['horizon_s']:.3g} s; reference: {reference['made_by']}, its own "
+        f"error {reference['error_estimate_rad']:.1e} rad against {reference['checked_by']}. Measured orders: {text}."
+    )
+
+
+def north_sea(found: dict[str, Any]) -> str:
+    head = ("effects", "polar [rad]", "largest azimuth [rad]", "peak [Hz]", "first / last link at most [N]")
+    rows = [(*head, "least [N]", "fastest [m/s]", "status")]
+    for row in found["rows"]:
+        peak = "-" if row["azimuth_peak_hz"] is None else f"{row['azimuth_peak_hz']:.2f}"
+        polar = f"{row['polar_min_rad']:.2f} to {row['polar_max_rad']:.2f}"
+        tension = f"{row['tension_first_max_n']:.0f} / {row['tension_last_max_n']:.0f}"
+        numbers = (f"{row['azimuth_max_rad']:.2f}", peak, tension, f"{row['tension_min_n']:.0f}")
+        rows.append((row["name"], polar, *numbers, f"{row['speed_max_m_s']:.1f}", row["status"]))
+    return markdown(rows)
+
+
+TABLES = {"stability": stability, "accuracy_north_sea": accuracy_north_sea, "north_sea": north_sea}
+
+
+def write() -> None:
+    """Put the tables into the documents that ask for them."""
+    for document in sorted(DOCS.glob("*.md")):
+        text = document.read_text()
+        for name in re.findall(r"<!-- table: (\w+) -->", text):
+            table = TABLES[name](json.loads((RESULTS / f"{name}.json").read_text()))
+            place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
+            text = place.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
+        document.write_text(text)
+
+
+if __name__ == "__main__":
+    if "--measure" in sys.argv:
+        measure()
+    write()

@@ -12,6 +12,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.scene import load_scene
+from dropper_jax.study.accuracy import accuracy
 from dropper_jax.study.advice import advice
 from dropper_jax.study.errors import link_vectors, rms_angle
 from dropper_jax.study.euler import euler_claims
@@ -51,10 +52,10 @@ def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) 
 
 
 def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
-    """The scheme of rk4 and the reference share the name only: the reference's step is 16 times finer."""
+    """The reference is a 16 times finer rk4, checked by extrapolated rk2."""
     changes = {"line.0.axial.law": "elastic", "line.0.axial.EA": 20.0, "line.0.axial.damping": 0.02}
     scene = load_scene("double-pendulum-periodic").with_values(changes)
-    found = accuracy(scene, [Scheme("rk2"), Scheme("rk4")], tuple(2.0**-k for k in range(7, 10)), 0.5, extras=False)
+    found = accuracy(scene, [Scheme("rk2"), Scheme("rk4")], (2.0**-4, 2.0**-5), 0.5, extras=False)
     assert all(row["status"] == "ok" for row in found["rows"])
     assert abs(found["orders"]["rk2"] - 2.0) < 0.15
     assert abs(found["orders"]["rk4"] - 4.0) < 0.3
@@ -111,7 +112,7 @@ def test_instant_tension_of_a_pendulum_is_weight_and_centripetal_force() -> None
     np.testing.assert_allclose(found, 9.81 * np.cos(0.7) + 2.0 * 1.5**2, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["dropper-release-b", "conical-pendulum", "double-pendulum-chaotic", "string"])
+@pytest.mark.parametrize("name", ["dropper-release-b", "conical-pendulum", "double-pendulum-chaotic"])
 def test_estimated_error_is_within_a_factor_3_of_the_true_one(name: str) -> None:
     scene = load_scene(name).with_values({"run.duration": 1.0})
     choice = choose_step(scene, 1e-2)

@@ -18,7 +18,8 @@ from dropper_jax.study.errors import link_vectors, rms_angle
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.reference import AMPLIFICATION
 
-#: Times at which the pilot's runs are compared; the same for all steps, so that they share one compiled program.
+#: Most times at which the pilot's runs are compared; nearly always the same for steps h and h/2, so that they share
+#: one compiled program.
 SAVES = 16
 #: A pilot's two runs are this many halvings apart: they differ by 3/4 (first order) or 15/16 (second) of the error.
 APART = 2
@@ -115,10 +116,10 @@ class _Pilot:
         return apart / (1 - 4.0 ** -min(order, 6.0))
 
     def _run(self, k: int, coarsest: int) -> np.ndarray | None:
-        """Link vectors at `SAVES` times (or all, where fewer), on whole steps of the coarsest run compared with."""
+        """Link vectors at up to `SAVES` times to the end, on whole steps of the coarsest run compared with."""
         steps = max(1, int(self.until / self.dt(coarsest) + 1e-9))
-        stride = max(1, steps // SAVES)
-        saves = min(steps, SAVES)
+        stride = -(-steps // SAVES)  # rounded up: the saved times must reach the end, where errors are largest
+        saves = steps // stride
         grid = stride * self.dt(coarsest)
         key = (k, coarsest)
         if key not in self.links:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from dropper_jax.problem import StepProblem
 
 
+#: Diagonal added for laws: their unknowns are of the size of their rows, so that this is far below either.
 SHARING = 1e-9
 
 

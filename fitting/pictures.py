@@ -26,12 +26,8 @@ def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     used = known.any(axis=1)
     t = w.times()[mine].reshape(-1)[used]
     measured = w.theta[mine].reshape(-1, w.theta.shape[2])[used]
-    turn = (
-        2 * np.pi * np.round((e.theta[mine].reshape(measured.shape[0], -1) - measured) / (2 * np.pi))
-        if used.all()
-        else 0
-    )
-    simulated = e.theta[mine].reshape(-1, w.theta.shape[2])[used] - turn
+    simulated = e.theta[mine].reshape(-1, w.theta.shape[2])[used]
+    simulated = simulated - 2 * np.pi * np.round((simulated - measured) / (2 * np.pi))
     return t, np.where(known[used], measured, np.nan), simulated, known[used]
 
 

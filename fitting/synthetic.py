@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,13 +83,19 @@ def observe(motion: Motion, camera: Camera, seed: int, name: str = "synthetic") 
 
 
 def synthetic_traces(
-    scenes: Sequence[Any], duration: float = 48.0, camera: Camera | None = None, seed: int = 0
+    scenes: Sequence[Any],
+    duration: float = 48.0,
+    camera: Camera | None = None,
+    seed: int = 0,
+    progress: Callable[[float, str], None] | None = None,
 ) -> list[Trace]:
     """One trace per scene, such as scenarios A, B and C; labelled as synthetic by their names."""
     camera = camera or Camera(angle_noise=0.005)
     found = []
     for i, scene in enumerate(scenes):
         loaded = load_scene(scene)
+        if progress:
+            progress(i / len(scenes), f"synthetic trace of {loaded.name}")
         motion = simulate_truth(loaded, duration, camera.rate)
         found.append(observe(motion, camera, seed + i, f"synthetic-{loaded.name}"))
     return found

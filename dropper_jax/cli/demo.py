@@ -1,11 +1,18 @@
-"""`dropper demo`: release the lab dropper of scenario A, with pictures and a short report."""
+"""`dropper demo`: release the lab dropper of scenario A, then whatever the entry-point group `dropper.demo` adds.
+
+A part of the demo is a module with `title` and `run_part(folder, progress)`, which leaves its files in `folder` and
+returns a `DemoPart`. The simulator knows none of them: `fitting` registers the calibration.
+"""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import print_line, progress
 from dropper_jax.cli.run import PICTURES, draw, report, text
@@ -15,9 +22,20 @@ if TYPE_CHECKING:
     from dropper_jax.solution import Solution
 
 name = "demo"
-help = "release the lab dropper from the measured pose of scenario A; pictures, animation, report"
+help = "release the lab dropper and calibrate its damping from synthetic traces; pictures, animation, report"
 
+GROUP = "dropper.demo"
 SCENE, DT, DURATION = "dropper-release-a", 0.005, 50.0
+
+
+@dataclass(frozen=True)
+class DemoPart:
+    """What a part of the demo shows: text for the terminal, Markdown for the report, values for the JSON object."""
+
+    status: str
+    text: str
+    markdown: str
+    values: dict[str, Any]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,15 +54,26 @@ def run(args: argparse.Namespace) -> int:
     draw(solution, folder)
     print_line("drawing the animation")
     plots.animate(solution, folder / "animation.gif", progress=progress())
-    atomic_write(folder / "report.md", _report(solution))
-    code = report(solution, args.json)
+    parts = {entry.name: _part(entry, folder) for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name)}
+    sections = [_section(solution), *(part.markdown for part in parts.values())]
+    atomic_write(folder / "report.md", "\n\n".join(sections) + "\n")
+    code = report(solution, args.json, {key: part.values for key, part in parts.items()})
+    if not args.json:
+        for part in parts.values():
+            print(f"\n{part.text}")
     print_line(f"report and pictures are in {folder}")
-    return code
+    return code or (OK if all(part.status == "ok" for part in parts.values()) else FAILED)
 
 
-def _report(solution: Solution) -> str:
+def _part(entry: EntryPoint, folder: Path) -> DemoPart:
+    module = entry.load()
+    print_line(module.title)
+    return module.run_part(folder / entry.name, progress())
+
+
+def _section(solution: Solution) -> str:
     pictures = "\n".join(f"![{name}]({name}.png)\n" for name in PICTURES)
     return (
         f"# {solution.scene.name}\n\n{solution.scene.description}\n\n"
-        f"```\n{text(solution)}\n```\n\n{pictures}\n![animation](animation.gif)\n"
+        f"```\n{text(solution)}\n```\n\n{pictures}\n![animation](animation.gif)"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,10 +110,10 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     return files
 
 
-def report(solution: Solution, as_json: bool) -> int:
-    """Print the result; returns the exit code."""
+def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = None) -> int:
+    """Print the result, with `more` keys in the JSON object; returns the exit code."""
     if as_json:
-        print_json({**solution.summary(), **_flow(solution)})
+        print_json({**solution.summary(), **_flow(solution), **(more or {})})
     else:
         print(text(solution))
     if solution.failure:

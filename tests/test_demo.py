@@ -1,0 +1,52 @@
+"""`dropper demo` ends with a calibration, and the simulator still knows nothing of the package that calibrates."""
+
+import ast
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import dropper_jax
+from dropper_jax import plots
+from dropper_jax.cli import demo, main
+from fitting import example
+from fitting import report as fit_report
+
+
+def test_the_simulator_never_imports_fitting():
+    for path in Path(dropper_jax.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not any(name.split(".")[0] == "fitting" for name in names), path
+
+
+@pytest.fixture
+def short(monkeypatch):
+    monkeypatch.setattr(demo, "DURATION", 0.5)
+    monkeypatch.setattr(demo, "draw", lambda solution, folder: [])  # tested elsewhere, seconds each
+    monkeypatch.setattr(fit_report, "PICTURES", {})
+    monkeypatch.setattr(plots, "animate", lambda *args, **kwargs: None)
+    few = replace(example.EXAMPLE, scenes=("dropper-release-a",), duration=8.0)
+    monkeypatch.setattr(example, "EXAMPLE", few)
+    return few
+
+
+def test_the_demo_ends_with_a_calibration_that_says_it_is_synthetic(short, tmp_path, capsys):
+    assert main(["demo", "--out", str(tmp_path), "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)["calibration"]
+    assert found["status"] == "ok"
+    assert found["synthetic"] is True
+    assert found["warnings"][0].startswith("the traces are synthetic")
+    for name, truth in short.truth.items():
+        fitted = found["parameters"][name]
+        assert found["start"][name] == pytest.approx(10 * truth)
+        assert abs(fitted["value"] - truth) < 4 * fitted["std_error"] < 0.5 * truth
+    text = (tmp_path / "report.md").read_text()
+    assert "traces are synthetic" in text
+    assert "calibration/report.md" in text
+    assert (tmp_path / "calibration" / "report.md").exists()
+    assert len(list((tmp_path / "calibration").glob("synthetic-*.csv"))) == 1
+    assert "100 % ok" in err

@@ -13,6 +13,17 @@ from dropper_jax.cli import demo, main
 from fitting import example
 from fitting import report as fit_report
 
+PENDULUM = {
+    "run": {"dt": 0.01, "duration": 10.0},
+    "point": [
+        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
+    ],
+    "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.0}, "quadratic_damping": {"b_q": 0.0}},
+    "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
+}
+
 
 def test_the_simulator_never_imports_fitting():
     for path in Path(dropper_jax.__file__).parent.rglob("*.py"):
@@ -25,10 +36,11 @@ def test_the_simulator_never_imports_fitting():
 @pytest.fixture
 def short(monkeypatch):
     monkeypatch.setattr(demo, "DURATION", 0.5)
+    monkeypatch.setattr(demo, "SCENE", PENDULUM)
     monkeypatch.setattr(demo, "draw", lambda solution, folder: [])  # tested elsewhere, seconds each
     monkeypatch.setattr(fit_report, "PICTURES", {})
     monkeypatch.setattr(plots, "animate", lambda *args, **kwargs: None)
-    few = replace(example.EXAMPLE, scenes=("dropper-release-a",), duration=8.0)
+    few = replace(example.EXAMPLE, scenes=(PENDULUM,), b_l=0.1, b_q=0.05, duration=16.0)
     monkeypatch.setattr(example, "EXAMPLE", few)
     return few
 

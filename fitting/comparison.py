@@ -1,8 +1,9 @@
 """Which damping law do the traces ask for? A ladder of laws, scored by BIC and on stretches that were not fitted.
 
 Every law is a subset of one full set of coefficients, the others held at zero, so that all are fitted by the same
-simulator on the same windows. BIC = dof-corrected `N_eff log(chi2/N) + k log N_eff`; N_eff counts samples by their
-correlation (Schwarz 1978; for correlated residuals N (1 - rho)/(1 + rho)).
+simulator on the same windows. BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978), where N_eff counts the samples
+by their correlation, N (1 - rho)/(1 + rho). Scores compare only with one N_eff for all laws: rho is taken from the law
+that fits best, whose residuals are nearest to the noise.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ LADDER = {
 }
 #: Windows kept for scoring where the caller holds nothing out: one in so many.
 SCORED = 5
+#: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
+MOST_CORRELATED = 0.999
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class Law:
 
     Attributes:
         held_out: RMS angle error [rad] of the windows that were not fitted, with its standard error.
+        free: parameters fitted, those of no damping law too.
         bic: less is better; `chosen` marks the simplest law within one standard error of the best held-out score.
     """
 
@@ -59,9 +63,10 @@ class Law:
     rms: float
     held_out: float
     held_out_error: float
-    bic: float
     status: str
     values: dict[str, float]
+    free: int
+    bic: float = np.nan
     chosen: bool = False
 
     def to_json(self) -> dict[str, Any]:
@@ -81,17 +86,18 @@ def compare(
     say = progress or (lambda fraction, text: None)
     others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
     fitted, scored = _split(prepared)
-    rows, squares = [], []
+    rows, squares, residuals = [], [], []
     warm: dict[bool, tuple[np.ndarray, Starts] | None] = {False: None, True: None}
     groups = {dry: _family(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
     for i, law in enumerate(laws):
         say(0.95, f"law {i + 1} of {len(laws)}: {law}")
         dry = "dry" in LADDER[law]
         simulator, owner = groups[dry]
-        row, square = _one(prepared, simulator, owner, law, fitted, scored, iterations, warm)
+        row, square, residual = _one(prepared, simulator, owner, law, fitted, scored, iterations, warm)
         rows.append(row)
         squares.append(square)
-    return _mark(rows, squares)
+        residuals.append(residual)
+    return _mark(_with_bic(rows, residuals, fitted), squares)
 
 
 def _split(prepared: Prepared) -> tuple[Windows, Windows]:
@@ -143,7 +149,7 @@ def _one(
     scored: Windows,
     iterations: int,
     warm: dict,
-) -> tuple[Law, np.ndarray]:
+) -> tuple[Law, np.ndarray, np.ndarray]:
     used = np.array([part is None or part in LADDER[law] for part in owner])
     values = np.array(
         [
@@ -169,11 +175,11 @@ def _one(
         rms=float(np.sqrt(np.mean(_window_squares(solution, fitted)))),
         held_out=float(np.sqrt(np.mean(square))),
         held_out_error=0.0,
-        bic=_bic(solution, fitted, int(used.sum())),
+        free=int(used.sum()),
         status=solution.status,
         values={p.name: float(v) for p, v, on in zip(simulator.parameters, solution.values, used, strict=True) if on},
     )
-    return row, square
+    return row, square, solution.evaluation.residual
 
 
 def _window_squares(solution: Solution, windows: Windows) -> np.ndarray:
@@ -183,11 +189,14 @@ def _window_squares(solution: Solution, windows: Windows) -> np.ndarray:
     return np.sum(raw**2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
 
 
-def _bic(solution: Solution, windows: Windows, count: int) -> float:
-    samples = windows.samples
-    rho = np.clip(lag_one(solution.evaluation.residual, windows.weight > 0)[0], 0.0, 0.999)
+def _with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
+    """The laws with their BIC, all by the effective number of samples of the one with the least chi-square."""
+    chi2, samples = np.array([np.sum(r**2) for r in residuals]), windows.samples
+    rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
+    rho = np.clip(rho, 0.0, MOST_CORRELATED)
     effective = samples * (1 - rho) / (1 + rho)
-    return float(effective * np.log(solution.chi2 / samples) + count * np.log(effective))
+    scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
+    return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]
 
 
 def _mark(rows: list[Law], squares: list[np.ndarray]) -> list[Law]:

@@ -49,4 +49,6 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance")
     if solution.status != "ok":
         found.append(f"not converged: {solution.message}; the best point found is reported")
+    elif solution.message:
+        found.append(f"the cost is rough here: {solution.message}")
     return found

@@ -97,7 +97,7 @@ def compare(
         rows.append(row)
         squares.append(square)
         residuals.append(residual)
-    return _mark(_with_bic(rows, residuals, fitted), squares)
+    return _mark(with_bic(rows, residuals, fitted), squares)
 
 
 def _split(prepared: Prepared) -> tuple[Windows, Windows]:
@@ -189,7 +189,7 @@ def _window_squares(solution: Solution, windows: Windows) -> np.ndarray:
     return np.sum(raw**2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
 
 
-def _with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
+def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
     """The laws with their BIC, all by the effective number of samples of the one with the least chi-square."""
     chi2, samples = np.array([np.sum(r**2) for r in residuals]), windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]

@@ -34,12 +34,14 @@ OPTIMIZERS, LOSSES = ("lbfgs", "adam"), ("angles", "spectrum")
 INNER = 2
 #: Gradient, in standard errors of its parameter, at which descent has arrived.
 ARRIVED = 0.05
+#: Restarts of adam in each stage.
+ADAM_ROUNDS = 3
 #: Share of chi-square by which amplitude spectra join the loss.
 SPECTRUM_FLOOR = 1e-9
 
 
-def spectrum_terms(evaluation: Evaluation, windows: Windows, m2: int) -> tuple[float, np.ndarray]:
-    """Half the squared distance of amplitude spectra and its gradient by the parameters (k,).
+def spectrum_terms(evaluation: Evaluation, windows: Windows, slope: np.ndarray) -> tuple[float, np.ndarray]:
+    """Half the squared distance of amplitude spectra and its gradient (k,), from the residuals' slopes (K, S, n, k).
 
     Per window and link, with x the angles less their mean: `1/2 sum_f (|X_f| - |Y_f|)^2/(S s^2)`, X the simulated and
     Y the measured discrete Fourier transform; blind to the phase, so its basin is wide.
@@ -57,14 +59,14 @@ def spectrum_terms(evaluation: Evaluation, windows: Windows, m2: int) -> tuple[f
     rest = size - measured
     scale = (windows.weight.max(axis=1, keepdims=True) ** 2) / windows.theta.shape[1]
     cost = 0.5 * float(np.sum(scale * rest**2))
-    slope = np.where(known, 1 / np.where(known, windows.weight, 1), 0.0)[..., None] * evaluation.jacobian[..., m2:]
+    slope = np.where(known, 1 / np.where(known, windows.weight, 1), 0.0)[..., None] * slope
     slope = slope - slope.sum(axis=1, keepdims=True) / count[..., None]
     moved = np.fft.rfft(np.where(known[..., None], slope, 0.0), axis=1)
     amplitude = np.real(np.conj(simulated)[..., None] * moved) / size[..., None]
     return cost, np.einsum("ksn,ksnp->p", scale * rest, amplitude)
 
 
-class _Loss:
+class ProjectedLoss:
     """The projected loss and its gradient in scaled parameters; keeps the starts between calls."""
 
     def __init__(self, simulator: Simulator, windows: Windows, starts: Starts, loss: str, huber: float | None):
@@ -72,6 +74,7 @@ class _Loss:
         self.evaluations = 0
         self.zero = np.zeros(len(simulator.parameters))
         self.curvature = np.ones(len(simulator.parameters))
+        self.information = np.eye(len(simulator.parameters))
 
     def __call__(self, values: np.ndarray, inner: int = INNER) -> tuple[float, np.ndarray]:
         m2 = self.simulator.freedoms
@@ -94,11 +97,15 @@ class _Loss:
         weights = huber_weights(evaluation.residual, self.huber)
         normal = normal_blocks(evaluation, weights, m2)
         reduced = eliminate(normal, 0.0, (0.0, self.zero, self.zero), self.zero, self.zero)
+        self.information = reduced.information
         self.curvature = np.maximum(np.diag(reduced.information), 1e-300)
         gradient = normal.gp
         prior = prior_terms(self.simulator.parameters, values)
         if self.loss == "spectrum":
-            cost, gradient = spectrum_terms(evaluation, self.windows, m2)
+            # the starts are where the angles want them, not the spectra: no envelope theorem, they move along
+            jacobian = evaluation.jacobian
+            slope = jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], reduced.eliminated)
+            cost, gradient = spectrum_terms(evaluation, self.windows, slope)
         return cost + prior[0], gradient + prior[1]
 
 
@@ -122,7 +129,7 @@ def fit_gradient(
         optimizer: `lbfgs` (with a backtracking line search) or `adam` (cosine decay).
         loss: `angles`, or `spectrum`, which starts with amplitude spectra and ends with the angles.
         steps: most steps over all horizons.
-        learning_rate: of adam, in parts of a parameter's size; default 0.1.
+        learning_rate: of adam, in parts of the distance that the curvature predicts; default 0.2.
         horizon: parts of each window that count, one after another.
         huber: threshold of the robust loss.
 
@@ -140,10 +147,10 @@ def fit_gradient(
     for i, (part, kind) in enumerate(stages):
         seen = replace(windows, weight=windows.weight * (elapsed <= part)[:, :, None])
         # angles decide the start values; the spectrum needs starts from the angles too
-        problem = _Loss(simulator, seen, starts, kind, huber)
+        problem = ProjectedLoss(simulator, seen, starts, kind, huber)
         share = steps // len(stages) if i < len(stages) - 1 else steps - len(history)
         descend = _lbfgs if optimizer == "lbfgs" else _adam
-        values, arrived = descend(problem, values, max(share, 1), learning_rate or 0.1, history)
+        values, arrived = descend(problem, values, max(share, 1), learning_rate or 0.2, history)
         starts, evaluations = problem.starts, evaluations + problem.evaluations
         if progress:
             progress(0.9 * (i + 1) / len(stages), f"horizon {part:g}, {kind}: {values}")
@@ -155,12 +162,12 @@ def fit_gradient(
     return found
 
 
-def _limits(problem: _Loss) -> tuple[np.ndarray, np.ndarray]:
+def _limits(problem: ProjectedLoss) -> tuple[np.ndarray, np.ndarray]:
     parameters = problem.simulator.parameters
     return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
 
 
-def _at_rest(problem: _Loss, values: np.ndarray, gradient: np.ndarray, cost: float) -> bool:
+def _at_rest(problem: ProjectedLoss, values: np.ndarray, gradient: np.ndarray, cost: float) -> bool:
     """Whether the projected gradient is below `ARRIVED` standard errors in every parameter."""
     low, high = _limits(problem)
     held = ((values <= low) & (gradient > 0)) | ((values >= high) & (gradient < 0))
@@ -168,7 +175,9 @@ def _at_rest(problem: _Loss, values: np.ndarray, gradient: np.ndarray, cost: flo
     return bool(np.all(np.abs(np.where(held, 0.0, gradient)) < ARRIVED * np.sqrt(problem.curvature * unit)))
 
 
-def _lbfgs(problem: _Loss, values: np.ndarray, steps: int, rate: float, history: list) -> tuple[np.ndarray, bool]:
+def _lbfgs(
+    problem: ProjectedLoss, values: np.ndarray, steps: int, rate: float, history: list
+) -> tuple[np.ndarray, bool]:
     low, high = _limits(problem)
     cost, gradient = problem(values, inner=6)
     size = 1 / np.sqrt(problem.curvature)
@@ -197,17 +206,28 @@ def _lbfgs(problem: _Loss, values: np.ndarray, steps: int, rate: float, history:
     return values, _at_rest(problem, values, gradient, cost)
 
 
-def _adam(problem: _Loss, values: np.ndarray, steps: int, rate: float, history: list) -> tuple[np.ndarray, bool]:
+def _adam(
+    problem: ProjectedLoss, values: np.ndarray, steps: int, rate: float, history: list
+) -> tuple[np.ndarray, bool]:
+    """Adam in coordinates x = L' p, where S = L L': damping coefficients that stand in for each other are apart there.
+
+    Rounds of cosine decay with restarts (Loshchilov and Hutter 2017); each starts with steps of `rate` of the distance
+    that its curvature predicts, so that the last ones are as small as the standard errors.
+    """
     low, high = _limits(problem)
-    size = np.array([p.scale for p in problem.simulator.parameters])
-    transform = optax.adam(optax.cosine_decay_schedule(rate, steps))
-    x = jnp.asarray(values / size)
-    state = transform.init(x)
-    cost, gradient = problem(values, inner=6)
-    for _ in range(steps):
-        update, state = transform.update(jnp.asarray(gradient * size), state, x)
-        values = np.clip(np.asarray(optax.apply_updates(x, update)) * size, low, high)
-        x = jnp.asarray(values / size)
-        cost, gradient = problem(values, inner=1)
-        history.append({"cost": cost, "values": values.tolist()})
+    _, gradient = problem(values, inner=6)
+    share = max(1, steps // ADAM_ROUNDS)
+    for _ in range(min(ADAM_ROUNDS, steps)):
+        root = np.linalg.cholesky(problem.information + 1e-12 * np.diag(problem.curvature))
+        whiten = lambda g, root=root: jnp.asarray(np.linalg.solve(root, g))  # noqa: E731
+        distance = float(np.linalg.norm(whiten(gradient)))
+        transform = optax.adam(optax.cosine_decay_schedule(rate * distance, share))
+        x = jnp.asarray(root.T @ values)
+        state = transform.init(x)
+        for _ in range(share):
+            update, state = transform.update(whiten(gradient), state, x)
+            values = np.clip(np.linalg.solve(root.T, np.asarray(optax.apply_updates(x, update))), low, high)
+            x = jnp.asarray(root.T @ values)
+            cost, gradient = problem(values, inner=1)
+            history.append({"cost": cost, "values": values.tolist()})
     return values, _at_rest(problem, values, gradient, cost)

@@ -233,7 +233,8 @@ class Simulator:
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
         count = windows.count
-        size = CHUNK if count > CHUNK // 2 else CHUNK // 2  # two sizes only: every other one would be compiled anew
+        # two sizes only, every other one would be compiled anew; the small one not where the large one is there already
+        size = CHUNK if count > CHUNK // 2 or self._key(CHUNK, windows) in self._programs else CHUNK // 2
         order = np.minimum(np.arange(-(-count // size) * size), count - 1).reshape(-1, size)
         chunks = [tuple(a[rows] for a in inputs) for rows in order]
         values = np.asarray(values, float)
@@ -249,9 +250,11 @@ class Simulator:
         """The model with these parameter values (k,)."""
         return apply(self.model, self.parameters, jnp.asarray(values))
 
+    def _key(self, size: int, windows: Windows) -> tuple:
+        return size, windows.theta.shape[1], windows.dt, windows.steps, not windows.fraction.any()
+
     def _program(self, values: np.ndarray, chunk: tuple, windows: Windows) -> Any:
-        on_grid = not windows.fraction.any()
-        key = (*(a.shape for a in chunk), windows.dt, windows.steps, on_grid)
+        on_grid, key = not windows.fraction.any(), self._key(len(chunk[0]), windows)
         if key not in self._programs:
             begun = time.perf_counter()
             one = partial(self._window, dt=windows.dt, steps=windows.steps, on_grid=on_grid)

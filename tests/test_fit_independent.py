@@ -1,0 +1,171 @@
+"""Fits of traces that another simulator made: Lagrange's equations of a chain of two rods, integrated by SciPy.
+
+With angles phi from straight down, a_ij = L_j (j < i) or y_i (j = i) the lever of link j on link i's centre of mass,
+and p_n the nodes:
+
+    sum_k A_jk cos(phi_j - phi_k) phi_k'' = -sum_k A_jk sin(phi_j - phi_k) phi_k'^2 - g sin(phi_j) sum_i m_i a_ij + Q_j
+    A_jk = sum_i m_i a_ij a_ik + I_j delta_jk
+    Q_j = -c (w_j - w_{j-1}) + c (w_{j+1} - w_j) - b_q sum_{n >= j} |p_n'| p_n' . dp_n/dphi_j
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fitting.comparison import Law, compare, with_bic
+from fitting.fit import estimate, prepare, summarise
+from fitting.gradient import ProjectedLoss
+from fitting.traces import Convention, Trace
+
+LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
+CENTRE, INERTIA = np.array([0.2, 0.11]), np.array([7e-4, 4e-4])
+VISCOUS, QUADRATIC = 4e-4, 0.02
+TRUTH = np.array([VISCOUS, QUADRATIC])
+FREE = ["effects.joint_friction.viscous", "effects.quadratic_damping.b_q"]
+G, RATE, DURATION, NOISE, WINDOW = 9.81, 30.0, 9.6, 0.005, 1.2
+
+
+def acceleration(phi, w, quadratic):
+    """phi'' of the two rods."""
+    lever = np.array([[CENTRE[0], 0.0], [LENGTH[0], CENTRE[1]]])
+    square = np.einsum("i,ij,ik->jk", MASS, lever, lever) + np.diag(INERTIA)
+    apart = phi[:, None] - phi[None, :]
+    force = -(square * np.sin(apart)) @ w**2 - G * np.sin(phi) * (MASS @ lever)
+    force -= VISCOUS * np.array([w[0] - (w[1] - w[0]), w[1] - w[0]])
+    turn = LENGTH[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    speed = np.cumsum(w[:, None] * turn, axis=0)
+    drag = -quadratic * np.linalg.norm(speed, axis=1, keepdims=True) * speed
+    force += turn[0] @ drag.sum(axis=0) * np.array([1.0, 0.0]) + turn[1] @ drag[1] * np.array([0.0, 1.0])
+    return np.linalg.solve(square * np.cos(apart), force)
+
+
+def swing(phi0, duration=DURATION, quadratic=QUADRATIC):
+    """Times and angles (k, 2) from straight down."""
+    t = np.arange(round(duration * RATE) + 1) / RATE
+    slope = lambda t, y: np.concatenate([y[2:], acceleration(y[:2], y[2:], quadratic)])  # noqa: E731
+    found = solve_ivp(slope, (0, t[-1]), [*phi0, 0, 0], method="DOP853", t_eval=t, rtol=1e-11, atol=1e-12)
+    return t, found.y[:2].T
+
+
+def seen(motion, seed):
+    """The motion as a noisy trace."""
+    t, phi = motion
+    noise = NOISE * np.random.default_rng(seed).standard_normal(phi.shape)
+    return Trace("rods", t, phi + noise, convention=Convention("down", 1, "rad"))
+
+
+@pytest.fixture(scope="module")
+def rods(chain):
+    effects = {
+        "weight": {},
+        "joint_friction": {"viscous": 10 * VISCOUS, "axis": [0.0, 1.0, 0.0]},
+        "quadratic_damping": {"b_q": 10 * QUADRATIC},
+    }
+    start = {"kind": "angles", "zero": "down", "polar": [1.2, 0.6]}
+    return chain(
+        LENGTH, MASS.tolist(), start, effects=effects, centre_of_mass=CENTRE.tolist(), inertia=INERTIA.tolist()
+    )
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return swing([1.2, 0.6])
+
+
+@pytest.fixture(scope="module")
+def ready(rods):
+    """`ready(traces)`: a prepared fit ten times off; all of them share one compiled simulator."""
+    shared = []
+
+    def make(traces):
+        prepared = prepare(traces, rods, FREE, window=WINDOW, simulator=shared[0] if shared else None)
+        shared[:] = [prepared.simulator]
+        return prepared
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def ten(ready, motion):
+    found = []
+    for seed in range(10):
+        prepared = ready(seen(motion, seed))
+        found.append(summarise(prepared, "windows", *estimate(prepared, "windows")))
+    return found
+
+
+def test_damping_of_another_simulators_traces_is_found_without_bias(ten):
+    assert all(result.status == "ok" for result in ten)
+    z = np.array([(result.values - TRUTH) / result.uncertainty.std_error for result in ten])
+    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.6)
+    assert np.all(np.abs(np.mean(z, axis=0)) < 3 / np.sqrt(10))
+
+
+def test_ninety_percent_intervals_cover_the_truth_at_least_seven_times_in_ten(ten):
+    inside = [(result.uncertainty.low <= TRUTH) & (result.uncertainty.high >= TRUTH) for result in ten]
+    assert np.all(np.sum(inside, axis=0) >= 7)
+    width = np.median([result.uncertainty.std_error / TRUTH for result in ten], axis=0)
+    assert np.all(width < 0.5)
+
+
+def test_runs_with_gaps_are_fitted_together(ready, motion, ten):
+    first = seen(motion, 20)
+    first.theta[150:180] = np.nan  # most of a window
+    second = seen(swing([-0.9, 0.5], 7.2), 21)
+    second.theta[np.random.default_rng(22).random(second.theta.shape) < 0.2] = np.nan
+    prepared = ready([first, second])
+    result = summarise(prepared, "windows", *estimate(prepared, "windows"))
+    assert result.status == "ok"
+    assert set(prepared.windows.run) == {0, 1}
+    assert prepared.windows.samples == sum(np.isfinite(tr.theta[:-1]).sum() for tr in (first, second))
+    assert np.all(np.abs(result.values - TRUTH) < 3 * result.uncertainty.std_error)
+    alone = np.median([r.uncertainty.std_error for r in ten], axis=0)
+    assert np.all(result.uncertainty.std_error < alone)
+
+
+def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(ready, motion):
+    """Starts are eliminated anew at every point; Gauss-Newton's elimination leaves out the residuals' curvature."""
+    prepared = ready(seen(motion, 0))
+    loss = ProjectedLoss(prepared.simulator, prepared.windows, prepared.starts, "spectrum", None)
+    at = 1.1 * TRUTH
+    gradient = loss(at, inner=12)[1]
+    for i, step in enumerate(1e-3 * TRUTH):
+        ends = []
+        for side in (1, -1):
+            moved = at.copy()
+            moved[i] += side * step
+            ends.append(loss(moved, inner=12)[0])
+        assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.05)
+
+
+@pytest.mark.parametrize("settings", [{"optimizer": "adam"}, {"loss": "spectrum"}])
+def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, ten, settings):
+    descent, _ = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
+    assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)
+
+
+def test_the_law_that_made_the_traces_wins_the_comparison(ready):
+    prepared = ready(seen(swing([1.2, 0.6], quadratic=0.0), 0))
+    laws = {law.name: law for law in compare(prepared, ("none", "linear", "joint viscous", "linear + quadratic"))}
+    assert [name for name, law in laws.items() if law.chosen] == ["joint viscous"]
+    assert min(laws.values(), key=lambda law: law.bic).name == "joint viscous"
+    assert laws["joint viscous"].held_out == pytest.approx(NOISE, rel=0.2)
+
+
+def test_bic_counts_the_same_samples_for_every_law(ready, motion):
+    """Residuals that correlate by a half: a third of the samples count; the worse law's are of its own making."""
+    windows = ready(seen(motion, 0)).windows
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((*windows.weight.shape[:1], 20_000, 2))
+    noise = np.zeros_like(white)
+    for i in range(1, noise.shape[1]):
+        noise[:, i] = 0.5 * noise[:, i - 1] + white[:, i]
+    windows = replace(windows, weight=np.ones_like(noise))
+    slow = 3 * np.sin(np.arange(20_000) / 500)[None, :, None]
+    rows = [Law("good", 1, 0, 0, 0, "ok", {}, free=3), Law("poor", 0, 0, 0, 0, "ok", {}, free=2)]
+    good, poor = with_bic(rows, [noise, noise + slow], windows)
+    count = noise.size / 3
+    expected = count * np.log(np.sum((noise + slow) ** 2) / np.sum(noise**2)) - np.log(count)
+    assert poor.bic - good.bic == pytest.approx(expected, rel=0.02)

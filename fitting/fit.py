@@ -16,7 +16,7 @@ from fitting import gradient as gradient_method
 from fitting import lyapunov as chaos
 from fitting.conventions import settle_convention
 from fitting.gauss_newton import Solution, fit_windows
-from fitting.heldout import check_spans, fitted_spans
+from fitting.heldout import check_spans, fitted_spans, only
 from fitting.naming import default_free, full_names
 from fitting.parameters import Parameter, missing_effects, resolve
 from fitting.planar import check_planar
@@ -175,14 +175,16 @@ def prepare(
     period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
     simulator = simulator or Simulator(model, parameters, choose_stepper(model))
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
-    sigma = [noise(trace) for trace in runs]
+    # what is held out touches nothing, not even the noise or the first guess of a start
+    seen = [only(trace, [(low, high) for run, low, high in spans if run == i]) for i, trace in enumerate(runs)]
+    sigma = [noise(trace) for trace in seen]
     length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
     values = np.array([p.value for p in parameters])
 
     def windowed(length: float) -> tuple[Windows, Starts, float]:
         say(0.02, f"windows of {length:.3g} s: compiling")
         windows = cut(runs, length, dt, sigma, spans)
-        starts = first_starts(model, runs, windows, SMOOTH_PART * period)
+        starts = first_starts(model, seen, windows, SMOOTH_PART * period)
         evaluation = simulator(values, starts, windows)
         _check_effective(parameters, evaluation.jacobian, simulator.freedoms)
         return windows, starts, chaos.lyapunov(simulator, windows, evaluation, values)

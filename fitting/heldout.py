@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,6 +63,14 @@ def fitted_spans(
     return found
 
 
+def only(trace: Trace, spans: Sequence[tuple[float, float]]) -> Trace:
+    """The trace with every sample outside the spans [s] missing."""
+    inside = np.zeros(len(trace.t), bool)
+    for low, high in spans:
+        inside |= (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
+    return replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan))
+
+
 def score_held_out(prepared: Prepared, values: np.ndarray, span: tuple[float, float]) -> HeldOut:
     """RMS angle error [rad] on a span, its starts fitted on its own angles, the parameters held.
 
@@ -96,8 +105,6 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
     """Only the starts of windows, on a growing part of each."""
-    from dataclasses import replace
-
     simulator = prepared.simulator
     starts = first_starts(
         simulator.model_at(values), _seen_only(prepared.traces, windows), windows, 0.12 * prepared.period

@@ -66,14 +66,6 @@ def test_joining_the_windows_makes_the_errors_several_times_smaller(twins, separ
     assert np.all(np.abs(joined.values - TRUTH) < 4 * joined.uncertainty.std_error)
 
 
-def test_gradient_descent_ends_within_half_a_standard_error_of_gauss_newton(twins, separate):
-    prepared, (solution, windows) = twins[0], separate[0]
-    joint = summarise(prepared, "windows", solution, windows)
-    descent, _ = estimate(prepared, "gradient")
-    assert descent.status == "ok"
-    assert np.all(np.abs(descent.values - joint.values) < 0.5 * joint.uncertainty.std_error)
-
-
 def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, separate):
     """Fewer windows, all unknowns in one dense vector, trust region of SciPy."""
     prepared, (solution, _) = twins[0], separate[0]

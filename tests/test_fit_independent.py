@@ -79,8 +79,8 @@ def ready(rods):
     """`ready(traces)`: a prepared fit ten times off; all of them share one compiled simulator."""
     shared = []
 
-    def make(traces):
-        prepared = prepare(traces, rods, FREE, window=WINDOW, simulator=shared[0] if shared else None)
+    def make(traces, **options):
+        prepared = prepare(traces, rods, FREE, window=WINDOW, simulator=shared[0] if shared else None, **options)
         shared[:] = [prepared.simulator]
         return prepared
 
@@ -140,7 +140,21 @@ def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(ready
         assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.05)
 
 
-@pytest.mark.parametrize("settings", [{"optimizer": "adam"}, {"loss": "spectrum"}])
+def test_nothing_of_what_is_held_out_touches_the_fit(ready, motion):
+    """Whatever stands in the held-out spans: the same windows, noise, first starts, and so the same fit."""
+    trace, other = seen(motion, 0), seen(motion, 0)
+    held = ((trace.t >= 4.8) & (trace.t < 6.0)) | (trace.t >= 8.4)
+    other.theta[held] += 0.3 * np.random.default_rng(1).standard_normal((held.sum(), 2))
+    both = [ready(one, until=8.4, held_out=[(4.8, 6.0), (8.4, 9.6)]) for one in (trace, other)]
+    for name in ("theta", "weight", "index", "begin"):
+        np.testing.assert_array_equal(*(getattr(prepared.windows, name) for prepared in both))
+    np.testing.assert_array_equal(*(prepared.starts.theta for prepared in both))
+    np.testing.assert_array_equal(*(prepared.starts.omega for prepared in both))
+    known = both[0].windows.times()[both[0].windows.weight[..., 0] > 0]
+    assert not np.any((known >= 4.8 - 1e-6) & (known < 6.0 - 1e-6) | (known >= 8.4 - 1e-6))
+
+
+@pytest.mark.parametrize("settings", [{}, {"optimizer": "adam"}, {"loss": "spectrum"}])
 def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, ten, settings):
     descent, _ = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
     assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)

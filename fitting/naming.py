@@ -36,14 +36,17 @@ def default_free(scene: Any) -> list[str]:
     return found
 
 
-def full_names(scene: Any, names: Sequence[str]) -> list[str]:
-    """Paths of names that may be short: `b_l`, `dry`, `dry.1` where only one field is called so."""
-    return [_full(scene, name.strip()) for name in names]
+def full_names(scene: Any, names: Sequence[str], option: str = "free") -> list[str]:
+    """Paths of names that may be short: `b_l`, `dry`, `dry.1` where only one field is called so.
+
+    `option` is what a mistake is called after.
+    """
+    return [_full(scene, name.strip(), option) for name in names]
 
 
-def _full(scene: Any, name: str) -> str:
+def _full(scene: Any, name: str, option: str) -> str:
     if not name:
-        raise SceneError("free: an empty name; allowed: names of parameters, separated by commas")
+        raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     if name.count(".") >= 2 or name == "camera.offset":
         return name
     stem, _, entry = name.partition(".")
@@ -58,5 +61,5 @@ def _full(scene: Any, name: str) -> str:
         ]
     if len(found) != 1:
         short = sorted({p.rsplit(".", 1)[1] for p in known} | {key for keys in DAMPING.values() for key in keys})
-        raise SceneError(f"free: {name!r} does not exist in the scene; {nearest(stem, short + known)}")
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + known)}")
     return found[0] + (f".{entry}" if entry else "")

@@ -60,6 +60,7 @@ def resolve(
     start: Mapping[str, float] | None = None,
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
+    option: str = "free",
 ) -> tuple[Parameter, ...]:
     """The free parameters of these paths.
 
@@ -68,21 +69,22 @@ def resolve(
         start: start values by path, else the model's.
         bounds: (low, high) by path, inside the declared range; None keeps the declared one.
         priors: (mean, standard deviation) by path.
+        option: what a mistake in `names` is called after.
 
     Raises:
         SceneError: a path that does not exist (with the nearest), or bounds without room.
     """
     found: list[Parameter] = []
     for name in names:
-        found += _expand(model, name)
+        found += _expand(model, name, option)
     twice = [p.name for i, p in enumerate(found) if p.name in [q.name for q in found[:i]]]
     if twice:
-        raise SceneError(f"free: {twice[0]!r} is given twice; allowed: every parameter once")
+        raise SceneError(f"{option}: {twice[0]!r} is given twice; allowed: every parameter once")
     known = [p.name for p in found]
-    for option, given in (("start", start), ("bounds", bounds), ("prior", priors)):
+    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
         for name in given or {}:
             if name not in known:
-                raise SceneError(f"{option}: {name!r} is not a free parameter; {nearest(name, known)}")
+                raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
     return tuple(_adjust(p, start or {}, bounds or {}, priors or {}) for p in found)
 
 
@@ -120,10 +122,10 @@ def _fields(item: Any) -> list[dataclasses.Field]:
     ]
 
 
-def _expand(model: Model, name: str) -> list[Parameter]:
+def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if name == CAMERA:
         return [Parameter(CAMERA, ("camera", 0, "offset", None), 0.0, unit="rad")]
-    section, index, field, entry = _locate(model, name)
+    section, index, field, entry = _locate(model, name, option)
     item = getattr(model, section)[index]
     value = np.asarray(getattr(item, field.name))
     meta = field.metadata
@@ -132,7 +134,7 @@ def _expand(model: Model, name: str) -> list[Parameter]:
     flat = value.reshape(-1)
     count = _used(model, section, item, field, len(flat))
     if entry is not None and entry >= len(flat):
-        raise SceneError(f"free: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
+        raise SceneError(f"{option}: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
     entries = range(count) if entry is None else [entry]
     stem = name if entry is None else name.rsplit(".", 1)[0]
     return [_parameter(f"{stem}.{i}", (section, index, field.name, i), float(flat[i]), meta) for i in entries]
@@ -153,7 +155,7 @@ def _parameter(name: str, where: tuple, value: float, meta: Mapping) -> Paramete
     return Parameter(name, where, value, low, high, meta["unit"])
 
 
-def _locate(model: Model, name: str) -> tuple[str, int, dataclasses.Field, int | None]:
+def _locate(model: Model, name: str, option: str) -> tuple[str, int, dataclasses.Field, int | None]:
     words = name.split(".")
     entry = int(words.pop()) if len(words) > 3 and words[-1].isdecimal() else None
     sections = {"point": "points", "line": "lines", "effects": "effects"}
@@ -164,7 +166,7 @@ def _locate(model: Model, name: str) -> tuple[str, int, dataclasses.Field, int |
                 field = next((f for f in _fields(item) if f.name == words[2]), None)
                 if field is not None:
                     return sections[words[0]], i, field, entry
-    raise SceneError(f"free: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
+    raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
 
 
 def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:

@@ -109,14 +109,11 @@ def study(scene: Any, of: str, to: Sequence[str]) -> Study:
         SceneError: unknown names.
     """
     scene = load_scene(scene)
-    try:
-        names = full_names(scene, to)
-        added = missing_effects(scene, names)
-        scene = scene.with_values(added) if added else scene
-        model, start = build(scene)
-        parameters = resolve(model, names)
-    except SceneError as error:
-        raise SceneError(str(error).replace("free:", "to:", 1)) from None
+    names = full_names(scene, to, "to")
+    added = missing_effects(scene, names)
+    scene = scene.with_values(added) if added else scene
+    model, start = build(scene)
+    parameters = resolve(model, names, option="to")
     return Study(scene, quantity(of, model), parameters, model, start)
 
 
@@ -242,7 +239,7 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
     """Range of each parameter in a global study: the given one, else 20 % each way, inside its bounds."""
     given = given or {}
-    full = dict(zip(full_names(problem.scene, list(given)), given.values(), strict=True))
+    full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
     for name, (low, high) in full.items():
         if name not in problem.names or not low < high:
             raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")

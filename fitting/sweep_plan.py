@@ -182,10 +182,7 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
     for name in names:
         if name.startswith("run."):
             raise SceneError(f"vary: {name!r} belongs to the compiled program; allowed: one sweep for each value")
-        try:
-            found.append(name if name.count(".") >= 2 else full_names(scene, [name])[0])
-        except SceneError as error:
-            raise SceneError(str(error).replace("free:", "vary:", 1)) from None
+        found.append(name if name.count(".") >= 2 else full_names(scene, [name], "vary")[0])
     for path in found:
         if found.count(path) > 1:
             raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
@@ -204,7 +201,7 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     still = words[0] == "effects" and words[1] in DAMPING and words[2] in DAMPING[words[1]]
     model = build_model(scene)
     try:
-        parameters = resolve(model, [path])
+        parameters = resolve(model, [path], option="vary")
     except SceneError:
         return Axis(path, values)
     inside = apply(model, parameters, np.full(len(parameters), float(values[-1])))

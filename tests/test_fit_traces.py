@@ -7,6 +7,8 @@ import dropper_jax as dj
 from dropper_jax.errors import SceneError
 from fitting import planar
 from fitting.conventions import settle_convention
+from fitting.naming import full_names
+from fitting.parameters import resolve
 from fitting.traces import Convention, Trace, convention, local_polynomial, noise, read_trace, write_trace
 
 ANY = Convention()
@@ -129,3 +131,11 @@ def test_too_few_samples_per_oscillation_are_refused(dropper):
     trace = still_swinging(model, start)
     with pytest.raises(SceneError, match="too few per oscillation"):
         settle_convention(Trace("x", trace.t * 20, trace.theta), model, ANY)
+
+
+@pytest.mark.parametrize(
+    ("option", "names"), [("free", ["b_x"]), ("to", ["effects.weight.b_l"]), ("vary", ["line.0.mass.9"])]
+)
+def test_a_wrong_name_is_called_after_the_option_that_gave_it(dropper, option, names):
+    with pytest.raises(SceneError, match=f"^{option}: '{names[0]}'"):
+        resolve(dropper[0], full_names(dj.load_scene("dropper-release-a"), names, option), option=option)

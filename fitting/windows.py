@@ -21,10 +21,10 @@ import numpy as np
 from dropper_jax.errors import SceneError
 from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
+from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model
 from dropper_jax.stepping import Stepper
 from fitting import planar
-from fitting.composition import Rattle4
 from fitting.parameters import Parameter, apply, camera_offset
 from fitting.traces import Trace, local_polynomial
 

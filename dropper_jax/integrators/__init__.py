@@ -8,6 +8,7 @@ from dropper_jax.errors import SceneError, nearest
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
 from dropper_jax.integrators.rattle import Rattle
+from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.integrators.rk2 import RK2
 from dropper_jax.integrators.rk4 import RK4
 from dropper_jax.integrators.semi_implicit_euler import SemiImplicitEuler
@@ -29,6 +30,7 @@ INTEGRATORS = {
         RK2,
         RK4,
         EnergyMomentum4,
+        Rattle4,
         ThesisAngles,
     )
 }

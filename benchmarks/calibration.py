@@ -3,24 +3,22 @@
 The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, integrated by energy_momentum at
 1/2400 s (the fit runs rattle_4 at 1/120 s), seen at 60 Hz for 48 s with 0.005 rad of noise. Fits start at (0.02, 0.02).
 
-    python benchmarks/calibration.py twin|coverage|dry|speed|gradient [--seeds N]
+    python benchmarks/calibration.py twin|coverage|dry|bias|speed|gradient [--seeds N]
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from calibration_theory import linearise
 
 from dropper_jax import load_scene
 from dropper_jax.io import atomic_write
 from fitting.fit import estimate, prepare, summarise
-from fitting.gauss_newton import fit_windows, normal_blocks
 from fitting.synthetic import Camera, observe, simulate_truth
-from fitting.windows import cut, first_starts
 
 RESULTS = Path(__file__).parent / "results"
 SCENE, DURATION, NOISE = "dropper-release-a", 48.0, 0.005
@@ -69,30 +67,6 @@ class Twin:
         self.simulator = None
         self.truth = np.array([TRUTH[name] for name in free])
 
-    def bound(self) -> np.ndarray:
-        """Cramer and Rao's bound on the relative standard errors of `windows` (k,), at the truth, from no trace.
-
-        With white noise of deviation s the information is J'J/s^2, and what the window starts take of it is removed by
-        the Schur complement.
-        """
-        prepared = self.prepare(0)
-        windows, simulator = prepared.windows, prepared.simulator
-        clean = observe(self.motion, Camera(angle_noise=1e-9), 0)
-        clean = clean.in_model_convention(clean.convention)
-        starts = first_starts(simulator.model_at(self.truth), [clean], windows, 0.03)
-        starts = fit_windows(
-            simulator,
-            cut([clean], windows.length, windows.dt, [np.full(clean.links, NOISE)]),
-            self.truth,
-            starts,
-            frozen=np.ones(len(self.truth), bool),
-        ).starts
-        known = windows.weight > 0
-        exact = replace(windows, weight=np.where(known, 1 / NOISE, 0.0))
-        normal = normal_blocks(simulator(self.truth, starts, exact), np.ones_like(exact.weight), simulator.freedoms)
-        taken = np.einsum("kij,kil->jl", normal.B, np.linalg.solve(normal.A, normal.B))
-        return np.sqrt(np.diag(np.linalg.inv(normal.C - taken))) / self.truth
-
     def prepare(self, seed: int):  # noqa: ANN201
         """Everything ready for an estimator, on the noise of this seed."""
         trace = observe(self.motion, Camera(angle_noise=NOISE), seed)
@@ -137,12 +111,37 @@ def run_twin(seeds: int, methods: tuple[str, ...] = ("windows", "shooting"), fre
 def run_dry(seeds: int) -> dict:
     """Three coefficients: Cramer and Rao's bound, then what the fits reach."""
     twin = Twin((*FREE, DRY), DRY_DURATION)
-    bound = twin.bound()
+    bound = linearise(twin, NOISE).std_error / twin.truth
     found = {"cramer_rao_relative": bound.tolist()}
     for method in ("windows", "shooting"):
         found[method] = statistics(twin, [twin.fit(seed, method) for seed in range(seeds)])
     found["windows_over_bound"] = (np.array(found["windows"]["median_relative_std_error"]) / bound).tolist()
     return found
+
+
+def run_bias(seeds: int) -> dict:
+    """Is the mean error of the twin's fits chance or bias? Linear theory on the same draws of noise, and on more."""
+    twin = Twin()
+    theory = linearise(twin, NOISE)
+    z = np.array([theory.z(seed) for seed in range(seeds)])
+    fits = np.array(json.loads((RESULTS / "calibration_twin.json").read_text())["windows"]["z"])
+    rows = [{"draws": n, **_moments(z[:n])} for n in (len(fits), 60, seeds)]
+    return {
+        "parameters": list(twin.free),
+        "cramer_rao_relative": (theory.std_error / twin.truth).tolist(),
+        "error_without_noise_in_std_errors": theory.own.tolist(),
+        "linear_theory": rows,
+        "fits_less_linear_theory_in_std_errors": (fits - z[: len(fits)]).mean(axis=0).tolist(),
+        "correlation_of_fits_with_theory": [float(np.corrcoef(z[: len(fits), i], fits[:, i])[0, 1]) for i in (0, 1)],
+    }
+
+
+def _moments(z: np.ndarray) -> dict:
+    return {
+        "z_rms": np.sqrt((z**2).mean(axis=0)).tolist(),
+        "z_mean_in_its_error": (z.mean(axis=0) * np.sqrt(len(z))).tolist(),
+        "covered_90": (np.abs(z) < 1.645).mean(axis=0).tolist(),
+    }
 
 
 def run_gradient(seeds: int) -> dict:
@@ -166,6 +165,7 @@ PARTS = {
     "twin": lambda n: run_twin(n or 20),
     "coverage": lambda n: run_twin(n or 60),
     "dry": lambda n: run_dry(n or 8),
+    "bias": lambda n: run_bias(n or 2000),
     "gradient": lambda n: run_gradient(n or 4),
     "speed": lambda n: run_speed(n or 1),
 }

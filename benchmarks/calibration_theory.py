@@ -1,0 +1,79 @@
+"""What linear theory says of a twin, before any fit: Cramer and Rao's bound, and the error that a draw of noise makes.
+
+With residuals (simulated - measured)/s, J = [Z P] at the truth and the window starts eliminated,
+
+    P' = P - Z (Z'Z)^-1 Z'P,    covariance C = (P''P')^-1,    error of a fit to noise e: C P'' e + O(e^2)
+
+so that fits of the same draws tell chance from bias: what is left after the linear error is the estimator's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.fit import SMOOTH_PART
+from fitting.gauss_newton import fit_windows
+from fitting.synthetic import Camera, observe
+from fitting.windows import Windows, cut, first_starts
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear theory of the `windows` estimator on one twin.
+
+    Attributes:
+        slope: P' (rows, k) [1/parameter].
+        covariance: C (k, k).
+        windows: of the noise-free angles.
+        own: error (k,) in standard errors that the simulator's step makes without noise.
+    """
+
+    twin: Any
+    noise: float
+    slope: np.ndarray
+    covariance: np.ndarray
+    windows: Windows
+    own: np.ndarray
+
+    @property
+    def std_error(self) -> np.ndarray:
+        """Cramer and Rao's bound (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def z(self, seed: int) -> np.ndarray:
+        """Error over standard error (k,) that this draw of noise makes, to first order."""
+        noisy = _windows(self.twin, self.noise, seed, self.windows.length, self.windows.dt)
+        draw = (noisy.theta - self.windows.theta) * self.windows.weight
+        return self.covariance @ (self.slope.T @ draw.ravel()) / self.std_error
+
+
+def linearise(twin: Any, noise: float) -> Linear:
+    """The theory of a twin of calibration.py with white noise [rad]."""
+    prepared = twin.prepare(0)
+    simulator, m2 = prepared.simulator, prepared.simulator.freedoms
+    windows = _windows(twin, 0.0, 0, prepared.windows.length, prepared.windows.dt, weight=noise)
+    clean = _trace(twin, 0.0, 0)
+    guess = first_starts(simulator.model_at(twin.truth), [clean], windows, SMOOTH_PART * prepared.period)
+    frozen = np.ones(len(twin.truth), bool)
+    starts = fit_windows(simulator, windows, twin.truth, guess, frozen=frozen).starts
+    evaluation = simulator(twin.truth, starts, windows)
+    jacobian = evaluation.jacobian.reshape(windows.count, -1, m2 + len(twin.truth))
+    z, p = jacobian[..., :m2], jacobian[..., m2:]
+    turn = np.swapaxes(z, 1, 2)
+    slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
+    covariance = np.linalg.inv(slope.T @ slope)
+    own = -covariance @ (slope.T @ evaluation.residual.ravel()) / np.sqrt(np.diag(covariance))
+    return Linear(twin, noise, slope, covariance, windows, own)
+
+
+def _trace(twin: Any, noise: float, seed: int) -> Any:
+    trace = observe(twin.motion, Camera(angle_noise=noise), seed)
+    return trace.in_model_convention(trace.convention)
+
+
+def _windows(twin: Any, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
+    trace = _trace(twin, noise, seed)
+    return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])

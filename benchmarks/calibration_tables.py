@@ -34,6 +34,24 @@ def held_out_table() -> str:
     return markdown(rows)
 
 
+def twin_table() -> str:
+    """Twin experiments: how many converge, errors over standard errors, cover, and how large the errors are."""
+    rows = [("twin", "method", "converged", "RMS of error/std error", "90 % intervals cover", "median std error")]
+    for title, name in (("linear + quadratic", "twin"), ("60 draws", "coverage"), ("with dry friction", "dry")):
+        if not (RESULTS / f"calibration_{name}.json").exists():
+            continue
+        for method, found in load(f"calibration_{name}").items():
+            if method not in ("windows", "shooting"):
+                continue
+            three = (
+                ", ".join(f"{x:.2f}" for x in found["z_rms"]),
+                ", ".join(f"{100 * x:.0f} %" for x in found["covered_90"]),
+                ", ".join(f"{100 * x:.2g} %" for x in found["median_relative_std_error"]),
+            )
+            rows.append((title, method, f"{found['converged']} of {found['fits']}", *three))
+    return markdown(rows)
+
+
 def law_table(rig: str) -> str:
     """Damping laws of one rig on windows before the held-out part."""
     laws = load(f"measured_{rig}_pendulum")["laws_on_windows_before_the_held_out_part"]
@@ -47,6 +65,7 @@ def law_table(rig: str) -> str:
 
 
 TABLES = {
+    "twins": twin_table,
     "held out": held_out_table,
     "laws of the single pendulum": lambda: law_table("single"),
     "laws of the double pendulum": lambda: law_table("double"),

@@ -154,7 +154,7 @@ def test_nothing_of_what_is_held_out_touches_the_fit(ready, motion):
     assert not np.any((known >= 4.8 - 1e-6) & (known < 6.0 - 1e-6) | (known >= 8.4 - 1e-6))
 
 
-@pytest.mark.parametrize("settings", [{}, {"optimizer": "adam"}, {"loss": "spectrum"}])
+@pytest.mark.parametrize("settings", [{}, {"optimizer": "adam", "steps": 45}, {"loss": "spectrum", "horizon": (1.0,)}])
 def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, ten, settings):
     descent, _ = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
     assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)

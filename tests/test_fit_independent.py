@@ -8,6 +8,7 @@ and p_n the nodes:
     Q_j = -c (w_j - w_{j-1}) + c (w_{j+1} - w_j) - b_q sum_{n >= j} |p_n'| p_n' . dp_n/dphi_j
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 from fitting.comparison import Law, compare, with_bic
 from fitting.fit import estimate, prepare, summarise
+from fitting.gauss_newton import fit_windows
 from fitting.gradient import ProjectedLoss
 from fitting.traces import Convention, Trace
 
@@ -183,3 +185,32 @@ def test_bic_counts_the_same_samples_for_every_law(ready, motion):
     count = noise.size / 3
     expected = count * np.log(np.sum((noise + slow) ** 2) / np.sum(noise**2)) - np.log(count)
     assert poor.bic - good.bic == pytest.approx(expected, rel=0.02)
+
+
+class Rough:
+    """A simulator that makes every point but the first worse: what a cost with jumps looks like where it is lowest."""
+
+    def __init__(self, smooth, size):
+        self.smooth, self.size, self.calls = smooth, size, 0
+
+    def __getattr__(self, name):
+        return getattr(self.smooth, name)
+
+    def __call__(self, values, starts, windows):
+        found = self.smooth(values, starts, windows)
+        self.calls += 1
+        jump = self.size * min(self.calls, 2) * np.random.default_rng(self.calls).standard_normal(found.residual.shape)
+        return found._replace(residual=found.residual + jump * (windows.weight > 0))
+
+
+@pytest.mark.parametrize(("size", "status"), [(0.3, "ok"), (2.0, "not_converged")])
+def test_where_no_step_lowers_the_cost_a_fit_says_how_far_its_minimum_is(ready, motion, ten, size, status):
+    """A tenth of a standard error is converged; the windows' own optimum tells how far the point really is."""
+    prepared, best = ready(seen(motion, 0)), ten[0]
+    found = fit_windows(
+        Rough(prepared.simulator, size), prepared.windows, best.values, best.solution.starts, iterations=30
+    )
+    left = float(re.search(r"is (\S+) standard errors away", found.message).group(1))
+    assert found.status == status
+    assert (left < 0.1) == (status == "ok")
+    np.testing.assert_array_equal(found.values, best.values)

@@ -113,9 +113,15 @@ def overgrown(scene: Scene) -> Scene:
 
 def check_growth(scene: Scene) -> None:
     """Growth needs water and the diameter of the bare rope, and the volume must follow from the diameter."""
-    line = scene.lines[0]
-    if line.growth is None:
+    grown_lines = [i for i, line in enumerate(scene.lines) if line.growth is not None]
+    if not grown_lines:
         return
+    if scene.branched:
+        raise SceneError(
+            f"line.{grown_lines[0]}.growth: is for scenes of one line; allowed in a system: mass and diameter of the grown "
+            "line in its type"
+        )
+    line = scene.lines[0]
     if scene.sea is None:
         raise SceneError("line.0.growth: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
     if line.diameter is None:

@@ -146,9 +146,8 @@ def _fill(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) 
     fraction = place - index
     fraction = np.where(np.abs(fraction) < 10 * ON_GRID, 0.0, fraction)
     known = np.isfinite(theta)
-    error = (
-        np.broadcast_to(sigma, theta.shape) if trace.se is None else np.where(np.isfinite(trace.se), trace.se, sigma)
-    )
+    se = None if trace.se is None else trace.se[keep]
+    error = np.broadcast_to(sigma, theta.shape) if se is None else np.where(np.isfinite(se), se, sigma)
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
 
 

@@ -1,0 +1,164 @@
+"""The lens from pictures of a chessboard, and metres from a board or a known distance.
+
+A camera maps a point (X, Y, Z) to x = X/Z, y = Y/Z, bends it to x (1 + k1 r^2 + k2 r^4) plus tangential terms
+(Brown 1966; Zhang 2000, as in OpenCV), and scales it by the matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. "Straight"
+pixels below are those of the same camera without bending.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from fitting.tracking.video import opencv, read_image
+
+#: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.
+LARGEST_ERROR = 1.0
+#: Fewest pictures in which the board must be found: fewer do not determine focal length and bending together.
+FEWEST = 4
+#: A focal length beyond this many image widths is no camera's: the search ran away.
+LONGEST_FOCUS = 20.0
+NOT_CONVERGED = "calibration: did not converge; allowed: pictures at several slants and places"
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A calibrated camera.
+
+    Attributes:
+        matrix: (3, 3) [pixel]; distortion: (5,) k1, k2, p1, p2, k3.
+        error: RMS reprojection error [pixel]; pictures: how many showed the board.
+        size: (width, height) [pixel] of the pictures.
+    """
+
+    matrix: np.ndarray
+    distortion: np.ndarray
+    error: float
+    pictures: int
+    size: tuple[int, int]
+
+    def straighten(self, points: np.ndarray) -> np.ndarray:
+        """Straight pixels (k, 2) of image pixels (k, 2)."""
+        if not len(points):
+            return np.zeros((0, 2))
+        seen = np.asarray(points, float).reshape(-1, 1, 2)
+        return opencv().undistortPoints(seen, self.matrix, self.distortion, P=self.matrix).reshape(-1, 2)
+
+    def bend(self, points: np.ndarray) -> np.ndarray:
+        """The inverse of `straighten`."""
+        if not len(points):
+            return np.zeros((0, 2))
+        focus, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
+        rays = np.concatenate([(np.asarray(points, float) - centre) / focus, np.ones((len(points), 1))], axis=1)
+        none = np.zeros(3)
+        return opencv().projectPoints(rays, none, none, self.matrix, self.distortion)[0].reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Where the motion takes place: metres (right, up) of straight pixels, by a homography (3, 3)."""
+
+    homography: np.ndarray
+
+    def to_metres(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2) [m] of straight pixels (..., 2)."""
+        mapped = np.concatenate([points, np.ones_like(points[..., :1])], axis=-1) @ self.homography.T
+        return mapped[..., :2] / mapped[..., 2:]
+
+
+def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
+    """Inner corners of the chessboard (columns x rows, 2) [pixel], or None where it is not found."""
+    cv2 = opencv()
+    found, where = cv2.findChessboardCornersSB(image, board, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    return where.reshape(-1, 2).astype(np.float32) if found else None
+
+
+def board_points(board: tuple[int, int], square: float) -> np.ndarray:
+    """The same corners on the board, (columns x rows, 3) [m]."""
+    column, row = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
+    return np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1).astype(np.float32) * np.float32(
+        square
+    )
+
+
+def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -> Lens:
+    """The lens from pictures of a chessboard in different places and at different slants.
+
+    Args:
+        board: inner corners, columns and rows; their distance does not matter here.
+
+    Raises:
+        SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
+    """
+    cv2 = opencv()
+    images = [(Path(path).name, read_image(path)) for path in pictures]
+    if not images:
+        raise SceneError(f"calibration: no picture given; allowed: at least {FEWEST}")
+    sizes = {image.shape for _, image in images}
+    if len(sizes) > 1:
+        raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
+    found = [c for c in (corners(image, board) for _, image in images) if c is not None]
+    if len(found) < FEWEST:
+        raise SceneError(
+            f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
+            f"pictures; allowed: at least {FEWEST} (--board names the corners)"
+        )
+    height, width = images[0][1].shape
+    points = [board_points(board, 1.0)] * len(found)
+    try:
+        flags = cv2.CALIB_FIX_K3  # a third radial term is not determined by ordinary lenses
+        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, (width, height), None, None, flags=flags)
+    except cv2.error:
+        raise SceneError(NOT_CONVERGED) from None
+    focus = matrix[[0, 1], [0, 1]]
+    sensible = (focus > 0).all() and (focus < LONGEST_FOCUS * width).all()
+    if not (sensible and np.isfinite(error) and np.isfinite(bending).all()):
+        raise SceneError(NOT_CONVERGED)
+    if error > LARGEST_ERROR:
+        raise SceneError(
+            f"calibration: reprojection error {error:.3g} pixel; allowed: at most {LARGEST_ERROR:g} "
+            "(a flat board, sharp pictures, several slants)"
+        )
+    return Lens(matrix, np.ravel(bending)[:5], float(error), len(found), (width, height))
+
+
+def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, int], square: float) -> Plane:
+    """The plane of motion from one picture of the board lying in it; the picture's rows stay level.
+
+    Raises:
+        SceneError: no board in the picture.
+    """
+    image = read_image(picture)
+    found = corners(image, board)
+    if found is None:
+        raise SceneError(
+            f"{Path(picture).name}: no board of {board[0]} x {board[1]} inner corners found; "
+            "allowed: a sharp picture of all of it"
+        )
+    if lens is not None and lens.size != image.shape[::-1]:
+        raise SceneError(
+            f"{Path(picture).name}: {image.shape[::-1]} pixels; allowed: {lens.size}, those of the calibration"
+        )
+    straight = found.astype(float) if lens is None else lens.straighten(found)
+    homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
+    return Plane(_levelled(homography, straight.mean(axis=0)))
+
+
+def _levelled(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """The homography turned (and mirrored) so that at `middle` image right is +x and image up is +y."""
+    plane = Plane(homography)
+    right, down = (plane.to_metres(middle + step) - plane.to_metres(middle) for step in np.eye(2))
+    c, s = right / np.hypot(*right)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    if (turn[:2, :2] @ down)[1] > 0:
+        turn = np.diag([1.0, -1.0, 1.0]) @ turn
+    return turn @ homography
+
+
+def plane_from_scale(metres_per_pixel: float) -> Plane:
+    """A plane square to the camera's axis."""
+    return Plane(np.diag([metres_per_pixel, -metres_per_pixel, 1.0]))

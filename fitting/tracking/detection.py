@@ -1,0 +1,217 @@
+"""Circles in a frame, to a few hundredths of a pixel.
+
+Seeds are local extrema of a difference of two Gaussians, matched to the radius; the same at a quarter of the cost on a
+picture made smaller. Around each seed the edge is found along rays where the brightness crosses half way from the
+inside to the outside, and a circle is fitted to the edge points robustly: rays on which another marker touches, or a
+post hides the edge, drop out, so that half a circle is enough. Motion blur lengthens a marker on both sides alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from fitting.tracking.video import opencv
+
+RAYS = 48
+#: Distance of samples along a ray [pixel], and how far they go [radius].
+RAY_STEP, RAY_REACH = 0.5, 1.8
+#: Radius [pixel] to which pictures are made smaller before seeds are sought.
+SEED_RADIUS = 4.0
+#: Widths of the two Gaussians [radius]; the difference answers best to discs 1.15 times as large.
+NARROW, WIDE, BEST = 0.6, 1.2, 1.15
+#: Answers [grey] below this are noise.
+FAINTEST = 2.0
+#: Share of a marker's usual answer from which a spot is a seed, and share of rays that must show an edge.
+SEED_SHARE, RAY_SHARE = 0.35, 0.55
+#: Allowed radius and contrast, as shares of the usual ones.
+SMALLEST, LARGEST, CONTRAST_SHARE = 0.85, 1.35, 0.6
+#: Deviation of the radius [radius] and of an edge point [pixel]; passes in which departures are reweighted.
+RADIUS_SPREAD, EDGE_NOISE, REWEIGHTED = 0.04, 0.1, 8
+#: Radii [pixel] tried where none is named.
+RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a marker looks like: radius [pixel], brighter or darker than its rim, a seed's answer, contrast [grey]."""
+
+    radius: float
+    bright: bool
+    answer: float
+    contrast: float = 0.0
+
+
+@dataclass(frozen=True)
+class Circles:
+    """Circles of a frame: centre (m, 2), its standard error, radius [pixel], rays used, contrast [grey], each (m,)."""
+
+    centre: np.ndarray
+    error: np.ndarray
+    radius: np.ndarray
+    rays: np.ndarray
+    contrast: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.error)
+
+    def pick(self, which: np.ndarray) -> Circles:
+        return Circles(*(getattr(self, f.name)[which] for f in fields(self)))
+
+
+NONE = Circles(np.zeros((0, 2)), *[np.zeros(0)] * 4)
+
+
+def learn_look(image: np.ndarray, nodes: int, radius: float | None = None, bright: bool | None = None) -> Look:
+    """The radius and shade at which the `nodes` strongest spots of a picture stand out most."""
+    best = Look(radius or RADII[0], bool(bright), 0.0)
+    for shade in (True, False) if bright is None else (bright,):
+        for size in RADII if radius is None else (radius / BEST,):
+            answers = _spots(image, size, shade)[1]
+            if len(answers) >= nodes and answers[nodes - 1] > best.answer:
+                best = Look(BEST * size, shade, float(answers[nodes - 1]))
+    if best.answer < FAINTEST:
+        return replace(best, answer=0.0)
+    for _ in range(3):  # where the rim is sought depends on the radius
+        fitted = detect(image, best)
+        if len(fitted) < nodes:
+            break
+        whole = np.lexsort([fitted.error, -fitted.rays])[:nodes]
+        answers = _spots(image, best.radius, best.bright)[1]
+        best = replace(
+            best,
+            radius=float(np.median(fitted.radius[whole])),
+            answer=float(answers[min(nodes, len(answers)) - 1]),
+            contrast=float(np.median(np.sort(fitted.contrast)[-nodes:])),
+        )
+    return best
+
+
+def detect(image: np.ndarray, look: Look, guesses: np.ndarray | None = None) -> Circles:
+    """Circles that look like markers.
+
+    Args:
+        guesses: (m, 2) [pixel] more places to look at, where markers are expected.
+    """
+    where, answers = _spots(image, look.radius, look.bright)
+    seeds = where[answers > SEED_SHARE * look.answer]
+    if guesses is not None:
+        height, width = image.shape
+        inside = ((guesses >= 0) & (guesses <= (width - 1, height - 1))).all(axis=1)
+        seeds = np.concatenate([seeds, guesses[inside]])
+    if not len(seeds):
+        return NONE
+    smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
+    circles = _fit(smooth, seeds, look)
+    return _distinct(_fit(smooth, circles.centre, look), look) if len(circles) else NONE
+
+
+def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Local extrema (m, 2) [pixel] and their answers (m,) [grey], strongest first."""
+    cv2 = opencv()
+    shrink = max(1.0, radius / SEED_RADIUS)
+    small = image.astype(np.float32)
+    if shrink > 1:
+        small = cv2.resize(small, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    r = radius / shrink
+    answer = cv2.GaussianBlur(small, (0, 0), NARROW * r) - cv2.GaussianBlur(small, (0, 0), WIDE * r)
+    answer = answer if bright else -answer
+    reach = 2 * int(np.ceil(0.7 * r)) + 1
+    top = (answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0)
+    row, column = np.nonzero(top)
+    strength = answer[row, column]
+    order = np.argsort(-strength)[:200]
+    factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
+    return (np.stack([column, row], axis=1)[order] + 0.5) * factor - 0.5, strength[order]
+
+
+def _fit(image: np.ndarray, seeds: np.ndarray, look: Look) -> Circles:
+    """A circle around each seed (m, 2); those without enough of an edge are left out."""
+    angle = 2 * np.pi * np.arange(RAYS) / RAYS
+    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = np.arange(0.0, RAY_REACH * look.radius + RAY_STEP, RAY_STEP)
+    edge, contrast = _edges(_brightness(image, seeds, ray, along), along, look)
+    centre, radius, error, used = _circle(edge, ray, look.radius)
+    good = (used >= RAY_SHARE) & (radius > SMALLEST * look.radius) & (radius < LARGEST * look.radius)
+    good &= (np.hypot(*centre.T) < look.radius) & (contrast > CONTRAST_SHARE * look.contrast)
+    return Circles(seeds + centre, error, radius, used, contrast).pick(good)
+
+
+def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Samples (m, rays, k), bilinear; beyond the picture the nearest pixel."""
+    place = seeds[:, None, None] + along[:, None] * ray[:, None]
+    flat = place.reshape(-1, along.size, 2).astype(np.float32)
+    cv2 = opencv()
+    # in pieces: remap takes pictures of less than 32768 rows
+    parts = [
+        cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for part in np.array_split(flat, max(1, len(flat) // 20000))
+    ]
+    return np.concatenate(parts).reshape(len(seeds), RAYS, along.size)
+
+
+def _edges(light: np.ndarray, along: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (m, rays) at which each ray crosses half way from inside to outside, NaN where not; contrast (m,)."""
+    inside = np.median(light[..., along <= 0.5 * look.radius], axis=(1, 2))
+    rim = (along > 1.25 * look.radius) & (along < 1.6 * look.radius)
+    outside = np.median(light[..., rim], axis=(1, 2))
+    contrast = (inside - outside) if look.bright else (outside - inside)
+    half = 0.5 * (inside + outside)
+    above = light > half[:, None, None] if look.bright else light < half[:, None, None]
+    last = np.argmin(above, axis=2)  # the first sample beyond the edge
+    known = above[..., 0] & (last > 0) & (contrast > 0.3 * look.answer)[:, None]
+    last = np.maximum(last, 1)[..., None]
+    before, after = (np.take_along_axis(light, i, axis=2)[..., 0] for i in (last - 1, last))
+    step = np.where(after == before, 1.0, after - before)
+    return np.where(known, along[last[..., 0] - 1] + RAY_STEP * (half[:, None] - before) / step, np.nan), contrast
+
+
+def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray, ...]:
+    """Centres (m, 2) relative to the seeds, radii, standard errors [pixel], shares of rays used.
+
+    To first order in the offset c, an edge point lies at `radius + c . ray` along its ray, with the radius known to a
+    few per cent from the other circles. The sum of absolute departures is made least (by reweighting), so that the
+    edge of a post that cuts off up to a third of the rays does not count; then rays beyond three deviations drop out.
+    """
+    design = np.concatenate([ray, np.ones((RAYS, 1))], axis=1)
+    known = np.isfinite(edge)
+    value = np.where(known, edge, usual) - usual
+    free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (RADIUS_SPREAD, 1e-4))
+    near = known & (np.abs(value) < 0.6 * usual)
+    weight, found = near / EDGE_NOISE**2, np.zeros((len(edge), 3))
+    for _ in range(REWEIGHTED):
+        off, found = _solve(design, weight, value, fixed)
+        weight = near / (EDGE_NOISE * np.maximum(np.abs(off), EDGE_NOISE))
+    spread = 1.4826 * np.nanmedian(np.where(near, np.abs(off), np.nan)[near.any(axis=1)], axis=1)
+    limit = np.zeros(len(edge))
+    limit[near.any(axis=1)] = np.maximum(3 * spread, 2 * EDGE_NOISE)
+    used = near & (np.abs(off) < limit[:, None])
+    off, found = _solve(design, used / EDGE_NOISE**2, value, free)
+    count = used.sum(axis=1)
+    variance = (used * off**2).sum(axis=1) / np.maximum(count - 2, 1)
+    inverse = np.linalg.inv(np.einsum("mr,ri,rj->mij", used, ray, ray) + 1e-9 * np.eye(2))
+    # neighbouring rays share pixels: an independent edge point per pixel of the rim at most
+    shared = max(1.0, RAYS / (2 * np.pi * usual))
+    error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
+    return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
+
+
+def _solve(
+    design: np.ndarray, weight: np.ndarray, value: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Departures (m, rays) and coefficients (m, 3) of weighted least squares."""
+    normal = np.einsum("mr,ri,rj->mij", weight, design, design) + prior
+    found = np.linalg.solve(normal, np.einsum("mr,ri,mr->mi", weight, design, value)[..., None])[..., 0]
+    return value - found @ design.T, found
+
+
+def _distinct(circles: Circles, look: Look) -> Circles:
+    """One circle of each group whose centres nearly coincide: that with the most rays, then the least error."""
+    order = np.lexsort([circles.error, -np.round(circles.rays, 1)])
+    kept: list[int] = []
+    for i in order:
+        apart = np.hypot(*(circles.centre[kept] - circles.centre[i]).T)
+        if (apart > 0.5 * look.radius).all():
+            kept.append(i)
+    return circles.pick(np.array(kept, int))

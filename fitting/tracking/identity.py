@@ -1,0 +1,153 @@
+"""Which circle is which node, frame by frame: by where each is expected and by the chain's order and lengths.
+
+For the circles of a frame the assignment is sought that minimises the sum over nodes of `(departure from the expected
+place / its error)^2` and over links of `(length - known length)^2 / its error^2`, a price for each node that is not
+seen, no circle twice. Along the chain this is a dynamic programme (Viterbi 1967), exact and cheap. Two markers that
+come close are told apart by the lengths of the links on either side. A node that is not seen is bridged: it goes on
+as expected, drawn to where the links to its neighbours put it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fitting.tracking.detection import Circles
+from fitting.tracking.ordering import Chain
+
+#: Price of not seeing a node, in squared standard deviations: 4 sigma.
+LOST_PRICE = 16.0
+#: Departures of a length count at most so much: a wrong neighbour must not drive a right node off.
+MOST_LENGTH_PRICE = 30.0
+#: Error of an expected place [pixel]: a floor, a share of the last step, a share of its last change.
+FLOOR, OF_STEP, OF_CHANGE = 1.5, 0.05, 0.7
+#: Error of a bridged place that goes on at its rate [pixel], and Gauss-Newton passes that draw it to its links.
+BRIDGE_ERROR, BRIDGE_PASSES = 5.0, 6
+#: Error of a link's length: at least this [pixel] and this share of it.
+LENGTH_FLOOR, LENGTH_SHARE = 0.6, 0.008
+
+
+@dataclass
+class Follower:
+    """The state of the chain from frame to frame.
+
+    Attributes:
+        chain: places at the first frame, lengths.
+        past: the last places (n, 2), newest first, at most three.
+        lost: frames since each node was seen (n,).
+    """
+
+    chain: Chain
+    past: list[np.ndarray] = field(default_factory=list)
+    lost: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        self.past = self.past or [self.chain.places.copy()]
+        self.lost = np.zeros(len(self.chain.places), int)
+        self.length_error = np.maximum(
+            np.maximum(LENGTH_FLOOR, LENGTH_SHARE * self.chain.length), np.minimum(self.chain.spread, 3.0)
+        )
+
+    def expected(self) -> np.ndarray:
+        """Places (n, 2) expected in the next frame: by the parabola through the last three, or the line through two."""
+        if len(self.past) == 1:
+            return self.past[0]
+        guess = 2 * self.past[0] - self.past[1]
+        if len(self.past) > 2:
+            guess = 3 * self.past[0] - 3 * self.past[1] + self.past[2]
+        return self._bridge(guess, self.lost > 0)
+
+    def _errors(self) -> np.ndarray:
+        step = np.zeros(len(self.lost))
+        change = np.full(len(self.lost), 4.0)
+        if len(self.past) > 1:
+            step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
+        if len(self.past) > 2:
+            change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
+        return (FLOOR + OF_STEP * step + OF_CHANGE * change) * (1.0 + self.lost)
+
+    def advance(self, circles: Circles) -> np.ndarray:
+        """Take the next frame; returns for each node the number of its circle, or -1 where it is not seen (n,)."""
+        guess = self.expected()
+        found = self._assign(circles.centre, guess, self._errors())
+        seen = found >= 0
+        places = np.where(seen[:, None], circles.centre[found] if len(circles) else guess, guess)
+        places = self._bridge(places, ~seen)
+        self.lost = np.where(seen, 0, self.lost + 1)
+        self.past = [places, *self.past[:2]]
+        return found
+
+    def _assign(self, centre: np.ndarray, guess: np.ndarray, error: np.ndarray) -> np.ndarray:
+        if not len(centre):
+            return np.full(len(guess), -1)
+        unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
+        unary[unary > 2 * LOST_PRICE] = np.inf
+        unary = np.concatenate([unary, np.full((len(guess), 1), LOST_PRICE)], axis=1)
+        apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+        pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
+        miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
+        pair[:, :-1, :-1] = np.minimum(miss**2, MOST_LENGTH_PRICE)
+        pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
+        return np.where((best := _without_doubles(unary, pair)[1]) == len(centre), -1, best)
+
+    def _bridge(self, places: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+        """Places in which the `unknown` nodes (n,) go on at their rate, drawn to where the links allow (Gauss-Newton).
+
+        Where both neighbours are known and the links are not in line, these fix the place; where they are in line, the
+        lengths say nothing across them and the rate carries the node through.
+        """
+        if not unknown.any():
+            return places
+        places, move = places.copy(), np.repeat(unknown, 2)
+        rate = self.past[0] - self.past[1] if len(self.past) > 1 else np.zeros_like(places)
+        places[unknown] = (self.past[0] + rate)[unknown]
+        expected = places.reshape(-1)[move].copy()
+        for _ in range(BRIDGE_PASSES):
+            rows, size = _length_rows(places)
+            rows = rows[:, move] / self.length_error[:, None]
+            short = (self.chain.length - size) / self.length_error
+            off = (places.reshape(-1)[move] - expected) / BRIDGE_ERROR**2
+            normal = rows.T @ rows + np.eye(len(expected)) / BRIDGE_ERROR**2
+            places.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
+        return places
+
+
+def _length_rows(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives (n - 1, 2 n) of the links' lengths by the places, and the lengths (n - 1,) [pixel]."""
+    link = np.diff(places, axis=0)
+    size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
+    rows = np.zeros((len(size), len(places), 2))
+    j = np.arange(len(size))
+    rows[j, j], rows[j, j + 1] = -link / size[:, None], link / size[:, None]
+    return rows.reshape(len(size), -1), size
+
+
+def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tuple[float, np.ndarray]:
+    """The cheapest assignment in which no circle serves two nodes: where one does, it is denied to either in turn."""
+    price, states = _viterbi(unary, pair)
+    taken = states[states < unary.shape[1] - 1]
+    double = [c for c in np.unique(taken) if (taken == c).sum() > 1]
+    if not double or depth >= 8:
+        return price, states
+    tries = []
+    owners = np.flatnonzero(states == double[0])
+    for keeper in owners:
+        denied = unary.copy()
+        denied[np.setdiff1d(owners, keeper), double[0]] = np.inf
+        tries.append(_without_doubles(denied, pair, depth + 1))
+    return min(tries, key=lambda found: found[0])
+
+
+def _viterbi(unary: np.ndarray, pair: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """Least sum of unary (n, m) and pair (n - 1, m, m) prices along a chain, and its states (n,)."""
+    price, back = unary[0], []
+    for step, own in zip(pair, unary[1:], strict=True):
+        total = price[:, None] + step
+        back.append(np.argmin(total, axis=0))
+        price = np.min(total, axis=0) + own
+    states = [int(np.argmin(price))]
+    for choice in reversed(back):
+        states.append(int(choice[states[-1]]))
+    return float(price.min()), np.array(states[::-1])

@@ -1,0 +1,159 @@
+"""Videos of a simulated run, as a laboratory camera would take them: the truth to test tracking against.
+
+A pinhole camera with a bending lens looks square at the plane of motion. Bars are grey, each node carries a black
+sticker with a bright disc; the picture is averaged over the exposure, blurred, and noisy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fitting.synthetic import Motion
+from fitting.tracking.calibration import Lens
+from fitting.tracking.video import opencv
+
+#: Grey of the plate, the bars, the stickers, the discs and a post before the plate.
+PLATE, BAR, STICKER, DISC, POST = 105.0, 150.0, 22.0, 235.0, 60.0
+#: Radius of a sticker [radius of the disc]; pictures averaged over an exposure.
+STICKER_SIZE, EXPOSURES = 1.7, 5
+
+
+@dataclass(frozen=True)
+class View:
+    """How a run is filmed.
+
+    Attributes:
+        size: (width, height) [pixel].
+        focus [pixel], bending (k1, k2), distance of the camera [m]: what a pixel is worth follows.
+        centre: (x, z) [m] of the run that the camera looks at.
+        radius: of the discs [m].
+        exposure: of a frame [s]; its middle is the frame's time.
+        blur [pixel], noise [grey]: standard deviations.
+        hidden: (node, first frame, last frame) in which a disc is covered.
+        post: (x, width) [m] of an upright post before the plate, or None.
+    """
+
+    size: tuple[int, int] = (640, 480)
+    focus: float = 800.0
+    bending: tuple[float, float] = (0.0, 0.0)
+    distance: float = 1.0
+    centre: tuple[float, float] = (0.0, 0.0)
+    radius: float = 0.008
+    exposure: float = 1 / 640
+    blur: float = 0.7
+    noise: float = 4.0
+    hidden: tuple[tuple[int, int, int], ...] = ()
+    post: tuple[float, float] | None = None
+
+    @property
+    def lens(self) -> Lens:
+        """The camera as a perfect calibration would give it."""
+        width, height = self.size
+        matrix = np.array([[self.focus, 0, (width - 1) / 2], [0, self.focus, (height - 1) / 2], [0, 0, 1.0]])
+        return Lens(matrix, np.array([*self.bending, 0.0, 0.0, 0.0]), 0.0, 0, self.size)
+
+    @property
+    def pixels_per_metre(self) -> float:
+        return self.focus / self.distance
+
+    def to_pixels(self, places: np.ndarray) -> np.ndarray:
+        """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
+        right, down = (places - np.asarray(self.centre)).T * [[1.0], [-1.0]]
+        straight = np.stack([right, down], axis=1) * self.pixels_per_metre + self.lens.matrix[:2, 2]
+        return self.lens.bend(straight)
+
+
+def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:
+    """Grey frames (height, width) of a run, one per 1/fps of its time; the same seed gives the same noise."""
+    rng = np.random.default_rng(seed)
+    at = CubicSpline(motion.t, motion.nodes[..., [0, 2]])
+    parts = np.linspace(-0.5, 0.5, 2 * EXPOSURES + 1)[1::2] * view.exposure
+    for i in range(int((motion.t[-1] - motion.t[0]) * fps + 1e-6) + 1):
+        hidden = [node for node, first, last in view.hidden if first <= i <= last]
+        shots = [_shot(view, view.to_pixels(at(motion.t[0] + i / fps + part)), hidden) for part in parts]
+        yield _develop(np.mean(shots, axis=0), view, rng)
+
+
+def chessboards(
+    view: View, board: tuple[int, int] = (9, 6), square: float = 0.03, count: int = 10, seed: int = 0
+) -> Iterator[np.ndarray]:
+    """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        turn = np.zeros(3) if i == 0 else rng.uniform(-0.5, 0.5, 3)
+        far = view.distance * (1.0 if i == 0 else rng.uniform(0.75, 1.1))
+        # to the sides, where a lens bends most, by turns; whole boards only are found
+        side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4]) if i else np.zeros(2)
+        shift = side * np.array(view.size) / view.focus * far
+        yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
+
+
+def _shot(view: View, nodes: np.ndarray, hidden: list[int]) -> np.ndarray:
+    width, height = view.size
+    image = np.full((height, width), PLATE, np.float32)
+    radius = view.radius * view.pixels_per_metre
+    cv2 = opencv()
+    for a, b in zip(nodes[:-1], nodes[1:], strict=True):
+        # coordinates with 4 binary digits behind the point
+        ends = [tuple(int(round(16 * x)) for x in p) for p in (a, b)]
+        cv2.line(image, *ends, BAR, max(1, round(1.6 * radius)), cv2.LINE_AA, 4)
+    for k, place in enumerate(nodes):
+        _disc(image, place, STICKER_SIZE * radius, STICKER)
+        if k not in hidden:
+            _disc(image, place, radius, DISC)
+    if view.post is not None:
+        x, wide = view.post
+        edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
+        image[:, max(0, round(edges[0])) : max(0, round(edges[1]))] = POST
+    return image
+
+
+def _disc(image: np.ndarray, centre: np.ndarray, radius: float, grey: float) -> None:
+    """Draw a disc whose rim is smooth over one pixel."""
+    low = np.maximum(np.floor(centre - radius - 2), 0).astype(int)
+    high = np.minimum(np.ceil(centre + radius + 3), image.shape[::-1]).astype(int)
+    if (low >= high).any():
+        return
+    y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    cover = np.clip(0.5 + radius - np.hypot(x - centre[0], y - centre[1]), 0.0, 1.0)
+    patch = image[low[1] : high[1], low[0] : high[0]]
+    patch += cover * (grey - patch)
+
+
+def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndarray:
+    if view.blur > 0:
+        image = opencv().GaussianBlur(image.astype(np.float32), (0, 0), view.blur)
+    noisy = image + view.noise * rng.standard_normal(image.shape, dtype=np.float32)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """A board with a white margin, its middle at `shift` from the camera, by looking along every pixel's ray."""
+    fine = 3  # samples per pixel and axis, averaged; within a pixel the lens bends all alike
+    width, height = view.size
+    lens = view.lens
+    rotation = opencv().Rodrigues(turn)[0]
+    to_board = np.linalg.inv(lens.matrix @ np.stack([rotation[:, 0], rotation[:, 1], shift], axis=1))
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    straight = lens.straighten(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(height, width, 2)
+    total = np.zeros((height, width))
+    step = (np.arange(fine) + 0.5) / fine - 0.5
+    for du, dv in product(step, step):
+        total += _squares(to_board, straight + (du, dv), board, square)
+    return (total / fine**2).astype(np.float32)
+
+
+def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int], square: float) -> np.ndarray:
+    """Grey of the board at straight pixels (height, width, 2)."""
+    x, y, w = (straight[..., 0] * row[0] + straight[..., 1] * row[1] + row[2] for row in to_board)
+    column, row = (a / w / square + (b + 1) / 2 for a, b in zip((x, y), board, strict=True))
+    wide, high = board[0] + 1, board[1] + 1
+    inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
+    margin = (column > -1) & (column < wide + 1) & (row > -1) & (row < high + 1)
+    black = inside & ((np.floor(column) + np.floor(row)) % 2 == 0)
+    return np.where(black, 25.0, np.where(margin, 225.0, PLATE))

@@ -103,7 +103,7 @@ def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, n
         (["run", SCENE, "--set", "run.dt"], ["--set: 'run.dt' is not KEY=VALUE"]),
         (["run", SCENE, "--out", "run.txt"], ["--out: 'run.txt'", ".npz"]),
         (["run", SCENE, "--out", "no-such-folder/run.npz"], ["--out", "'no-such-folder' does not exist"]),
-        (["run", SCENE, "--animate", "film.mp4"], ["--animate: 'film.mp4'", ".gif"]),
+        (["run", SCENE, "--animate", "film.mkv"], ["--animate: 'film.mkv'", ".gif"]),
         (["run", SCENE, "--colour"], ["unrecognized arguments: --colour"]),
         (["run"], ["required: SCENE"]),
         (["rnu"], ["'rnu'"]),

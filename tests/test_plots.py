@@ -1,5 +1,7 @@
 """Pictures of made-up motions: valid files, whole or absent, whatever the run looked like."""
 
+import shutil
+import sys
 from types import SimpleNamespace
 
 import matplotlib
@@ -8,6 +10,7 @@ import pytest
 from PIL import Image
 
 from dropper_jax import plots
+from dropper_jax.errors import SceneError
 from dropper_jax.plots import view
 from dropper_jax.plots.run import readable
 
@@ -173,3 +176,48 @@ def test_held_ends_are_those_that_never_move():
     np.testing.assert_allclose(view.fixed_ends(run.positions), [[0, 0, 0]])
     run.positions[:, -1] = [0.4, 0.0, 0.0]
     assert len(view.fixed_ends(run.positions)) == 2
+
+
+def test_an_mp4_without_ffmpeg_is_refused_before_anything_is_drawn(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SceneError, match=r"needs ffmpeg.*allowed: \.gif"):
+        plots.animate(run_of(5), tmp_path / "motion.mp4")
+    with pytest.raises(SceneError, match=r"allowed: \.gif, \.mp4"):
+        plots.animate(run_of(5), tmp_path / "motion.mkv")
+
+
+def stand_in(folder, text):
+    """A program named ffmpeg."""
+    program = folder / "bin" / "ffmpeg"
+    program.parent.mkdir()
+    program.write_text(f"#!{sys.executable}\nimport sys\ndata = sys.stdin.buffer.read()\n{text}\n")
+    program.chmod(0o755)
+    return str(program.parent)
+
+
+def test_an_mp4_gets_every_frame_whole(tmp_path, monkeypatch):
+    # a stand-in that keeps the number of bytes and what it was told, since few machines have the real one
+    keep = "open(sys.argv[-1], 'w').write(' '.join([str(len(data)), *sys.argv[1:-1]]))"
+    monkeypatch.setenv("PATH", stand_in(tmp_path, keep))
+    path = plots.animate(run_of(21), tmp_path / "motion.mp4", fps=10)
+    count, *told = path.read_text().split()
+    width, height = map(int, told[told.index("-s") + 1].split("x"))
+    frames = int(count) / (3 * width * height)
+    with Image.open(plots.animate(run_of(21), tmp_path / "motion.gif", fps=10)) as gif:
+        assert frames == gif.n_frames
+        assert gif.size == (width, height)
+    assert told[told.index("-r") + 1] == "10"
+
+
+def test_an_encoder_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", stand_in(tmp_path, "sys.exit('no such codec')"))
+    with pytest.raises(OSError, match="ffmpeg failed: no such codec"):
+        plots.animate(run_of(5), tmp_path / "motion.mp4")
+    assert [p.name for p in tmp_path.iterdir()] == ["bin"]
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not installed")
+def test_a_real_mp4_can_be_read_back(tmp_path):
+    video = pytest.importorskip("cv2").VideoCapture(str(plots.animate(run_of(21), tmp_path / "motion.mp4", fps=10)))
+    assert video.isOpened()
+    assert video.read()[0]

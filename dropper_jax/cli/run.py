@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
     parser.add_argument("--tables", metavar="DIR", help="write angles.csv (what `dropper fit` reads) and tensions.csv")
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
-    parser.add_argument("--animate", metavar="FILE.gif", help="write an animation")
+    parser.add_argument("--animate", metavar="FILE", help="write an animation, .gif or (with ffmpeg) .mp4")
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
@@ -51,7 +51,11 @@ def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", RUN_SUFFIXES)
     if out and out.suffix.lower() == ".nc":
         netcdf_packages()
-    gif = output_file(args.animate, "--animate", (".gif",))
+    film = output_file(args.animate, "--animate", (".gif", ".mp4"))
+    if film:
+        from dropper_jax.plots.animation import check_animation
+
+        check_animation(film)
     plot = _plot_target(args.plot)
     tables = _tables_folder(args.tables)
 
@@ -68,10 +72,10 @@ def run(args: argparse.Namespace) -> int:
         write_tensions(solution, tables / "tensions.csv")
     if plot:
         draw(solution, plot)
-    if gif:
+    if film:
         from dropper_jax import plots
 
-        plots.animate(solution, gif, progress=progress(args.quiet))
+        plots.animate(solution, film, progress=progress(args.quiet))
     return report(solution, args.json)
 
 

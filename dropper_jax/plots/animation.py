@@ -1,8 +1,11 @@
-"""Animation of a motion as a small GIF."""
+"""Animation of a motion as a small GIF, or as an MP4 where ffmpeg is installed."""
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
+from dropper_jax.errors import SceneError
 from dropper_jax.io import atomic_write
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
@@ -25,6 +29,8 @@ MOST_FRAMES = 240
 TRACE = 10
 #: Points of a cut through the surface.
 SURFACE_POINTS = 80
+
+SUFFIXES = (".gif", ".mp4")
 
 Progress = Callable[[float, str], None]
 
@@ -37,7 +43,7 @@ def animate(
     seconds: float | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """The motion as a GIF, links coloured by tension, with a trace of the middle node; loops for ever.
+    """The motion as a GIF or MP4, links coloured by tension, with a trace of the middle node; a GIF loops for ever.
 
     In real time where that needs at most 240 frames, else faster: the title says how fast.
 
@@ -47,11 +53,14 @@ def animate(
         progress: called with the part done, 0 to 1, and "animation".
 
     Returns:
-        path of the GIF.
+        path of the file.
 
     Raises:
         ValueError: `fps` or `seconds` not positive.
+        SceneError: another suffix, or an MP4 without ffmpeg.
     """
+    path = Path(path)
+    check_animation(path)
     if not fps > 0:
         raise ValueError(f"fps = {fps}: must be > 0")
     if seconds is not None and not seconds > 0:
@@ -60,20 +69,65 @@ def animate(
     frames, speed = _timing(run.t, delay / 1000, seconds)
     stage = _Stage(run, frames, speed)
 
-    def images() -> Iterator[Image.Image]:
+    def images() -> Iterator[np.ndarray]:
         for count, frame in enumerate(frames, start=1):
             yield stage.draw(frame)
             if progress is not None:
                 progress(count / len(frames), "animation")
 
     def write(file: Any) -> None:
-        rest = images()
+        rest = (Image.fromarray(i).quantize(palette=stage.palette, dither=Image.Dither.NONE) for i in images())
         first = next(rest)
         first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)
 
-    path = Path(path)
-    atomic_write(path, write)
+    if path.suffix.lower() == ".mp4":
+        return _write_mp4(path, images(), 1000 / delay)
+    return atomic_write(path, write)
+
+
+def check_animation(path: Path) -> None:
+    """Refuse a suffix that cannot be written here.
+
+    Raises:
+        SceneError: naming what can.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise SceneError(f"animation: {path.name!r} has no known suffix; allowed: {', '.join(SUFFIXES)}")
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+        raise SceneError(f"animation: {path.name!r} needs ffmpeg, which is not installed; allowed: .gif")
+
+
+def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
+    """Frames (height, width, 3) of bytes as H.264 by ffmpeg, whole or not at all."""
+    first = next(images)
+    height, width = first.shape[:2]
+    part = path.with_name(f".{path.stem}.part.mp4")
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
+    # players want even sizes and 4:2:0
+    target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    call = [shutil.which("ffmpeg"), "-y", "-loglevel", "error", *source, *target, str(part)]
+    try:
+        with subprocess.Popen(call, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            _feed(process, first, images)
+            said = process.stderr.read().decode(errors="replace").split("\n")[0]
+        if process.returncode:
+            raise OSError(f"{path.name}: ffmpeg failed: {said or process.returncode}")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     return path
+
+
+def _feed(process: subprocess.Popen, first: np.ndarray, images: Iterator[np.ndarray]) -> None:
+    """All frames to the encoder; one that ended early says why itself."""
+    try:
+        process.stdin.write(first.tobytes())
+        for image in images:
+            process.stdin.write(image.tobytes())
+    except BrokenPipeError:
+        pass
+    with suppress(BrokenPipeError):
+        process.stdin.close()
 
 
 def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndarray, float]:
@@ -133,8 +187,8 @@ class _Stage:
         x, y, _ = proj3d.proj_transform(*positions.reshape(-1, 3).T, self.axes.get_proj())
         return np.stack([x, y], axis=-1).reshape(*positions.shape[:-1], 2)
 
-    def draw(self, frame: int) -> Image.Image:
-        """One frame, in the common colours."""
+    def draw(self, frame: int) -> np.ndarray:
+        """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
         middle = self.screen[max(0, frame - TRACE * self.step) : frame + 1, nodes.shape[0] // 2]
@@ -148,8 +202,7 @@ class _Stage:
         renderer = self.canvas.get_renderer()
         for artist in (self.surface, self.trace, self.links, self.nodes, self.held, self.clock):
             artist.draw(renderer)
-        image = Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3].copy())
-        return image.quantize(palette=self.palette, dither=Image.Dither.NONE)
+        return np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
 
     def _at_surface(self, frame: int) -> np.ndarray:
         """Points on the surface (cuts, points, 3) [m]; along x only where the motion is seen from the side."""

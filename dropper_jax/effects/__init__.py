@@ -1,4 +1,6 @@
-"""The effects a scene can name. A new effect is one file and one line here."""
+"""The effects a scene can name. A new effect is one file and one line here, or `register` from outside."""
+
+import dataclasses
 
 from dropper_jax.effects.base import Effect, Law
 from dropper_jax.effects.buoyancy import Buoyancy
@@ -35,6 +37,27 @@ EFFECTS: dict[str, type[Effect]] = {
     )
 }
 
+
+def register(cls: type[Effect]) -> type[Effect]:
+    """Make an effect that lives outside this package known to scenes, as a decorator above `component`.
+
+    The same class may be registered again, as when a notebook's cell is run twice.
+
+    Raises:
+        ValueError: no `name`, no `component`, or the name of another effect.
+    """
+    name = getattr(cls, "name", None)
+    if not isinstance(name, str):
+        raise ValueError(f"{cls.__name__}: has no `name`, the key in [effects.NAME]")
+    if not dataclasses.is_dataclass(cls):
+        raise ValueError(f"{cls.__name__}: is no component; put @component under @register")
+    known = EFFECTS.get(name)
+    if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise ValueError(f"{cls.__name__}: {name!r} is the name of {known.__module__}.{known.__qualname__} already")
+    EFFECTS[name] = cls
+    return cls
+
+
 __all__ = [
     "EFFECTS",
     "Buoyancy",
@@ -52,4 +75,5 @@ __all__ = [
     "SeabedFriction",
     "ThesisWaveForce",
     "Weight",
+    "register",
 ]

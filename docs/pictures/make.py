@@ -1,0 +1,78 @@
+"""Make the pictures of the documentation: python docs/pictures/make.py"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.style
+import numpy as np
+from PIL import Image
+
+import dropper_jax as dj
+from dropper_jax import statics
+from dropper_jax.plots import style
+from fitting.sweep import open_sweep, sweep
+from fitting.synthetic import Motion
+from fitting.tracking import track
+from fitting.tracking.overlay import write_overlay
+from fitting.tracking.render import View, chessboards, film
+from fitting.tracking.video import opencv, write_video
+
+HERE = Path(__file__).parent
+#: As filmed in the tests: a bending lens, noise, a post, node 3 covered for ten frames.
+VIEW = View(
+    bending=(-0.12, 0.05), centre=(0.14, -0.14), distance=1.1, hidden=((3, 60, 69),), post=(0.30, 0.010), noise=5.0
+)
+
+
+def contact_sheet(work: Path) -> None:
+    """Release of the lab dropper, filmed and tracked."""
+    solution = dj.simulate("dropper-release-a", duration=2.2, dt=1 / 480, integrator="rattle")
+    write_video(work / "lab.avi", film(Motion(solution.t, solution.positions), VIEW, 60.0), 60.0)
+    boards = []
+    for i, image in enumerate(chessboards(VIEW, count=8)):
+        boards.append(work / f"board-{i}.png")
+        opencv().imwrite(str(boards[-1]), image)
+    tracked = track(work / "lab.avi", 8, calibration=boards, plane=boards[0], square=0.03)
+    with Image.open(write_overlay(tracked, work / "lab.avi", work / "sheet.png")) as sheet:
+        small = sheet.resize((sheet.width * 2 // 3, sheet.height * 2 // 3), Image.Resampling.LANCZOS)
+        small.convert("RGB").save(HERE / "contact-sheet.jpg", quality=82)
+
+
+def damping_sweep(work: Path) -> None:
+    """Largest tension and remaining energy of the lab dropper over both damping coefficients."""
+    scene = dj.load_scene("dropper-release-a").with_values({"run.duration": 5.0, "run.integrator": "rattle"})
+    values = {"b_l": np.geomspace(0.0005, 0.02, 24), "b_q": np.linspace(0.0, 0.01, 16)}
+    sweep(scene, values, work / "damping.zarr", quantities=["tension_max", "energy_final"])
+    with open_sweep(work / "damping.zarr") as found, matplotlib.style.context(["default", style.RC]):
+        figure = style.new_figure(9.5, 3.8)
+        for axes, name, label in zip(
+            figure.subplots(1, 2),
+            ("tension_max", "energy_final"),
+            ("largest tension [N]", "energy at 5 s above rest [J]"),
+            strict=True,
+        ):
+            level = np.asarray(found[name])
+            if name == "energy_final":
+                level = level - resting_energy(scene)
+            mesh = axes.pcolormesh(values["b_l"], values["b_q"], level.T, cmap=style.tension_map(), shading="gouraud")
+            lines = axes.contour(values["b_l"], values["b_q"], level.T, 6, colors="white", linewidths=0.8)
+            axes.clabel(lines, fontsize=8)
+            axes.set(xscale="log", xlabel="b_l [kg/s]", ylabel="b_q [kg/m]", title=label)
+            axes.grid(False)
+            figure.colorbar(mesh, ax=axes)
+        style.save(figure, HERE / "damping-sweep.png")
+
+
+def resting_energy(scene: dj.Scene) -> float:
+    """Potential energy [J] of the line at rest; node n carries the mass of link n."""
+    model = dj.build(scene)[0]
+    z = np.asarray(statics.equilibrium(model).positions)[1:-1, 2]
+    return float(9.81 * np.asarray(model.line.mass)[: len(z)] @ z)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        contact_sheet(Path(folder))
+        damping_sweep(Path(folder))

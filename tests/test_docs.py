@@ -1,0 +1,104 @@
+"""The documentation: its code runs, its links lead somewhere, its commands exist."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from dropper_jax.cli import _parser
+from dropper_jax.effects import EFFECTS, Effect, register
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+
+
+def blocks(page, language):
+    return [text for kind, text in BLOCK.findall((DOCS / page).read_text()) if kind == language]
+
+
+@pytest.fixture
+def registry():
+    """The registry of effects as it was, whatever a page registers."""
+    before = dict(EFFECTS)
+    yield EFFECTS
+    EFFECTS.clear()
+    EFFECTS.update(before)
+
+
+def run_page(page, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    names = {"__name__": page}
+    for text in blocks(page, "python"):
+        exec(compile(text, page, "exec"), names)
+    return names
+
+
+def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypatch, registry, capsys):
+    names = run_page("add-an-effect.md", tmp_path, monkeypatch)
+    assert registry["shock_cord"] is names["ShockCord"]
+    said = capsys.readouterr().out.strip()
+    assert said in (DOCS / "add-an-effect.md").read_text()
+    # the promise that nothing else changes: no stepper or solver was replaced, the effect is the scene's own
+    assert names["model"].effects[1].name == "shock_cord"
+
+
+def test_the_scene_and_the_code_of_the_quick_start_run(tmp_path, monkeypatch):
+    (tmp_path / "loop.toml").write_text(blocks("quick-start.md", "toml")[0])
+    names = run_page("quick-start.md", tmp_path, monkeypatch)
+    assert names["solution"].status == "ok"
+
+
+@pytest.mark.parametrize("page", ["your-own-video.md", "sweeps-and-sensitivity.md"])
+def test_code_of_other_pages_names_what_there_is(page):
+    # what they call is run by the tests of tracking and sweeps
+    for text in blocks(page, "python"):
+        compile(text, page, "exec")
+        imports = [line for line in text.splitlines() if line.startswith(("import ", "from "))]
+        assert imports
+        exec("\n".join(imports), {})
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: type("Nameless", (Effect,), {}), "has no `name`"),
+        (lambda: type("Plain", (Effect,), {"name": "plain"}), "no component"),
+    ],
+)
+def test_what_is_no_effect_cannot_be_registered(make, words, registry):
+    with pytest.raises(ValueError, match=words):
+        register(make())
+
+
+def test_an_effect_cannot_take_the_name_of_another(registry):
+    from dropper_jax.fields import component
+
+    other = component(type("Other", (Effect,), {"name": "weight"}))
+    with pytest.raises(ValueError, match="the name of dropper_jax.effects.weight.Weight already"):
+        register(other)
+    assert register(registry["weight"]) is registry["weight"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_between_pages_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text()):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def commands():
+    for page in PAGES:
+        for kind, text in BLOCK.findall(page.read_text()):
+            if kind in ("", "sh", "bash"):
+                for line in text.replace("\\\n", " ").splitlines():
+                    if line.startswith("dropper "):
+                        yield pytest.param(line.split("  #")[0], id=f"{page.stem}: {line[:60]}")
+
+
+@pytest.mark.parametrize("line", list(commands()))
+def test_commands_on_the_pages_are_understood(line):
+    # a misspelt option or a command that is gone ends in an error of the parser
+    args = _parser().parse_args(shlex.split(line)[1:])
+    assert callable(args.run)

@@ -1,0 +1,105 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # 5. What matters
+#
+# A designer asks: which of my numbers does the largest tension hang on? Three answers, each honest about its limits:
+# exact derivatives at a point, how far in time they can be trusted, and indices over whole ranges.
+
+# %%
+import os
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+from IPython.display import Image
+
+import dropper_jax as dj
+from dropper_jax.plots import style
+from fitting import screening, sensitivity, tornado
+
+FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
+plt.rcParams.update(style.RC | {"figure.dpi": 90})
+
+# %% [markdown]
+# ## Derivatives
+#
+# The lab dropper is let go, and we look at the largest tension of the first second. Its derivative with respect to
+# every damping coefficient and mass comes out of one run, exactly: through the step's own equations, not through
+# differences of runs. Scaled, it says by how many per cent the tension changes for one per cent of the number.
+
+# %%
+scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "rattle", "run.duration": 1.0})
+names = ["b_l", "b_q", "gravity"] if FAST else ["b_l", "b_q", "gravity", *(f"line.0.mass.{j}" for j in range(6))]
+problem = sensitivity.study(scene, "tension.max", names)
+found = sensitivity.local(problem)
+print(f"{found.of} = {found.value:.3f} {found.unit}; forward and reverse mode differ by {found.mismatch:.0e}")
+tornado.local_picture(found, "tornado.png")
+Image("tornado.png", width=640)
+
+# %% [markdown]
+# Gravity leads, of course: a tension is a weight. What a mass does depends on where it is. Damping hardly matters for
+# the first jerk. Can these numbers be believed? A difference quotient, which needs two more runs per number, should
+# agree:
+
+# %%
+value = jax.jit(problem)
+at = jnp.asarray(problem.values)
+for i, name in list(enumerate(problem.names))[:3]:
+    step = jnp.zeros_like(at).at[i].set(1e-5 * max(float(at[i]), 1e-3))
+    quotient = float((value(at + step) - value(at - step)) / (2 * step[i]))
+    print(f"{name:28s} exact {float(found.forward[i]):+.8f}   difference quotient {quotient:+.8f}")
+
+# %% [markdown]
+# ## How far in time
+#
+# The dropper is chaotic: a small change grows. So does a derivative, and a derivative of a hundred thousand is exact
+# and says nothing, since it holds only for changes too small to matter. The derivative of where node 3 is at the end,
+# for runs of growing length:
+
+# %%
+lengths = np.array([0.5]) if FAST else np.array([0.25, 0.5, 1, 2, 3, 4, 6, 8, 10, 12])
+sizes = []
+for length in lengths:
+    part = scene.with_values({"run.duration": float(length)})
+    one = sensitivity.study(part, "x.3.final", ["b_l"])
+    sizes.append(abs(float(jax.jit(jax.jacfwd(one))(jnp.asarray(one.values))[0])))
+telling = 0.003 / (0.01 * 0.002)
+fig, ax = plt.subplots(figsize=(7.5, 3.2))
+ax.semilogy(lengths, sizes, "o-", color=style.FIRST)
+ax.axhline(telling, color=style.SECOND, ls="--", lw=1)
+ax.text(lengths[0], 1.3 * telling, "1 % of b_l moves the node by 3 mm", color=style.SECOND)
+ax.set(xlabel="length of the run [s]", ylabel="|d x_3 / d b_l|  [m s/kg]")
+plt.show()
+print(f"growth rate {found.exponent:.2g} per s: derivatives are trusted for {found.horizon:.2g} s")
+
+# %% [markdown]
+# Beyond that horizon `dropper sensitivity` gives averages over windows instead, and for anything statistical, ranges:
+#
+# ## Over ranges
+#
+# Sobol's indices divide the variance of a result over the ranges of its causes: what each explains alone (first), and
+# with all combinations in which it takes part (total). They need thousands of runs and no derivative. Here: how far
+# link 4, at the bottom, swings over ten seconds (standard deviation of its angle), over the ranges that a laboratory
+# may find. Batched, the runs take seconds.
+
+# %%
+longer = scene.with_values({"run.duration": 0.5 if FAST else 10.0})
+ranged = sensitivity.study(longer, "angle.4.std", ["b_l", "b_q", "line.0.mass"])
+box = sensitivity.ranges(ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass": (0.030, 0.036)})
+indices = screening.global_indices(ranged.batch, ranged.names, box, "sobol", 8 if FAST else 128, 0)
+tornado.global_picture(indices, "angle.4.std", "sobol.png")
+print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {indices.std:.3f} rad")
+Image("sobol.png", width=640)

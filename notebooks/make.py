@@ -1,0 +1,104 @@
+"""Run the notebooks: each script `N-name.py` (jupytext percent format) into `N-name.ipynb` with its outputs.
+
+python notebooks/make.py                        # all, at full length, outputs kept beside the scripts
+python notebooks/make.py 3-hard-cases --fast --out /tmp   # one, short, somewhere else
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import io
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import jupytext
+import nbclient
+import nbformat
+from PIL import Image
+
+HERE = Path(__file__).parent
+#: The variable by which a notebook knows that it is to be short.
+FAST = "DROPPER_NOTEBOOKS_FAST"
+#: Longest cell [s].
+TIMEOUT = 1200
+#: Width [pixel] and colours of the pictures kept.
+WIDEST, COLOURS = 860, 64
+
+
+def scripts() -> list[Path]:
+    """All notebooks' scripts in order."""
+    return sorted(HERE.glob("[0-9]-*.py"))
+
+
+def execute(script: Path, fast: bool) -> Any:
+    """The notebook of a script with its outputs, run in an empty folder.
+
+    Raises:
+        nbclient.exceptions.CellExecutionError: of the first cell that fails.
+    """
+    notebook = jupytext.read(script)
+    notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    with tempfile.TemporaryDirectory() as folder:
+        settings = {**os.environ, "JAX_PLATFORMS": "cpu"} | ({FAST: "1"} if fast else {})
+        settings = {key: value for key, value in settings.items() if fast or key != FAST}
+        client = nbclient.NotebookClient(
+            notebook, timeout=TIMEOUT, kernel_name="python3", resources={"metadata": {"path": folder}}
+        )
+        client.execute(env=settings)
+    return tidy(notebook)
+
+
+def tidy(notebook: Any) -> Any:
+    """Without what differs from one execution to the next although nothing changed."""
+    for i, cell in enumerate(notebook.cells):
+        for output in cell.get("outputs", []):
+            if "image/png" in output.get("data", {}):
+                output["data"]["image/png"] = smaller(output["data"]["image/png"])
+        cell["id"] = f"cell-{i}"
+        cell.metadata.pop("execution", None)
+        cell["outputs"] = (
+            [out for out in cell.get("outputs", []) if out.get("name") != "stderr"] if "outputs" in cell else []
+        )
+        if cell.cell_type != "code":
+            cell.pop("outputs", None)
+    notebook.metadata.pop("language_info", None)
+    return notebook
+
+
+def smaller(png: str) -> str:
+    """A picture in base64 with few colours and no more pixels than a page shows."""
+    with Image.open(io.BytesIO(base64.b64decode(png))) as image:
+        flat = Image.new("RGB", image.size, "white")
+        flat.paste(image, mask=image.getchannel("A") if image.mode == "RGBA" else None)
+    flat.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
+    data = io.BytesIO()
+    flat.quantize(COLOURS, dither=Image.Dither.NONE).save(data, "PNG", optimize=True)
+    return base64.b64encode(data.getvalue()).decode()
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="Run notebooks.")
+    parser.add_argument("names", nargs="*", help="such as 3-hard-cases (default: all)")
+    parser.add_argument("--fast", action="store_true", help="short runs")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder of the results (default: beside the scripts)")
+    args = parser.parse_args(argv)
+    for script in scripts():
+        if args.names and script.stem not in args.names:
+            continue
+        try:
+            notebook = execute(script, args.fast)
+        except nbclient.exceptions.CellExecutionError as error:
+            print(f"{script.stem}: {error.ename}: {error.evalue}", file=sys.stderr)
+            return 1
+        path = args.out / f"{script.stem}.ipynb"
+        nbformat.write(notebook, path)
+        print(f"{script.stem}: {path.stat().st_size / 1000:.0f} kB", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -84,7 +84,7 @@ weight = 9.81 * scene.lines[0].mass.sum()
 print(f"largest tension   {solution.tension.max():.2f} N; the whole dropper weighs {weight:.2f} N")
 
 # %%
-fig, axes = plt.subplots(2, 5, figsize=(9.5, 5.0), sharex=True, sharey=True, layout="constrained")
+fig, axes = plt.subplots(2, 5, figsize=(9.5, 4.0), sharex=True, sharey=True, layout="constrained")
 norm = style.tension_norm(solution.tension)
 for ax, when in zip(axes.flat, np.arange(10) * 0.11, strict=True):
     i = np.searchsorted(solution.t, when)

@@ -149,7 +149,7 @@ height = run.positions[:, -1, 2]
 simple = 9.81 * -height + 2 * 9.81 * (height[0] - height)
 axes[1].plot(run.t, simple, color=style.SECOND, ls="--", lw=1, label="one stiff pendulum of 1 m")
 axes[1].set(xlabel="time [s]", ylabel="tension at the top [N]", xlim=(0, run.t[-1]))
-axes[1].legend(loc="upper right")
+axes[1].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0))
 plt.show()
 print(f"{run.status}; energy drifts by {run.energy_drift:.0e} J of {run.energy_scale:.1f} J")
 print(f"links are off their length by {run.max_closure_error:.0e} m at most")

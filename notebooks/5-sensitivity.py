@@ -97,8 +97,8 @@ print(f"growth rate {found.exponent:.2g} per s: derivatives are trusted for {fou
 
 # %%
 longer = scene.with_values({"run.duration": 0.5 if FAST else 10.0})
-ranged = sensitivity.study(longer, "angle.4.std", ["b_l", "b_q", "line.0.mass"])
-box = sensitivity.ranges(ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass": (0.030, 0.036)})
+ranged = sensitivity.study(longer, "angle.4.std", ["b_l", "b_q", "line.0.mass.2"])
+box = sensitivity.ranges(ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass.2": (0.030, 0.036)})
 indices = screening.global_indices(ranged.batch, ranged.names, box, "sobol", 8 if FAST else 128, 0)
 tornado.global_picture(indices, "angle.4.std", "sobol.png")
 print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {indices.std:.3f} rad")

@@ -50,9 +50,12 @@ tornado.local_picture(found, "tornado.png")
 Image("tornado.png", width=640)
 
 # %% [markdown]
-# Gravity leads, of course: a tension is a weight. What a mass does depends on where it is. Damping hardly matters for
-# the first jerk. Can these numbers be believed? A difference quotient, which needs two more runs per number, should
-# agree:
+# Gravity leads, but with the wrong sign: more weight, less tension? The scene lifts the dropper with a force that
+# stays what it is; a heavier dropper is lifted less, falls less, and jerks less. The derivative follows the whole
+# computation, the static pose before the release included, and answers the question as it was asked. The mass next to
+# the lifted node does nearly all of it; damping hardly matters for the first jerk.
+#
+# Can these numbers be believed? A difference quotient, which needs two more runs per number, should agree:
 
 # %%
 value = jax.jit(problem)
@@ -70,7 +73,7 @@ for i, name in list(enumerate(problem.names))[:3]:
 # for runs of growing length:
 
 # %%
-lengths = np.array([0.5]) if FAST else np.array([0.25, 0.5, 1, 2, 3, 4, 6, 8, 10, 12])
+lengths = np.array([0.5]) if FAST else np.array([0.5, 1, 2, 4, 8, 12])
 sizes = []
 for length in lengths:
     part = scene.with_values({"run.duration": float(length)})
@@ -103,3 +106,8 @@ indices = screening.global_indices(ranged.batch, ranged.names, box, "sobol", 8 i
 tornado.global_picture(indices, "angle.4.std", "sobol.png")
 print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {indices.std:.3f} rad")
 Image("sobol.png", width=640)
+
+# %% [markdown]
+# Linear damping explains most of the scatter, and quadratic damping does part of its work only together with it (the
+# light bar is longer than the dark one). A mass known to a tenth hardly shows. The thin lines are the errors of the
+# indices at this number of runs: they shrink with its square root.

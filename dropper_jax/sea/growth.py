@@ -118,8 +118,8 @@ def check_growth(scene: Scene) -> None:
         return
     if scene.branched:
         raise SceneError(
-            f"line.{grown_lines[0]}.growth: is for scenes of one line; allowed in a system: mass and diameter of the grown "
-            "line in its type"
+            f"line.{grown_lines[0]}.growth: is for scenes of one line; allowed in a system: mass and diameter of the "
+            "grown line in its type"
         )
     line = scene.lines[0]
     if scene.sea is None:

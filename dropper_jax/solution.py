@@ -42,6 +42,16 @@ class LineSlice(NamedTuple):
     links: slice
 
 
+def line_slices(scene: Scene) -> tuple[LineSlice, ...]:
+    """Where the lines of a scene stand in arrays of all nodes and of all links."""
+    found, node, link = [], 0, 0
+    for line in scene.lines:
+        nodes = slice(node, node + line.links + 1)
+        found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
+        node, link = nodes.stop, link + line.links
+    return tuple(found)
+
+
 @dataclasses.dataclass
 class Solution:
     """What a run gives, k saved times, n links.
@@ -93,12 +103,7 @@ class Solution:
     @property
     def lines(self) -> tuple[LineSlice, ...]:
         """The scene's lines in the arrays: `positions[:, line.nodes]`, `tension[:, line.links]`."""
-        found, node, link = [], 0, 0
-        for line in self.scene.lines:
-            nodes = slice(node, node + line.links + 1)
-            found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
-            node, link = nodes.stop, link + line.links
-        return tuple(found)
+        return line_slices(self.scene)
 
     def point_path(self, name: str) -> np.ndarray:
         """Positions (k, 3) [m] of a point of the scene.

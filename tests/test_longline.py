@@ -14,7 +14,9 @@ from scipy.special import jn_zeros
 
 from dropper_jax import build, equilibrium, load_scene, simulate
 from dropper_jax.build import build_model
+from dropper_jax.design import solve_design
 from dropper_jax.effects import Effect
+from dropper_jax.errors import SceneError
 from dropper_jax.fields import component, parameter
 from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
@@ -363,3 +365,18 @@ def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences
 
     assert float(anchor(jnp.ones(4))) == pytest.approx(1535.0, rel=0.015)  # the paper's adapted MoorDyn
     assert_differences_agree(anchor, jax.jit(jax.jacfwd(anchor))(jnp.ones(4)))
+
+
+# --- design -------------------------------------------------------------------------------------------------------
+
+
+def test_design_finds_the_float_that_carries_a_hanging_chain_at_a_wanted_depth():
+    kind = {"mass": 10.0, "diameter": 0.04, "EA": 1e6}
+    scene = one_line(12.0, 6, [0.0, 0.0, -10.0], [0.0, 0.0, -2.0], kind, {"weight": {}}, sea={"depth": 20.0})
+    scene["point"][1] = {"name": "b", "kind": "free", "position": [0.0, 0.0, -4.0], "mass": 5.0, "volume": 0.2}
+    # wholly under water and vertical, the first link carries the lift less all weights above its middle
+    found = solve_design(scene, "point.b.volume", 0.13, 0.5, "tension.line.first", 500.0)
+    above = 5.0 + 10.0 * (12.0 - 1.0)  # half of the first link goes to the anchor
+    assert found.value == pytest.approx((500.0 + above * G) / (1025.0 * G), rel=1e-8)
+    with pytest.raises(SceneError, match="does not pass"):
+        solve_design(scene, "point.b.volume", 0.4, 0.5, "tension.line.first", 500.0)

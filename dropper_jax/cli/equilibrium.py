@@ -27,14 +27,16 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax import equilibrium
     from dropper_jax.analysis.angles import link_angles
+    from dropper_jax.solution import line_slices
 
     found = equilibrium(scene)
-    angles = np.stack(link_angles(np.asarray(found.positions)), axis=-1)
+    lines = line_slices(scene)
+    angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     failed = found.status != "ok"
     if args.json:
         print_json(_object(scene, found, angles))
     else:
-        print(_text(found, angles))
+        print(_text(lines, found, angles))
     if failed:
         print_line(f"error: {found.status}: {found.message}")
     elif not args.json:
@@ -57,13 +59,20 @@ def _object(scene: Scene, found: Any, angles: np.ndarray) -> dict[str, Any]:
     return jsonable(result if found.status == "ok" else {**result, "error": f"{found.status}: {found.message}"})
 
 
-def _text(found: Any, angles: np.ndarray) -> str:
+def _text(lines: Any, found: Any, angles: np.ndarray) -> str:
+    parts = []
+    for line in lines:
+        if len(lines) > 1:
+            parts.append(f"line {line.name}")
+        parts.append(_line_table(found.positions[line.nodes], found.tension[line.links], angles[line.links]))
+    note = "angles and tension: of the link that ends at the node; polar is 0 at the horizontal, down > 0"
+    return "\n".join([*parts, note])
+
+
+def _line_table(positions: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
     rows = [("node", "x [m]", "y [m]", "z [m]", "polar [rad]", "azimuth [rad]", "tension [N]")]
-    positions, tension = np.asarray(found.positions), np.asarray(found.tension)
     for i, (x, y, z) in enumerate(positions):
         link = (*angles[i - 1], tension[i - 1]) if i else ()
         cells = [f"{value:.5f}" for value in (x, y, z, *link)]
         rows.append((str(i), *cells, *[""] * (6 - len(cells))))
-    return (
-        table(rows) + "\nangles and tension: of the link that ends at the node; polar is 0 at the horizontal, down > 0"
-    )
+    return table(rows)

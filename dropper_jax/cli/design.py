@@ -1,0 +1,55 @@
+"""`dropper design SCENE`: solve for the value that gives a wanted static tension or depth."""
+
+from __future__ import annotations
+
+import argparse
+
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_scene, number, read_scene
+from dropper_jax.cli.output import listing, print_json
+from dropper_jax.errors import SceneError
+
+name = "design"
+help = "solve for a value of the scene that gives a wanted static tension or depth"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument(
+        "--vary", required=True, metavar="PATH=LOW:HIGH", help="the value to find, such as line.0.EA=1e5:1e7"
+    )
+    parser.add_argument(
+        "--target", required=True, metavar="WHAT", help="tension.LINE.first, .last or .max [N], or depth.POINT [m]"
+    )
+    parser.add_argument("--value", required=True, type=number, help="the wanted value of the target")
+
+
+def run(args: argparse.Namespace) -> int:
+    path, equals, limits = args.vary.partition("=")
+    try:
+        low, high = (float(x) for x in limits.split(":"))
+    except ValueError:
+        raise SceneError(
+            f"--vary: {args.vary!r} is not PATH=LOW:HIGH; allowed: such as line.0.length=4.0:4.5"
+        ) from None
+    scene = read_scene(args)
+
+    from dropper_jax.design import solve_design
+    from dropper_jax.solution import SCHEMA, jsonable
+
+    found = solve_design(scene, path.strip(), low, high, args.target, args.value)
+    if args.json:
+        values = {"path": found.path, "value": found.value, "target": found.target}
+        more = {"wanted": found.wanted, "reached": found.reached, "solves": found.solves}
+        print_json(jsonable({"schema": SCHEMA, "status": "ok", "scene": scene.name, **values, **more}))
+        return OK
+    print(
+        listing(
+            [
+                (found.path, f"{found.value:.9g}"),
+                (found.target, f"{found.reached:.9g}, wanted {found.wanted:g}"),
+                ("static poses", str(found.solves)),
+            ]
+        )
+    )
+    return OK

@@ -1,0 +1,54 @@
+"""`dropper modes SCENE`: natural periods about the static pose."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.output import print_json, print_line, table
+
+name = "modes"
+help = "natural periods and modes about the static pose of an elastic scene"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--count", type=int, default=10, help="how many, the slowest first (10)")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args)
+
+    from dropper_jax import equilibrium
+    from dropper_jax.build import build_model
+    from dropper_jax.modes import natural_modes
+    from dropper_jax.solution import SCHEMA, jsonable
+
+    pose = equilibrium(scene)
+    if pose.status != "ok":
+        print_line(f"error: {pose.status}: {pose.message}")
+        return FAILED
+    modes = natural_modes(build_model(scene), pose.state, args.count)
+    if args.json:
+        print_json(
+            jsonable(
+                {
+                    "schema": SCHEMA,
+                    "status": "ok",
+                    "scene": scene.name,
+                    "period_s": modes.period,
+                    "frequency_hz": 1.0 / modes.period,
+                    "shape": modes.shape,
+                }
+            )
+        )
+        return OK
+    rows = [("mode", "period [s]", "frequency [Hz]", "share of x, y, z in the motion")]
+    for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True), 1):
+        share = np.sum(shape**2, axis=0) / np.sum(shape**2)
+        rows.append((str(i), f"{period:.5g}", f"{1 / period:.5g}", "  ".join(f"{x:.2f}" for x in share)))
+    print(table(rows))
+    return OK

@@ -372,8 +372,8 @@ def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences
 
 def test_design_finds_the_float_that_carries_a_hanging_chain_at_a_wanted_depth():
     kind = {"mass": 10.0, "diameter": 0.04, "EA": 1e6}
-    scene = one_line(12.0, 6, [0.0, 0.0, -10.0], [0.0, 0.0, -2.0], kind, {"weight": {}}, sea={"depth": 20.0})
-    scene["point"][1] = {"name": "b", "kind": "free", "position": [0.0, 0.0, -4.0], "mass": 5.0, "volume": 0.2}
+    scene = one_line(12.0, 6, [0.0, 0.0, -19.0], [0.0, 0.0, -7.0], kind, {"weight": {}}, sea={"depth": 20.0})
+    scene["point"][1] = {"name": "b", "kind": "free", "position": [0.0, 0.0, -8.0], "mass": 5.0, "volume": 0.2}
     # wholly under water and vertical, the first link carries the lift less all weights above its middle
     found = solve_design(scene, "point.b.volume", 0.13, 0.5, "tension.line.first", 500.0)
     above = 5.0 + 10.0 * (12.0 - 1.0)  # half of the first link goes to the anchor

@@ -9,6 +9,7 @@ from typing import Any
 
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.farm import farm_table, is_farm
+from dropper_jax.moordyn.sections import looks_like_moordyn
 
 #: `NAME-undamped` is the packaged scene NAME without these effects, for the releases of the lab dropper.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -57,10 +58,10 @@ def scene_names() -> tuple[str, ...]:
 
 
 def read_toml(source: str | Path) -> tuple[dict[str, Any], str]:
-    """Plain values and name of a packaged scene or a TOML file.
+    """Plain values and name of a packaged scene, a TOML file or a MoorDyn input (told by its header of line types).
 
     Raises:
-        SceneError: unknown name (with the nearest), missing file, or TOML syntax (with the line number).
+        SceneError: unknown name (with the nearest), missing file, or a syntax error (with the line number).
     """
     known = packaged()
     if isinstance(source, str) and source in known:
@@ -72,6 +73,11 @@ def read_toml(source: str | Path) -> tuple[dict[str, Any], str]:
     if not looks_like_file:
         raise SceneError(f"scene: {str(source)!r} is not a packaged scene; {nearest(str(source), known)}")
     try:
-        return _parse(path.read_bytes(), str(path)), path.stem
+        data = path.read_bytes()
+        if path.suffix.lower() != ".toml" and looks_like_moordyn(data.decode(errors="replace")):
+            from dropper_jax.moordyn.reader import read_moordyn
+
+            return read_moordyn(path), path.stem
+        return _parse(data, str(path)), path.stem
     except OSError as error:
         raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None

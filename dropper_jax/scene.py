@@ -33,7 +33,7 @@ from dropper_jax.system_checks import check_ends, check_system, check_system_eff
 
 __all__ = ["Scene", "load_scene", "scene_names"]
 
-SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea")
+SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "notes")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,6 +48,7 @@ class Scene:
         run: default time step, duration, integrator, solver and precision.
         sea: the water, or None.
         buoys: upright cylinders at free points.
+        notes: what a file that the scene was read from says and the scene does not; warnings of every run.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Scene:
     run: RunSpec
     sea: SeaSpec | None = None
     buoys: tuple[BuoySpec, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
@@ -91,6 +93,9 @@ class Scene:
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
             run=RunSpec.read(table["run"], "run"),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
+            notes=tuple(
+                read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
+            ),
         )
         if branched:
             check_system_effects(scene)
@@ -128,6 +133,7 @@ class Scene:
             },
             "start": as_table(self.start),
             **({} if self.sea is None else {"sea": self.sea.table()}),
+            **({"notes": list(self.notes)} if self.notes else {}),
         }
 
     def with_values(self, values: Mapping[str, Any]) -> Scene:
@@ -171,8 +177,8 @@ def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:
     return enumerate(items)
 
 
-def _list(table: Mapping[str, Any], section: str) -> list[Any]:
-    return read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")
+def _list(table: Mapping[str, Any], section: str, allowed: str | None = None) -> list[Any]:
+    return read_list(table.get(section, []), section, None, allowed or f"one or more [[{section}]] tables")
 
 
 def _point(points: tuple[PointSpec, ...], name: str) -> PointSpec:

@@ -235,7 +235,7 @@ def _solution(
         max_residual=float(np.max(run.residual[: good + 1])),
         max_closure_error=float(np.max(seen.closure)),
         versions=_versions(),
-        warnings=() if model.sea is None else sea_warnings(scene, model.sea),
+        warnings=scene.notes + (() if model.sea is None else sea_warnings(scene, model.sea)),
     )
 
 

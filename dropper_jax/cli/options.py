@@ -17,7 +17,7 @@ SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """SCENE, --set and --json."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a packaged scene, or a TOML file")
+    parser.add_argument("scene", metavar="SCENE", help="name of a packaged scene, a TOML file, or a MoorDyn input")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
     add_json(parser)
 

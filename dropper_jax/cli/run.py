@@ -40,7 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dtype", help="float64 or float32")
     parser.add_argument("--gamma", type=number, help="weight of the new time in the theta schemes, 0 to 1")
     parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
-    parser.add_argument("--tables", metavar="DIR", help="write angles.csv (what `dropper fit` reads) and tensions.csv")
+    parser.add_argument(
+        "--tables",
+        metavar="DIR",
+        help="write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines moordyn.out too",
+    )
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
     parser.add_argument("--animate", metavar="FILE", help="write an animation, .gif or (with ffmpeg) .mp4")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -70,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
     if tables:
         write_angles(solution, tables / "angles.csv")
         write_tensions(solution, tables / "tensions.csv")
+        if scene.branched:
+            _write_channels(args.scene, solution, tables / "moordyn.out")
     if plot:
         draw(solution, plot)
     if film:
@@ -96,6 +102,15 @@ def _tables_folder(text: str | None) -> Path | None:
         raise SceneError(f"--tables: {text!r} is a file; allowed: a folder")
     path.mkdir(parents=True, exist_ok=True)
     return path
+
+
+def _write_channels(source: str, solution: Solution, path: Path) -> None:
+    """MoorDyn's table: the channels that a MoorDyn input asks for, else tensions at all ends."""
+    from dropper_jax.moordyn.outputs import channels_of, write_out
+
+    wanted = channels_of(source) or None
+    for channel in write_out(solution, path, wanted, skip=True):
+        print_line(f"warning: output {channel!r} is not among what a run has; it is left out")
 
 
 def draw(solution: Solution, target: Path) -> list[Path]:

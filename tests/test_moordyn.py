@@ -1,0 +1,327 @@
+"""MoorDyn files: there and back, the same statics as MoorDyn itself, result tables, and what is refused or noted."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dropper_jax import SceneError, equilibrium, load_scene
+from dropper_jax.cli import main
+from dropper_jax.moordyn.outputs import channel_values, write_out
+from dropper_jax.moordyn.reader import read_moordyn
+from dropper_jax.moordyn.writer import write_moordyn
+from dropper_jax.solution import Solution
+
+OPTIONS = """\
+---------------------- OPTIONS -----------------------------------------
+0.002         dtM           time step to use in mooring integration (s)
+3000000       kbot          bottom stiffness (Pa/m)
+300000        cbot          bottom damping (Pa-s/m)
+50            WtrDpth       water depth (m)
+0.5           dtIC          time interval for analyzing convergence during IC gen (s)
+60            TmaxIC        max time for ic gen (s)
+1e-4          threshIC      threshold for IC convergence (-)
+1             ICgenDynamic
+"""
+OUTPUTS = """\
+---------------------- OUTPUTS -----------------------------------------
+FairTen1
+L1N3T
+Point2px
+------------------------- need this line -------------------------------------
+"""
+#: A chain that lies on the bed for a part, its top held by a vessel.
+CHAIN = f"""--------------------- MoorDyn Input File ------------------------------------
+a chain on the bed
+---------------------- LINE TYPES -----------------------------------
+TypeName   Diam    Mass/m     EA     BA/-zeta    EI         Cd     Ca     CdAx    CaAx
+(name)     (m)     (kg/m)     (N)    (N-s/-)     (N-m^2)    (-)    (-)    (-)     (-)
+Chain      0.1     30.0      1e8    -0.8         0          1.6     1     0.1     0.5
+---------------------- POINTS ---------------------------------------
+ID   Attachment  X       Y     Z      Mass   Volume  CdA    Ca
+(#)   (word/ID) (m)     (m)   (m)    (kg)   (m^3)   (m^2)  (-)
+1     Fixed      -80.0   0    -50.0    0      0       0      0
+2     Coupled     0.0    0     -5.0    0      0       0      0   ! name: fairlead
+---------------------- LINES ----------------------------------------
+ID   LineType   AttachA  AttachB  UnstrLen  NumSegs  LineOutputs
+(#)   (name)     (ID)     (ID)      (m)       (-)      (-)
+1     Chain       1        2        100       20       p
+{OPTIONS}{OUTPUTS}"""
+#: Version 1: two ropes, a float between them.
+FLOAT = """MoorDyn v1 sample
+---------------------- LINE DICTIONARY -----------------------------------------------------
+LineType  Diam    MassDenInAir  EA        BA/-zeta  Can  Cat  Cdn  Cdt
+(-)       (m)     (kg/m)        (N)       (Pa-s/-)  (-)  (-)  (-)  (-)
+rope      0.05    2.5           2.0e6      -1.0     1.0  0.0  1.6  0.05
+steel     0.03    5.0           5.0e7      500.0    1.0  0.0  1.2  0.02
+---------------------- CONNECTION PROPERTIES -----------------------------------------------
+Node Type     X      Y     Z     M     V     FX   FY   FZ   CdA   CA
+(-)  (-)     (m)    (m)   (m)   (kg)  (m^3) (kN) (kN) (kN)  (m^2) (-)
+1    Fixed   0.0    0.0  -50.0   0     0     0    0    0     0     0
+2    Connect 20.0   0.0  -20.0  60.0  0.30   0    0    0     0.2   0.5
+3    Fixed   45.0   5.0  -10.0   0     0     0    0    0     0     0
+---------------------- LINE PROPERTIES -----------------------------------------------------
+Line  LineType  UnstrLen  NumSegs  NodeAnch  NodeFair  Flags/Outputs
+(-)   (-)       (m)       (-)      (-)       (-)       (-)
+1     rope      40.0      10       1         2         -
+2     steel     32.0       8       2         3         -
+---------------------- SOLVER OPTIONS -----------------------------------------
+0.001   dtM       - time step
+50      WtrDpth   - water depth (m)
+60      TmaxIC
+---------------------- OUTPUTS ---------------------------
+FairTen1
+END
+"""
+#: A float on a rope in a current that falls off with depth, across the plane of the other two ropes.
+CURRENT = """--------------------- MoorDyn Input File ------------------------------------
+---------------------- LINE TYPES -----------------------------------
+TypeName   Diam    Mass/m     EA     BA/-zeta    EI         Cd     Ca     CdAx    CaAx
+(name)     (m)     (kg/m)     (N)    (N-s/-)     (N-m^2)    (-)    (-)    (-)     (-)
+rope       0.06    3.5        1e7    -0.1        0          1.4     1     0.2     0.5
+---------------------- POINTS ---------------------------------------
+ID   Attachment  X       Y     Z      Mass   Volume  CdA    Ca
+(#)   (word/ID) (m)     (m)   (m)    (kg)   (m^3)   (m^2)  (-)
+1     Fixed      -20.0   0    -50.0    0      0       0      0
+2     Fixed       20.0   0    -50.0    0      0       0      0
+3     Free         0.0   0    -25.0   50.0   0.5      0.8    0.5
+---------------------- LINES ----------------------------------------
+ID   LineType   AttachA  AttachB  UnstrLen  NumSegs  LineOutputs
+(#)   (name)     (ID)     (ID)      (m)       (-)      (-)
+1     rope        1        3        36       12       -
+2     rope        2        3        36       12       -
+---------------------- OPTIONS -----------------------------------------
+0.0004 dtM
+50     WtrDpth
+60     TmaxIC
+1      ICgenDynamic
+1      Currents
+---------------------- OUTPUTS -----------------------------------------
+FairTen1
+------------------------- need this line -------------------------------------
+"""
+PROFILE = "steady\nz ux uy uz\n(m) (m/s) (m/s) (m/s)\n-50 0.1 0.2 0\n-25 0.3 0.6 0\n0 0.4 1.0 0\n"
+#: Time [s] in which MoorDyn comes to rest.
+REST = 60.0
+INPUTS = {"chain": CHAIN, "float": FLOAT, "current": CURRENT}
+
+
+@pytest.fixture
+def deck(tmp_path):
+    """`deck(text)`: a file of that text, with a current file beside it."""
+
+    def make(text: str, name: str = "mooring.txt") -> Path:
+        (tmp_path / "current_profile.txt").write_text(PROFILE)
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return make
+
+
+def statics_of_moordyn(path: Path) -> list[np.ndarray]:
+    """Tensions [N] at the nodes of each line, when MoorDyn's dynamics have come to rest.
+
+    Its search for an initial state knows no current, and its newer one leaves free points where they are.
+    """
+    moordyn = pytest.importorskip("moordyn", reason="the moordyn wheel is not installed (extra `moordyn`)")
+    folder = Path.cwd()
+    os.chdir(path.parent)
+    try:
+        system = moordyn.Create(str(path))
+        moordyn.SetVerbosity(system, moordyn.LEVEL_NONE)
+        count = [row for row in path.read_text().splitlines() if "Coupled" in row]
+        places = [float(x) for row in count for x in row.split()[2:5]]
+        moordyn.Init(system, places, [0.0] * len(places))
+        moordyn.Step(system, places, [0.0] * len(places), 0.0, REST)
+        found = []
+        for i in range(moordyn.GetNumberLines(system)):
+            line = moordyn.GetLine(system, i + 1)
+            ends = moordyn.GetLineN(line)
+            found.append(np.array([np.linalg.norm(moordyn.GetLineNodeTen(line, j)) for j in range(ends + 1)]))
+        moordyn.Close(system)
+    finally:
+        os.chdir(folder)
+    return found
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_static_tensions_are_those_of_moordyn_within_one_percent(name, deck):
+    path = deck(INPUTS[name])
+    scene = load_scene(path)
+    pose = equilibrium(scene)
+    if name == "float":  # the wheel reads version 2 only
+        path = path.with_name("second.txt")
+        write_moordyn(scene, path, dt=0.0004, options={"TmaxIC": 60, "ICgenDynamic": 1})
+    theirs = statics_of_moordyn(path)
+    assert pose.status == "ok"
+    first = 0
+    for line, tension in zip(scene.lines, theirs, strict=True):
+        ours = pose.tension[first : first + line.links]
+        first += line.links
+        np.testing.assert_allclose(ours[0], tension[0], rtol=0.01)
+        np.testing.assert_allclose(ours[-1], tension[-1], rtol=0.01)
+        np.testing.assert_allclose(0.5 * (ours[1:] + ours[:-1]), tension[1:-1], rtol=0.01)
+
+
+@pytest.mark.parametrize("name", ["paper-case-1", "paper-case-2", "paper-case-3"])
+def test_a_scene_survives_the_way_to_a_file_and_back(name, tmp_path):
+    scene = load_scene(name).with_values({"start.kind": "points"})
+    assert write_moordyn(scene, tmp_path / "mooring.txt") == []
+    back = load_scene(tmp_path / "mooring.txt")
+    assert back.to_dict() == scene.to_dict()
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_an_imported_scene_survives_the_way_to_a_file_and_back(name, deck, tmp_path):
+    scene = load_scene(deck(INPUTS[name]))
+    (tmp_path / "again").mkdir()
+    assert write_moordyn(scene, tmp_path / "again" / "mooring.txt") == []
+    back = load_scene(tmp_path / "again" / "mooring.txt").to_dict()
+    assert {**back, "notes": list(scene.notes)} == scene.to_dict()
+
+
+def test_what_each_part_of_a_file_becomes(deck):
+    scene = load_scene(deck(FLOAT))
+    rope, steel = scene.lines
+    # BA of a ratio: zeta * l * sqrt(EA m), l the length of a segment
+    assert rope.axial_damping[0] == pytest.approx(1.0 * 4.0 * np.sqrt(2.0e6 * 2.5), rel=1e-12)
+    assert steel.axial_damping[0] == 500.0
+    assert (rope.links, rope.total, rope.mass[0]) == (10, pytest.approx(40.0), pytest.approx(10.0))
+    # version 1 orders its coefficients Can Cat Cdn Cdt
+    assert scene.effects["morison_drag"]["cdn"].tolist() == [1.6] * 10 + [1.2] * 8
+    assert scene.effects["morison_inertia"]["can"].tolist() == [1.0] * 18
+    joint = scene.point("point-2")
+    assert (joint.kind, joint.mass, joint.volume, joint.drag_area, joint.added_mass) == ("free", 60.0, 0.3, 0.2, 0.5)
+    assert scene.effects["seabed"]["stiffness"] == 3e6
+    assert scene.sea.depth == 50.0
+    assert scene.run.dt == 0.001
+
+
+def test_components_of_a_wave_file_have_the_elevation_that_moordyn_gives_them(deck, tmp_path):
+    rows = np.array([[0.5, 0.3, -0.4, 0.2], [0.9, -0.2, 0.1, 0.2], [1.3, 0.0, 0.25, 0.2]])
+    lines = ["0 0 0 0", *(" ".join(map(str, row)) for row in rows)]
+    (tmp_path / "wave_frequencies.txt").write_text("\n".join(lines))
+    path = deck(CHAIN.replace("50            WtrDpth", "7 WaveKin\n50            WtrDpth"))
+    from dropper_jax.sea.make import make_sea
+
+    sea = make_sea(load_scene(path).sea)
+    x, y, t = 7.0, -3.0, 11.0
+    total = 0.0
+    for omega, real, imaginary, course in rows:
+        k = omega**2 / 9.81
+        for _ in range(200):  # the wave number by fixed point, on deep enough water
+            k = omega**2 / (9.81 * np.tanh(50.0 * k))
+        away = x * np.cos(course) + y * np.sin(course)
+        # their convention: eta = sum |A| sin(w t - k . x + arg A)
+        total += np.hypot(real, imaginary) * np.sin(omega * t - k * away + np.arctan2(imaginary, real))
+    assert float(sea.elevation(np.array([[x, y, 0.0]]), t)[0]) == pytest.approx(total, rel=1e-6)
+
+
+def test_unequal_links_become_lines_joined_at_points(tmp_path):
+    scene = {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "line_type": [
+            {"name": "chain", "mass": 20.0, "diameter": 0.05, "EA": 1e8},
+            {"name": "rope", "mass": 3.0, "diameter": 0.04, "EA": 1e7, "damping": 300.0},
+        ],
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [20.0, 0.0, 0.0]}],
+        "line": [
+            {
+                "name": "mixed",
+                "from": "a",
+                "to": "b",
+                "sections": [
+                    {"type": "chain", "length": 10.0, "links": 5},
+                    {"type": "rope", "length": 14.0, "links": 7},
+                ],
+            }
+        ],
+        "effects": {"weight": {}},
+    }
+    notes = write_moordyn(scene, tmp_path / "mooring.txt")
+    assert any("bed" in note for note in notes)
+    back = load_scene(tmp_path / "mooring.txt")
+    assert [line.name for line in back.lines] == ["mixed-1", "mixed-2"]
+    assert back.sea is None
+    (before,) = load_scene(scene).lines
+    for key in ("length", "mass", "diameter", "EA", "axial_damping"):
+        after = np.concatenate([getattr(line, key) for line in back.lines])
+        np.testing.assert_allclose(after, getattr(before, key), rtol=1e-11)
+    np.testing.assert_allclose(back.point("mixed-1").position, [20.0 * 10.0 / 24.0, 0.0, 0.0], rtol=1e-12)
+
+
+def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
+    text = CHAIN.replace("-0.8         0 ", "-0.8|50      25.0 ").replace("1e8 ", "1e8|2e8 ")
+    text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n1e-4          threshIC")
+    scene = load_scene(deck(text))
+    for word in ("EI", "EA 1e8|2e8", "BA -0.8|50", "coupled", "tScheme", "Currents 5", "no duration"):
+        assert any(word in note for note in scene.notes), word
+    assert all(note.startswith("mooring.txt: ") for note in scene.notes)
+    assert load_scene(scene.to_dict()).notes == scene.notes
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("0.002         dtM", "0.002         dtMM", 17, "option 'dtMM' is unknown; did you mean 'dtm'?"),
+        ("- POINTS -", "- PIONTS -", 7, "section 'PIONTS' is unknown; did you mean 'POINTS'?"),
+        ("1     Chain       1  ", "1     Chian       1  ", 15, "line type 'Chian' is not in the file"),
+        ("        2        100 ", "        7        100 ", 15, "'7' is no point of the file"),
+        ("  100       20 ", "  1OO       20 ", 15, "UnstrLen: '1OO' is not a number"),
+        ("  100       20 ", "  -100       20 ", 15, "UnstrLen: -100 is out of range"),
+        ("0.1     30.0      1e8", "0.1     30.0      0", 6, "EA: 0 is out of range"),
+        ("0.1     30.0      1e8", "0.1     30.0      missing.txt", 6, "no such file"),
+        ("1     Fixed ", "1     Fixd ", 10, "'Fixd' is unknown"),
+        ("1     Fixed ", "1     Body1 ", 10, "bodies are not represented"),
+        ("50            WtrDpth", "! WtrDpth", 16, "WtrDpth: missing"),
+        ("3000000       kbot", "much          kbot", 18, "kbot: 'much' is not a number"),
+        ("- LINES -", "- POINTS -", 12, "is given twice"),
+    ],
+)
+def test_a_mistake_is_named_with_file_and_line(old, new, line, words, deck, capsys):
+    assert CHAIN.count(old) == 1
+    path = deck(CHAIN.replace(old, new))
+    with pytest.raises(SceneError) as caught:
+        read_moordyn(path)
+    assert str(caught.value).startswith(f"{path}:")
+    assert words in str(caught.value)
+    numbers = [i for i, text in enumerate(path.read_text().splitlines(), 1) if new in text]
+    assert str(caught.value).startswith(f"{path}:{line}:")
+    assert line in numbers or "missing" in words
+    assert main(["run", str(path)]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_dropper_run_takes_a_moordyn_file_and_writes_its_channels(deck, tmp_path, capsys):
+    path = deck(FLOAT.replace("FairTen1", "FairTen1\nAnchTen2\nL1N3T\nCon2px\nBody1px"))
+    argv = ["run", str(path), "--dt", "0.05", "--duration", "0.5", "--tables", str(tmp_path / "tables"), "--quiet"]
+    argv += ["--out", str(tmp_path / "run.npz")]
+    assert main([*argv, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert "Body1px" in err
+    assert any("duration" in w for w in json.loads(out)["warnings"])
+    lines = (tmp_path / "tables" / "moordyn.out").read_text().splitlines()
+    assert lines[0].split() == ["Time", "FairTen1", "AnchTen2", "L1N3T", "Con2px"]
+    assert lines[1].split() == ["(s)", "(N)", "(N)", "(N)", "(m)"]
+    table = np.array([[float(x) for x in line.split()] for line in lines[2:]])
+    assert table[-1, 0] == pytest.approx(0.5)
+    # from the static pose nothing moves: the float is where statics puts it, and pulls as statics says
+    pose = equilibrium(load_scene(path))
+    np.testing.assert_allclose(table[:, 1], pose.tension[9], rtol=1e-6)
+    np.testing.assert_allclose(table[:, 2], pose.tension[10], rtol=1e-6)
+    np.testing.assert_allclose(table[:, 4], pose.positions[10, 0], rtol=1e-6)
+
+    # what a run does not have is refused by name
+    solution = Solution.load(tmp_path / "run.npz")
+    assert solution.warnings == tuple(json.loads(out)["warnings"])
+    for channel in ("FairTen3", "L1N11T", "Point9px", "Nonsense"):
+        with pytest.raises(SceneError, match=channel):
+            write_out(solution, tmp_path / "x.out", [channel])
+    inner, _ = channel_values(solution, "L1N3T")
+    ends = solution.tension[0, 2:4]
+    assert min(ends) <= inner[0] <= max(ends)

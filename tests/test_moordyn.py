@@ -57,7 +57,7 @@ FLOAT = """MoorDyn v1 sample
 LineType  Diam    MassDenInAir  EA        BA/-zeta  Can  Cat  Cdn  Cdt
 (-)       (m)     (kg/m)        (N)       (Pa-s/-)  (-)  (-)  (-)  (-)
 rope      0.05    2.5           2.0e6      -1.0     1.0  0.0  1.6  0.05
-steel     0.03    5.0           5.0e7      500.0    1.0  0.0  1.2  0.02
+steel     0.03    5.0           5.0e6     2000.0    1.0  0.0  1.2  0.02
 ---------------------- CONNECTION PROPERTIES -----------------------------------------------
 Node Type     X      Y     Z     M     V     FX   FY   FZ   CdA   CA
 (-)  (-)     (m)    (m)   (m)   (kg)  (m^3) (kN) (kN) (kN)  (m^2) (-)
@@ -190,7 +190,7 @@ def test_what_each_part_of_a_file_becomes(deck):
     rope, steel = scene.lines
     # BA of a ratio: zeta * l * sqrt(EA m), l the length of a segment
     assert rope.axial_damping[0] == pytest.approx(1.0 * 4.0 * np.sqrt(2.0e6 * 2.5), rel=1e-12)
-    assert steel.axial_damping[0] == 500.0
+    assert steel.axial_damping[0] == 2000.0
     assert (rope.links, rope.total, rope.mass[0]) == (10, pytest.approx(40.0), pytest.approx(10.0))
     # version 1 orders its coefficients Can Cat Cdn Cdt
     assert scene.effects["morison_drag"]["cdn"].tolist() == [1.6] * 10 + [1.2] * 8

@@ -1,0 +1,163 @@
+"""The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
+
+    python benchmarks/moordyn.py [--quick]           (needs the extra `moordyn`; about 15 minutes, --quick about 5)
+
+Writes results/moordyn.json and results/moordyn-case-1.png beside this file and prints what it finds. Both codes start
+from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
+in place then feels almost no heave force (measured in phase with the wave: -3 N where theory has 383 N, and 374 N with a
+wave grid). Motions and tensions are therefore compared on its wave grid (WaveKin 3); component waves are for speed only.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+import argparse  # noqa: E402
+import csv  # noqa: E402
+import json  # noqa: E402
+import sys  # noqa: E402
+from importlib import metadata  # noqa: E402
+from pathlib import Path  # noqa: E402
+from typing import Any  # noqa: E402
+
+from machine import describe  # noqa: E402
+from moordyn_conventions import conventions  # noqa: E402
+from moordyn_runs import Ours, Rows, theirs  # noqa: E402
+from moordyn_speed import speed  # noqa: E402
+
+from dropper_jax import Scene, load_scene  # noqa: E402
+from dropper_jax.io import atomic_write  # noqa: E402
+from dropper_jax.solution import jsonable  # noqa: E402
+
+RESULTS = Path(__file__).parent / "results"
+PUBLISHED = Path(__file__).parents[1] / "../shared/data/published/paper_table_7_anchor_tension_n.csv"
+SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled
+RATIOS = (1.0, 0.1, 0.0)
+EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
+#: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
+STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
+
+
+def case(number: int, ratio: float = 0.1) -> Scene:
+    """A case of the paper, from its positions. Cases 3 and 5 are turned by 90 degrees, so that waves travel in +x."""
+    values: dict[str, Any] = {"start.kind": "points"}
+    if number in (3, 5):
+        values.update({"point.buoy.position": [0.0, 30.0, -4.43], "sea.waves.direction": 0.0})
+    if number == 5:
+        values["sea.current.direction"] = 0.0
+    scene = load_scene(f"paper-case-{number}").with_values(values)
+    damping = scene.lines[0].axial_damping[0] * ratio / 0.1  # the packaged scenes have a ratio of 0.1
+    return scene.with_values({"line.0.axial.damping": damping})
+
+
+def published() -> dict[str, dict[str, float]]:
+    """Table 7 of the paper, anchor tension [N]; empty where the file is not there."""
+    if not PUBLISHED.exists():
+        return {}
+    with open(PUBLISHED, newline="") as file:
+        return {row.pop("case"): {key: float(x) for key, x in row.items()} for row in csv.DictReader(file)}
+
+
+def both(number: int, ratio: float) -> tuple[dict[str, Any], Rows, Rows]:
+    """One case in both codes: statistics of the whole run and of its settled part."""
+    scene = case(number, ratio)
+    here = Ours.of(scene).run(EVERY, SPAN)
+    there = theirs(scene, STEPS[ratio], SPAN, look=0.01, grid=True)
+    found: dict[str, Any] = {"case": number, "damping_ratio": ratio}
+    for name, rows, dt in (("ours", here, 0.1 / EVERY), ("moordyn", there, STEPS[ratio])):
+        found[name] = {
+            "dt_s": dt,
+            "wall_s": rows.wall_s,
+            "whole": rows.statistics(),
+            "settled": rows.statistics(SETTLED),
+        }
+    show(found)
+    return found, here, there
+
+
+def show(found: dict[str, Any]) -> None:
+    """A case on a few lines."""
+    print(f"case {found['case']}, internal damping ratio {found['damping_ratio']:g}", flush=True)
+    for name in ("ours", "moordyn"):
+        for part in ("whole", "settled"):
+            rows = found[name][part]
+            if rows["status"] != "ok":
+                print(f"  {name:8s} {part:8s} {rows['status']}")
+                continue
+            a, f, p = rows["anchor"], rows["fairlead"], rows["place"]
+            ranges = ", ".join(f"{axis} {p['min'][i]:.2f}..{p['max'][i]:.2f}" for i, axis in enumerate("xyz"))
+            print(
+                f"  {name:8s} {part:8s} anchor {a['mean']:6.0f} ({a['min']:.0f}..{a['max']:.0f}) N, fairlead "
+                f"{f['mean']:6.0f} ({f['min']:.0f}..{f['max']:.0f}) N, buoy {ranges} m, retried {rows['retried']:.1%}"
+            )
+
+
+def picture(here: Rows, there: Rows, path: Path) -> None:
+    """Case 1 in both codes: where the buoy is, and the tension at the anchor."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(3, 1, figsize=(9, 7), sharex=True, layout="constrained")
+    for rows, name, style in (
+        (there, "MoorDyn v2, wave grid, dt 0.0005 s", "C1-"),
+        (here, "dropper-jax, dt 0.02 s", "C0-"),
+    ):
+        kept = (rows.t > 100.0) & (rows.t <= 134.0)
+        t = rows.t[kept]
+        for ax, values in zip(axes, (rows.place[:, 0], rows.place[:, 2], 1e-3 * rows.mean[:, 0]), strict=True):
+            ax.plot(t, values[kept], style, lw=1.1, label=name)
+    labels = ("x of the buoy's base [m]", "z of the buoy's base [m]", "anchor tension,\nmean over 0.1 s [kN]")
+    for ax, label in zip(axes, labels, strict=True):
+        ax.set_ylabel(label)
+        ax.grid(alpha=0.3)
+    axes[0].legend(loc="upper right", fontsize=8)
+    axes[0].set_title("The paper's case 1, internal damping ratio 0.1")
+    axes[-1].set_xlabel("time [s]")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="case 1 at ratio 0.1 and the conventions only")
+    quick = parser.parse_args().quick
+    RESULTS.mkdir(exist_ok=True)
+    found: dict[str, Any] = {
+        "schema": 1,
+        "machine": describe(),
+        "versions": {name: metadata.version(name) for name in ("moordyn", "jax", "dropper-jax", "numpy")},
+        "load_average": os.getloadavg()[0],
+        "table_7": published(),
+    }
+    target = RESULTS / ("moordyn-quick.json" if quick else "moordyn.json")
+
+    def keep() -> None:
+        atomic_write(target, json.dumps(jsonable(found), indent=1) + "\n")
+
+    found["case_4"] = conventions()
+    keep()
+    runs = [(1, 0.1)] if quick else [(1, 0.1), (1, 1.0), (1, 0.0), (2, 0.1), (3, 0.1), (5, 0.1)]
+    found["cases"] = []
+    for number, ratio in runs:
+        row, here, there = both(number, ratio)
+        found["cases"].append(row)
+        if (number, ratio) == (1, 0.1):
+            picture(here, there, RESULTS / "moordyn-case-1.png")
+        keep()
+    if not quick:
+        found["speed"] = []
+        for row in speed(case):
+            found["speed"].append(row)
+            keep()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""Case 4 of the paper, a steady current: what conventions do to the static tension at the anchor."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from moordyn_runs import theirs
+
+from dropper_jax import Scene, load_scene
+from dropper_jax.build import build_model
+from dropper_jax.effects.spar_buoys import Around, SparBuoys
+from dropper_jax.fields import component
+from dropper_jax.kinematics import Kinematics
+from dropper_jax.statics import equilibrium
+
+#: Anchor tension [N] of the adapted MoorDyn (Table 7, maximum: what it settles at).
+PAPER = 1535.0
+
+
+@component
+class SurfaceCurrent(SparBuoys):
+    """The whole buoy feels the current at the surface."""
+
+    def prepare(self, k: Kinematics) -> Around:
+        return _everywhere(self, k, super().prepare(k), surface=True)
+
+
+@component
+class BaseCurrent(SparBuoys):
+    """The whole buoy feels the current at its base."""
+
+    def prepare(self, k: Kinematics) -> Around:
+        return _everywhere(self, k, super().prepare(k), surface=False)
+
+
+def _everywhere(buoys: SparBuoys, k: Kinematics, around: Around, surface: bool) -> Around:
+    r = k.r[buoys.nodes(k.model)]
+    height = jnp.zeros_like(r[:, 2]) if surface else r[:, 2] - buoys.attachment
+    u = k.model.sea.at(r.at[:, 2].set(height), k.t).velocity
+    return around._replace(velocity=jnp.broadcast_to(u[:, None, :], around.velocity.shape))
+
+
+def static_tension(scene: Scene, buoys: type[SparBuoys] = SparBuoys) -> float:
+    """Static tension at the anchor [N]."""
+    model = build_model(scene)
+    swapped = tuple(
+        buoys(**{f.name: getattr(e, f.name) for f in fields(e)}) if isinstance(e, SparBuoys) else e
+        for e in model.effects
+    )
+    pose = equilibrium(replace(model, effects=swapped))
+    return float(pose.tension[0]) if pose.status == "ok" else float("nan")
+
+
+def conventions() -> list[dict[str, Any]]:
+    """Rows of the table, printed as they come."""
+    scene = load_scene("paper-case-4")
+    on_diameter = np.asarray(scene.effects["morison_drag"]["cdt"]) / np.pi
+    variants = {
+        "chain at the base, current over the draught, axial drag on pi D": lambda: static_tension(scene),
+        "buoy feels the current at the surface": lambda: static_tension(scene, SurfaceCurrent),
+        "buoy feels the current at its base": lambda: static_tension(scene, BaseCurrent),
+        "axial drag of the chain on D": lambda: static_tension(
+            scene.with_values({"effects.morison_drag.cdt": on_diameter})
+        ),
+        "chain at half the buoy's height": lambda: static_tension(
+            scene.with_values({"buoy.0.attachment": 0.5 * scene.buoys[0].height})
+        ),
+    }
+    rows = []
+    print(f"case 4, static tension at the anchor (the paper's adapted MoorDyn: {PAPER:g} N)")
+    for name, tension in variants.items():
+        rows.append({"convention": name, "anchor_n": tension()})
+        print(f"  {name:64s} {rows[-1]['anchor_n']:8.1f} N  {rows[-1]['anchor_n'] / PAPER - 1:+.1%}", flush=True)
+    last = theirs(scene.with_values({"start.kind": "points"}), 0.0005, 300.0)
+    value = float(np.mean(last.mean[-100:, 0])) if last.status == "ok" else float("nan")
+    rows.append({"convention": "MoorDyn v2, after 300 s", "anchor_n": value})
+    print(f"  {rows[-1]['convention']:64s} {value:8.1f} N  {value / PAPER - 1:+.1%}", flush=True)
+    return rows

@@ -1,0 +1,249 @@
+"""The same scene in MoorDyn v2 and here: runs that give end tensions and the place of the far end at equal times."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax import Scene, step
+from dropper_jax.integrate import begin
+from dropper_jax.integrators import make_stepper
+from dropper_jax.model import Model, State
+from dropper_jax.moordyn.writer import write_moordyn
+from dropper_jax.sea.make import make_sea
+from dropper_jax.simulate import build
+from dropper_jax.stepping import FULL_STEP, Stepper
+
+#: Time between rows [s], in both codes.
+SAMPLE = 0.1
+#: Time between the tables of a wave grid [s].
+GRID_STEP = 0.1
+
+
+@dataclass
+class Rows:
+    """A run: times (k,), and per row the mean, least and largest tension at both ends (k, 2) and the far end's place.
+
+    Attributes:
+        square: mean square of the tensions.
+        wall_s: wall time of the run without compilation or file reading.
+        retried: steps taken again, as a share.
+        status: `ok` or what went wrong.
+    """
+
+    t: np.ndarray
+    mean: np.ndarray
+    square: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    place: np.ndarray
+    wall_s: float
+    retried: float = 0.0
+    status: str = "ok"
+
+    def statistics(self, start: float = 0.0) -> dict[str, Any]:
+        """Tension of anchor and fairlead [N] and ranges of the far end [m], from `start` on."""
+        kept = self.t > start
+        found: dict[str, Any] = {"status": self.status, "retried": self.retried}
+        if self.status != "ok":
+            return found
+        for i, name in enumerate(("anchor", "fairlead")):
+            mean, square = float(np.mean(self.mean[kept, i])), float(np.mean(self.square[kept, i]))
+            found[name] = {
+                "min": float(np.min(self.least[kept, i])),
+                "mean": mean,
+                "std": float(np.sqrt(max(square - mean**2, 0.0))),
+                "max": float(np.max(self.most[kept, i])),
+            }
+        low, high = np.min(self.place[kept], axis=0), np.max(self.place[kept], axis=0)
+        found["place"] = {"min": low.tolist(), "max": high.tolist(), "mean": np.mean(self.place[kept], axis=0).tolist()}
+        return found
+
+
+@partial(jax.jit, static_argnames=("stepper", "saves"))
+def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int) -> Any:
+    def save(carry: tuple[State, jax.Array, jax.Array], _: None) -> Any:
+        def one(_: jax.Array, inner: Any) -> Any:
+            s, alive, again, total, square, least, most = inner
+            s, report = step(stepper, model, s, dt, alive)
+            ends = s.tension[jnp.array([0, -1])]
+            alive = alive & (report.residual <= stepper.limit(model))
+            again = again + (report.level > FULL_STEP)
+            return s, alive, again, total + ends, square + ends**2, jnp.minimum(least, ends), jnp.maximum(most, ends)
+
+        zero = jnp.zeros(2, model.dtype)
+        start = (*carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
+        s, alive, again, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
+        nodes = model.graph.everywhere(s.r, model.ends(s.t).start)
+        place = nodes[model.graph.last[-1]]
+        return (s, alive, again), (total / every, square / every, least, most, place, alive)
+
+    carry = (begin(stepper, model, s).state, jnp.array(True), jnp.zeros((), jnp.int32))
+    (_, _, again), rows = jax.lax.scan(save, carry, None, length=saves)
+    return again, rows
+
+
+@dataclass
+class Ours:
+    """A scene here, compiled once for all step sizes; `run` may be called with other scenes of the same structure."""
+
+    stepper: Stepper
+    model: Model
+    start: State
+
+    @classmethod
+    def of(cls, scene: Scene) -> Ours:
+        model, start = build(scene)
+        return cls(make_stepper(model, track_work=False), model, start)
+
+    def run(self, every: int, duration: float, repeats: int = 1) -> Rows:
+        """Steps of SAMPLE / every [s]; the least wall time of the repeats counts, after a run that compiles."""
+        saves = round(duration / SAMPLE)
+        given = (self.model, self.start, jnp.asarray(SAMPLE / every), jnp.asarray(every))
+        wall = np.inf
+        compiled = _march.lower(self.stepper, *given, saves=saves).compile() if repeats else None
+        for _ in range(repeats):
+            begun = time.perf_counter()
+            again, rows = jax.block_until_ready(compiled(*given))
+            wall = min(wall, time.perf_counter() - begun)
+        mean, square, least, most, place, alive = (np.asarray(a) for a in rows)
+        t = SAMPLE * np.arange(1, saves + 1)
+        status = "ok" if bool(alive[-1]) else f"not_converged at {t[np.argmin(alive)]:.4g} s"
+        return Rows(t, mean, square, least, most, place, wall, float(again) / (saves * every), status)
+
+
+def wheel() -> Any:
+    """The package `moordyn`; a script of that name in this folder must not stand in its way."""
+    here = Path(__file__).parent
+    sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != here]
+    import moordyn
+
+    return moordyn
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing of what a library prints on the standard streams."""
+    with open(os.devnull, "w") as nothing:
+        kept = [os.dup(i) for i in (1, 2)]
+        sys.stdout.flush()
+        for i in (1, 2):
+            os.dup2(nothing.fileno(), i)
+        try:
+            yield
+        finally:
+            for i, saved in zip((1, 2), kept, strict=True):
+                os.dup2(saved, i)
+                os.close(saved)
+
+
+@contextlib.contextmanager
+def _inside(folder: str) -> Iterator[None]:
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
+    """Tension [N] at an end, negative where the damper of a slack segment pushes (MoorDyn's tables give its size)."""
+    pull = np.array(moordyn.GetLineNodeTen(line, end))
+    along = np.array(moordyn.GetLineNodePos(line, inner)) - np.array(moordyn.GetLineNodePos(line, end))
+    return float(np.linalg.norm(pull) * (np.sign(pull @ along) or 1.0) * (1.0 if end < inner else -1.0))
+
+
+def _write_grid(scene: Scene, folder: Path, duration: float) -> None:
+    """Elevation at the origin and the grid around the mooring, as WaveKin 3 asks for them."""
+    sea = make_sea(scene.sea)
+    # whole periods of a regular wave, so that its Fourier series has one line; room at the end for an irregular one
+    period = 2 * np.pi / float(sea.waves.omega[0])
+    last = period * np.ceil(duration / period + 1.0) if sea.waves.size == 1 else duration + 100.0
+    t = np.arange(0.0, last, 0.5 * GRID_STEP)
+    eta = np.sum(np.asarray(sea.waves.amplitude) * np.cos(sea.waves.phase - np.outer(t, sea.waves.omega)), axis=1)
+    rows = "\n".join(f"{a:.6f} {b:.9f}" for a, b in zip(t, eta, strict=True))
+    (folder / "wave_elevation.txt").write_text(rows + "\n")
+    words = [f"{low} {high} {count}" for low, high, count in ((-60, 60, 61), (-60, 60, 2), (-30, 10, 41))]
+    axes = "\n".join(f"2\n{word}" for word in words)
+    (folder / "water_grid.txt").write_text(f"grid\nx, y, z\n-\n{axes}\n")
+
+
+def theirs(
+    scene: Scene,
+    dt: float,
+    duration: float,
+    scheme: str = "rk2",
+    look: float = SAMPLE,
+    drive: Callable[[float], np.ndarray] | None = None,
+    grid: bool = False,
+) -> Rows:
+    """MoorDyn on the scene, with its exact kinematics (WaveKin 7) or those of a grid (WaveKin 3).
+
+    Args:
+        grid: whether wave kinematics come from a grid; the waves must travel in +x.
+        dt: its time step [s].
+        look: time between calls [s]: extremes between them are not seen.
+        drive: place (3,) [m] over time of its coupled point; between calls the point moves evenly.
+    """
+    moordyn = wheel()
+    options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
+    inner, rows, wall = max(1, round(SAMPLE / look)), [], 0.0
+    with tempfile.TemporaryDirectory() as folder, _inside(folder), _quiet():
+        if grid:
+            options.update({"WaveKin": 3, "dtWave": GRID_STEP})
+            _write_grid(scene, Path(folder), duration)
+        write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
+        system = moordyn.Create("mooring.txt")
+        try:
+            first = [] if drive is None else list(drive(0.0))
+            moordyn.Init(system, first, [0.0] * len(first))
+            line = moordyn.GetLine(system, 1)
+            count, now = moordyn.GetLineN(line), 0
+            for _ in range(round(duration / SAMPLE)):
+                ends = []
+                for _ in range(inner):
+                    t = now * SAMPLE / inner
+                    x = [] if drive is None else list(drive(t))
+                    v = [] if drive is None else list((drive(t + SAMPLE / inner) - drive(t)) / (SAMPLE / inner))
+                    begun = time.perf_counter()
+                    moordyn.Step(system, x, v, t, SAMPLE / inner)
+                    wall += time.perf_counter() - begun
+                    now += 1
+                    ends.append([_signed(moordyn, line, i, j) for i, j in ((0, 1), (count, count - 1))])
+                rows.append((np.array(ends), moordyn.GetLineNodePos(line, count)))
+                if not np.all(np.isfinite(ends)):
+                    break
+        except RuntimeError:
+            pass
+        finally:
+            moordyn.Close(system)
+    wanted = round(duration / SAMPLE)
+    status = (
+        "ok" if len(rows) == wanted and np.all(np.isfinite(rows[-1][0])) else f"unstable at {len(rows) * SAMPLE:.4g} s"
+    )
+    if not rows:
+        rows = [(np.full((1, 2), np.nan), (np.nan,) * 3)]
+    ends = [row[0] for row in rows]
+    return Rows(
+        t=SAMPLE * np.arange(1, len(rows) + 1),
+        mean=np.array([e.mean(axis=0) for e in ends]),
+        square=np.array([(e**2).mean(axis=0) for e in ends]),
+        least=np.array([e.min(axis=0) for e in ends]),
+        most=np.array([e.max(axis=0) for e in ends]),
+        place=np.array([row[1] for row in rows], float),
+        wall_s=wall,
+        status=status,
+    )

@@ -4,8 +4,9 @@
 
 Writes results/moordyn.json and results/moordyn-case-1.png beside this file and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
-in place then feels almost no heave force (measured in phase with the wave: -3 N where theory has 383 N, and 374 N with a
-wave grid). Motions and tensions are therefore compared on its wave grid (WaveKin 3); component waves are for speed only.
+in place then feels almost no heave force (measured in phase with the wave: -3 N where theory has 383 N, 374 N with a
+wave grid). Motions and tensions are therefore compared on its wave grid (WaveKin 3); component waves are for speed
+only.
 """
 
 from __future__ import annotations

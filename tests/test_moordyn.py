@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,108 +17,22 @@ from dropper_jax.moordyn.reader import read_moordyn
 from dropper_jax.moordyn.writer import write_moordyn
 from dropper_jax.solution import Solution
 
-OPTIONS = """\
----------------------- OPTIONS -----------------------------------------
-0.002         dtM           time step to use in mooring integration (s)
-3000000       kbot          bottom stiffness (Pa/m)
-300000        cbot          bottom damping (Pa-s/m)
-50            WtrDpth       water depth (m)
-0.5           dtIC          time interval for analyzing convergence during IC gen (s)
-60            TmaxIC        max time for ic gen (s)
-1e-4          threshIC      threshold for IC convergence (-)
-1             ICgenDynamic
-"""
-OUTPUTS = """\
----------------------- OUTPUTS -----------------------------------------
-FairTen1
-L1N3T
-Point2px
-------------------------- need this line -------------------------------------
-"""
-#: A chain that lies on the bed for a part, its top held by a vessel.
-CHAIN = f"""--------------------- MoorDyn Input File ------------------------------------
-a chain on the bed
----------------------- LINE TYPES -----------------------------------
-TypeName   Diam    Mass/m     EA     BA/-zeta    EI         Cd     Ca     CdAx    CaAx
-(name)     (m)     (kg/m)     (N)    (N-s/-)     (N-m^2)    (-)    (-)    (-)     (-)
-Chain      0.1     30.0      1e8    -0.8         0          1.6     1     0.1     0.5
----------------------- POINTS ---------------------------------------
-ID   Attachment  X       Y     Z      Mass   Volume  CdA    Ca
-(#)   (word/ID) (m)     (m)   (m)    (kg)   (m^3)   (m^2)  (-)
-1     Fixed      -80.0   0    -50.0    0      0       0      0
-2     Coupled     0.0    0     -5.0    0      0       0      0   ! name: fairlead
----------------------- LINES ----------------------------------------
-ID   LineType   AttachA  AttachB  UnstrLen  NumSegs  LineOutputs
-(#)   (name)     (ID)     (ID)      (m)       (-)      (-)
-1     Chain       1        2        100       20       p
-{OPTIONS}{OUTPUTS}"""
-#: Version 1: two ropes, a float between them.
-FLOAT = """MoorDyn v1 sample
----------------------- LINE DICTIONARY -----------------------------------------------------
-LineType  Diam    MassDenInAir  EA        BA/-zeta  Can  Cat  Cdn  Cdt
-(-)       (m)     (kg/m)        (N)       (Pa-s/-)  (-)  (-)  (-)  (-)
-rope      0.05    2.5           2.0e6      -1.0     1.0  0.0  1.6  0.05
-steel     0.03    5.0           5.0e6     2000.0    1.0  0.0  1.2  0.02
----------------------- CONNECTION PROPERTIES -----------------------------------------------
-Node Type     X      Y     Z     M     V     FX   FY   FZ   CdA   CA
-(-)  (-)     (m)    (m)   (m)   (kg)  (m^3) (kN) (kN) (kN)  (m^2) (-)
-1    Fixed   0.0    0.0  -50.0   0     0     0    0    0     0     0
-2    Connect 20.0   0.0  -20.0  60.0  0.30   0    0    0     0.2   0.5
-3    Fixed   45.0   5.0  -10.0   0     0     0    0    0     0     0
----------------------- LINE PROPERTIES -----------------------------------------------------
-Line  LineType  UnstrLen  NumSegs  NodeAnch  NodeFair  Flags/Outputs
-(-)   (-)       (m)       (-)      (-)       (-)       (-)
-1     rope      40.0      10       1         2         -
-2     steel     32.0       8       2         3         -
----------------------- SOLVER OPTIONS -----------------------------------------
-0.001   dtM       - time step
-50      WtrDpth   - water depth (m)
-60      TmaxIC
----------------------- OUTPUTS ---------------------------
-FairTen1
-END
-"""
-#: A float on a rope in a current that falls off with depth, across the plane of the other two ropes.
-CURRENT = """--------------------- MoorDyn Input File ------------------------------------
----------------------- LINE TYPES -----------------------------------
-TypeName   Diam    Mass/m     EA     BA/-zeta    EI         Cd     Ca     CdAx    CaAx
-(name)     (m)     (kg/m)     (N)    (N-s/-)     (N-m^2)    (-)    (-)    (-)     (-)
-rope       0.06    3.5        1e7    -0.1        0          1.4     1     0.2     0.5
----------------------- POINTS ---------------------------------------
-ID   Attachment  X       Y     Z      Mass   Volume  CdA    Ca
-(#)   (word/ID) (m)     (m)   (m)    (kg)   (m^3)   (m^2)  (-)
-1     Fixed      -20.0   0    -50.0    0      0       0      0
-2     Fixed       20.0   0    -50.0    0      0       0      0
-3     Free         0.0   0    -25.0   50.0   0.5      0.8    0.5
----------------------- LINES ----------------------------------------
-ID   LineType   AttachA  AttachB  UnstrLen  NumSegs  LineOutputs
-(#)   (name)     (ID)     (ID)      (m)       (-)      (-)
-1     rope        1        3        36       12       -
-2     rope        2        3        36       12       -
----------------------- OPTIONS -----------------------------------------
-0.0004 dtM
-50     WtrDpth
-60     TmaxIC
-1      ICgenDynamic
-1      Currents
----------------------- OUTPUTS -----------------------------------------
-FairTen1
-------------------------- need this line -------------------------------------
-"""
-PROFILE = "steady\nz ux uy uz\n(m) (m/s) (m/s) (m/s)\n-50 0.1 0.2 0\n-25 0.3 0.6 0\n0 0.4 1.0 0\n"
 #: Time [s] in which MoorDyn comes to rest.
 REST = 60.0
-INPUTS = {"chain": CHAIN, "float": FLOAT, "current": CURRENT}
+#: Inputs written for these tests: version 2, version 1, and a current beside it.
+FOLDER = Path(__file__).parent / "moordyn"
+INPUTS = ("chain", "float", "current")
+CHAIN, FLOAT = ((FOLDER / f"{name}.txt").read_text() for name in ("chain", "float"))
 
 
 @pytest.fixture
 def deck(tmp_path):
-    """`deck(text)`: a file of that text, with a current file beside it."""
+    """`deck(text)`: a file of that text, or of an input of that name, with a current file beside it."""
 
-    def make(text: str, name: str = "mooring.txt") -> Path:
-        (tmp_path / "current_profile.txt").write_text(PROFILE)
-        path = tmp_path / name
-        path.write_text(text)
+    def make(text: str) -> Path:
+        shutil.copy(FOLDER / "current_profile.txt", tmp_path)
+        path = tmp_path / "mooring.txt"
+        path.write_text((FOLDER / f"{text}.txt").read_text() if text in INPUTS else text)
         return path
 
     return make
@@ -151,7 +66,7 @@ def statics_of_moordyn(path: Path) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", INPUTS)
 def test_static_tensions_are_those_of_moordyn_within_one_percent(name, deck):
-    path = deck(INPUTS[name])
+    path = deck(name)
     scene = load_scene(path)
     pose = equilibrium(scene)
     if name == "float":  # the wheel reads version 2 only
@@ -178,7 +93,7 @@ def test_a_scene_survives_the_way_to_a_file_and_back(name, tmp_path):
 
 @pytest.mark.parametrize("name", INPUTS)
 def test_an_imported_scene_survives_the_way_to_a_file_and_back(name, deck, tmp_path):
-    scene = load_scene(deck(INPUTS[name]))
+    scene = load_scene(deck(name))
     (tmp_path / "again").mkdir()
     assert write_moordyn(scene, tmp_path / "again" / "mooring.txt") == []
     back = load_scene(tmp_path / "again" / "mooring.txt").to_dict()

@@ -32,7 +32,8 @@ def channels_of(path: str | Path) -> list[str]:
     if not looks_like_moordyn(text):
         return []
     deck = split_file(path, text)
-    return [word for row in deck.rows.get("outputs", []) for word in row.words]
+    words = [word for row in deck.rows.get("outputs", []) for word in row.words]
+    return [part for word in words for part in word.replace(",", " ").replace('"', " ").split()]
 
 
 def default_channels(solution: Solution) -> list[str]:

@@ -1,6 +1,6 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
-    python benchmarks/moordyn.py [--quick]           (needs the extra `moordyn`; about 15 minutes, --quick about 5)
+    python benchmarks/moordyn.py [--only conventions|cases|speed]      (needs the extra `moordyn`; about 15 minutes)
 
 Writes results/moordyn.json and results/moordyn-case-1.png beside this file and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
@@ -127,32 +127,36 @@ def picture(here: Rows, there: Rows, path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="case 1 at ratio 0.1 and the conventions only")
-    quick = parser.parse_args().quick
+    parser.add_argument("--only", choices=("conventions", "cases", "speed"), help="measure this part, keep the others")
+    only = parser.parse_args().only
     RESULTS.mkdir(exist_ok=True)
-    found: dict[str, Any] = {
-        "schema": 1,
-        "machine": describe(),
-        "versions": {name: metadata.version(name) for name in ("moordyn", "jax", "dropper-jax", "numpy")},
-        "load_average": os.getloadavg()[0],
-        "table_7": published(),
-    }
-    target = RESULTS / ("moordyn-quick.json" if quick else "moordyn.json")
+    target = RESULTS / "moordyn.json"
+    found: dict[str, Any] = json.loads(target.read_text()) if only and target.exists() else {}
+    found.update(
+        {
+            "schema": 1,
+            "machine": describe(),
+            "versions": {name: metadata.version(name) for name in ("moordyn", "jax", "dropper-jax", "numpy")},
+            "load_average": os.getloadavg()[0],
+            "table_7": published(),
+        }
+    )
 
     def keep() -> None:
         atomic_write(target, json.dumps(jsonable(found), indent=1) + "\n")
 
-    found["case_4"] = conventions()
-    keep()
-    runs = [(1, 0.1)] if quick else [(1, 0.1), (1, 1.0), (1, 0.0), (2, 0.1), (3, 0.1), (5, 0.1)]
-    found["cases"] = []
-    for number, ratio in runs:
-        row, here, there = both(number, ratio)
-        found["cases"].append(row)
-        if (number, ratio) == (1, 0.1):
-            picture(here, there, RESULTS / "moordyn-case-1.png")
+    if only in (None, "conventions"):
+        found["case_4"] = conventions()
         keep()
-    if not quick:
+    if only in (None, "cases"):
+        found["cases"] = []
+        for number, ratio in [*((1, ratio) for ratio in RATIOS), (2, 0.1), (3, 0.1), (5, 0.1)]:
+            row, here, there = both(number, ratio)
+            found["cases"].append(row)
+            if (number, ratio) == (1, 0.1):
+                picture(here, there, RESULTS / "moordyn-case-1.png")
+            keep()
+    if only in (None, "speed"):
         found["speed"] = []
         for row in speed(case):
             found["speed"].append(row)

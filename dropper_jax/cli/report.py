@@ -1,0 +1,79 @@
+"""`dropper report RUN... --out DIR`: loads, fatigue, motion and contact of saved runs, extremes over seeds."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_json, number
+from dropper_jax.cli.output import print_json, print_line
+from dropper_jax.errors import SceneError
+from dropper_jax.report.settings import Settings
+
+if TYPE_CHECKING:
+    from dropper_jax.solution import Solution
+
+name = "report"
+help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
+    parser.add_argument("--out", metavar="DIR", help="write report.md, report.json and pictures")
+    parser.add_argument("--vtk", metavar="DIR", help="write the first run as a series of .vtp files for ParaView")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
+    for field in dataclasses.fields(Settings):
+        meaning, unit, option = (field.metadata[key] for key in ("meaning", "unit", "option"))
+        given = "" if field.default is None else f" (default: {field.default:g})"
+        parser.add_argument(
+            option, dest=f"setting_{field.name}", type=number, metavar="X", help=f"{meaning} [{unit}]{given}"
+        )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    given = {f.name: getattr(args, f"setting_{f.name}") for f in dataclasses.fields(Settings)}
+    settings = Settings(**{key: value for key, value in given.items() if value is not None})
+    out, vtk = (_folder(getattr(args, key), f"--{key}") for key in ("out", "vtk"))
+    if args.every < 1:
+        raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
+    solutions = _load(args.runs)
+
+    from dropper_jax.report import report_runs, write_report, write_vtk
+    from dropper_jax.report.text import markdown
+    from dropper_jax.solution import jsonable
+
+    found: dict[str, Any] = report_runs(solutions, settings)
+    failures = [f"{file}: {solution.failure}" for file, solution in solutions.items() if solution.failure]
+    if failures:
+        found["error"] = "; ".join(failures)
+    if out:
+        written = write_report(found, solutions, out, settings)
+        print_line(f"report: {written}")
+    if vtk:
+        print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), vtk, args.every)}")
+    if args.json:
+        print_json(jsonable(found))
+    else:
+        print(markdown(found, [{} for _ in solutions]))
+    for failure in failures:
+        print_line(f"error: {failure}")
+    return FAILED if failures else OK
+
+
+def _folder(text: str | None, option: str) -> Path | None:
+    if text is not None and Path(text).exists() and not Path(text).is_dir():
+        raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
+    return None if text is None else Path(text)
+
+
+def _load(files: list[str]) -> dict[str, Solution]:
+    from dropper_jax.storage import load_run
+
+    for i, file in enumerate(files):
+        if file in files[:i]:
+            raise SceneError(f"RUN: {file!r} is given twice; allowed: every run once")
+    return {file: load_run(file) for file in files}

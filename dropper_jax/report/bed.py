@@ -1,0 +1,53 @@
+"""Seabed contact: how much of each line lies on the bed, and for how long."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.report.motion import node_arc
+from dropper_jax.report.record import Record
+from dropper_jax.report.settings import Settings
+
+
+def bed_height(scene: Any, places: np.ndarray) -> np.ndarray | None:
+    """Height z [m] of the bed under places (..., 3) [m]; None for a scene without [effects.seabed]."""
+    if "seabed" not in scene.effects:
+        return None
+    values = scene.effects["seabed"]
+    if values["bed_x"] is None:
+        depth = values["depth"] if values["depth"] is not None else scene.sea.depth
+        return np.full(places.shape[:-1], -float(depth))
+    from dropper_jax.effects import EFFECTS
+
+    bed = EFFECTS["seabed"].build(values, scene)
+    return np.asarray(bed.bed(places.reshape(-1, 3))).reshape(places.shape[:-1])
+
+
+def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: length on the bed [m] over time and share of time of each node.
+
+    A node lies on the bed where it is less than `contact` above it; it stands for the halves of its two links.
+
+    Args:
+        bed: height (k, nodes) [m] of the bed under every node.
+    """
+    on = record.positions[..., 2] - bed <= settings.contact
+    found = []
+    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+        own = on[:, where.nodes]
+        half = 0.5 * np.asarray(spec.length, float)
+        share = np.concatenate([half, [0.0]]) + np.concatenate([[0.0], half])
+        length = own @ share
+        found.append(
+            {
+                "line": spec.name,
+                "arc_length_m": node_arc(spec.length),
+                "length_m": {"min": float(length.min()), "mean": float(length.mean()), "max": float(length.max())},
+                "share_of_line": float(length.mean() / spec.total),
+                "share_of_time": own.mean(axis=0),
+                "share_with_contact": float(np.mean(length > 0)),
+            }
+        )
+    return found

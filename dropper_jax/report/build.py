@@ -1,0 +1,150 @@
+"""The report as plain values: one run, or several runs of the same lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from dropper_jax.report.bed import bed_contact, bed_height
+from dropper_jax.report.distance import line_distances
+from dropper_jax.report.extremes import storm_extreme
+from dropper_jax.report.fatigue import line_fatigue
+from dropper_jax.report.motion import accelerations, watch_circles
+from dropper_jax.report.record import Record, record
+from dropper_jax.report.settings import Settings
+from dropper_jax.report.snap import line_snaps
+from dropper_jax.report.tension import anchors, line_tensions
+from dropper_jax.report.water import submergence, surface_over
+
+if TYPE_CHECKING:
+    from dropper_jax.solution import Solution
+
+SCHEMA = 1
+
+
+def report_run(solution: Solution, settings: Settings | None = None) -> dict[str, Any]:
+    """Everything the report says of one run; a section that does not apply is `{"skipped": why}`.
+
+    Raises:
+        SceneError: the run has fewer than three good samples.
+    """
+    settings = settings or Settings()
+    part = record(solution, settings.skip)
+    used = solution.settings
+    return {
+        "scene": solution.scene.name,
+        "status": solution.status,
+        "integrator": used.get("integrator"),
+        "dt_s": used.get("dt"),
+        "saved_every_s": part.interval,
+        "from_s": float(part.t[0]),
+        "to_s": float(part.t[-1]),
+        "samples": len(part.t),
+        "retried_steps": solution.retried_steps,
+        "notes": list(part.notes),
+        "tension": line_tensions(part, settings),
+        "anchors": anchors(part) or {"skipped": "no point is held"},
+        "snap": line_snaps(part, settings),
+        "fatigue": _optional(line_fatigue, part, settings),
+        "watch_circle": watch_circles(part),
+        "acceleration": accelerations(part),
+        "submergence": _submergence(part),
+        "distance": line_distances(part) if len(part.lines) > 1 else {"skipped": "one line"},
+        "seabed": _seabed(part, settings),
+    }
+
+
+def _optional(section: Any, part: Record, settings: Settings) -> Any:
+    try:
+        return section(part, settings)
+    except SceneError as error:  # the package of an extra is missing: the rest of the report stands
+        return {"skipped": str(error)}
+
+
+def _submergence(part: Record) -> dict[str, Any]:
+    if part.scene.sea is None:
+        return {"skipped": "the scene has no water"}
+    return submergence(part, surface_over(part.scene, part.positions, part.t))
+
+
+def _seabed(part: Record, settings: Settings) -> Any:
+    bed = bed_height(part.scene, part.positions)
+    if bed is None:
+        return {"skipped": "the scene has no [effects.seabed]"}
+    return bed_contact(part, bed, settings)
+
+
+def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> dict[str, Any]:
+    """The report of runs by name (their files): each run, their spread and, from three runs on, a storm's extremes.
+
+    Raises:
+        SceneError: runs whose lines differ; a run with fewer than three good samples.
+    """
+    settings = settings or Settings()
+    _same_lines(solutions)
+    runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
+    bad = next((run["status"] for run in runs.values() if run["status"] != "ok"), None)
+    return {
+        "schema": SCHEMA,
+        "status": bad or "ok",
+        "settings": settings.table(),
+        "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],
+        "spread": _spread(list(runs.values())),
+        "extremes": _extremes(list(runs.values()), settings),
+    }
+
+
+def _same_lines(solutions: dict[str, Solution]) -> None:
+    known = None
+    for name, solution in solutions.items():
+        lines = [(line.name, line.links) for line in solution.scene.lines]
+        known = known or (name, lines)
+        if lines != known[1]:
+            raise SceneError(f"{name}: its lines are not those of {known[0]}; allowed: runs of the same lines")
+
+
+def _peaks(runs: list[dict[str, Any]]) -> dict[str, list[float]]:
+    """What is compared between runs: largest tension of each line, largest load of each anchor [N], by run."""
+    found = {
+        f"tension of {line['line']}": [r["tension"][i]["largest"]["n"] for r in runs]
+        for i, line in enumerate(runs[0]["tension"])
+    }
+    if isinstance(runs[0]["anchors"], list):
+        for i, anchor in enumerate(runs[0]["anchors"]):
+            found[f"load of {anchor['point']}"] = [r["anchors"][i]["total_n"]["max"] for r in runs]
+    return found
+
+
+def _spread(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Least, mean and largest of the runs' largest loads, mean tensions and fatigue, with each run's step."""
+    if len(runs) < 2:
+        return {"skipped": "one run"}
+    rows = dict(_peaks(runs))
+    for i, line in enumerate(runs[0]["tension"]):
+        rows[f"mean tension at the end of {line['line']}"] = [r["tension"][i]["mean_last_link_n"] for r in runs]
+        if all(isinstance(r["fatigue"], list) for r in runs):
+            own = [r["fatigue"][i] for r in runs]
+            rows[f"equivalent range of {line['line']}"] = [max(f["equivalent_range_n"]) for f in own]
+            if all(f["damage"] is not None for f in own):
+                rows[f"damage per year of {line['line']}"] = [f["damage_per_year"] for f in own]
+    return {
+        "dt_s": [r["dt_s"] for r in runs],
+        "values": {
+            name: {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v} for name, v in rows.items()
+        },
+    }
+
+
+def _extremes(runs: list[dict[str, Any]], settings: Settings) -> dict[str, Any]:
+    durations = [run["to_s"] - run["from_s"] for run in runs]
+    if len(runs) > 1 and np.ptp(durations) > 1e-3 * max(durations):
+        return {"skipped": "the runs have different durations: their maxima are of different distributions"}
+    found = {
+        name: storm_extreme(np.array(peaks), durations[0], settings.storm, settings.confidence)
+        for name, peaks in _peaks(runs).items()
+    }
+    why = {item.get("skipped") for item in found.values()}
+    return {"skipped": why.pop()} if len(why) == 1 and None not in why else found

@@ -1,0 +1,130 @@
+"""Least distance between lines over time: where droppers may entangle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.report.record import Record, arc
+
+#: Pairs of links and instants that are compared at once: 1e6 take some tens of MB.
+AT_ONCE = 300_000
+
+
+def line_distances(record: Record) -> list[dict[str, Any]]:
+    """Per line: the line that comes nearest, how near [m] between axes, when [s] and where along both [m].
+
+    At the saved times, exact between straight links. Links that end in a point that both lines share touch: they are
+    left out.
+    """
+    lines = range(len(record.lines))
+    boxes = [_swept(record, i) for i in lines]
+    pairs = sorted((_gap(boxes[a], boxes[b]), a, b) for a in lines for b in lines if a < b)
+    best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
+    for bound, a, b in pairs:
+        # boxes this far apart cannot hold anything nearer than what is known
+        if bound >= best[a][0] and bound >= best[b][0]:
+            continue
+        near = _nearest(record, a, b)
+        if near is None:
+            continue
+        for this, other, mine, its in ((a, b, "at", "its"), (b, a, "its", "at")):
+            if near["distance"] < best[this][0]:
+                best[this] = (
+                    near["distance"],
+                    {"nearest": other, "t": near["t"], "at": near[mine], "its": near[its]},
+                )
+    return [_named(record, i, *best[i]) for i in lines]
+
+
+def _named(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
+    name = record.scene.lines[index].name
+    if near is None:
+        return {"line": name, "nearest": None, "least_distance_m": None}
+    other = near["nearest"]
+    return {
+        "line": name,
+        "nearest": record.scene.lines[other].name,
+        "least_distance_m": distance,
+        "t_s": float(record.t[near["t"]]),
+        "at_m": float(arc(record.scene.lines[index].length)[near["at"]]),
+        "nearest_at_m": float(arc(record.scene.lines[other].length)[near["its"]]),
+        "diameters_m": _touching(record, index, other),
+    }
+
+
+def _touching(record: Record, a: int, b: int) -> float | None:
+    """Half the sum of the largest diameters [m]: axes this near touch; None where a line has no diameter."""
+    both = [record.scene.lines[i].diameter for i in (a, b)]
+    return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
+
+
+def _swept(record: Record, index: int) -> np.ndarray:
+    nodes = record.positions[:, record.lines[index].nodes].reshape(-1, 3)
+    return np.stack([nodes.min(axis=0), nodes.max(axis=0)])
+
+
+def _gap(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(np.maximum(np.maximum(a[0] - b[1], b[0] - a[1]), 0.0)))
+
+
+def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
+    """Least distance of two lines over all samples: [m], sample, link of either."""
+    i, j = _pairs(record.scene.lines[a], record.scene.lines[b])
+    if not i.size:
+        return None
+    first, second = (record.positions[:, record.lines[index].nodes] for index in (a, b))
+    step, best = max(1, AT_ONCE // i.size), None
+    for k in range(0, len(record.t), step):
+        part = slice(k, k + step)
+        p, q = first[part], second[part]
+        distance = segment_distance(p[:, i], p[:, i + 1], q[:, j], q[:, j + 1])
+        at = np.unravel_index(np.argmin(distance), distance.shape)
+        if best is None or distance[at] < best["distance"]:
+            best = {
+                "distance": float(distance[at]),
+                "t": k + int(at[0]),
+                "at": int(i[at[1]]),
+                "its": int(j[at[1]]),
+            }
+    return best
+
+
+def _pairs(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Links of both lines that are compared: all but those that end in a shared point."""
+    kept = []
+    for mine, other in ((a, b), (b, a)):
+        shared = {other.start, other.end}
+        first, last = int(mine.start in shared), mine.links - int(mine.end in shared)
+        kept.append(np.arange(first, max(last, first)))
+    i, j = np.meshgrid(*kept, indexing="ij")
+    return i.ravel(), j.ravel()
+
+
+def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+    """Distance (...) [m] between the segments p0 p1 and q0 q1, ends (..., 3) [m].
+
+    The nearest places are both inside, or one of them is an end: the least of the lines' common perpendicular, where
+    its feet lie inside, and of the four distances of an end from the other segment.
+    """
+    u, v, w = p1 - p0, q1 - q0, p0 - q0
+    a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
+    d, e = _dot(u, w), _dot(v, w)
+    det = a * c - b * b
+    crossed = det > 1e-12 * a * c
+    s = np.where(crossed, b * e - c * d, -1.0) / np.where(crossed, det, 1.0)
+    t = np.where(crossed, a * e - b * d, -1.0) / np.where(crossed, det, 1.0)
+    inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
+    between = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+    ends = [_to_segment(p0, q0, v, c), _to_segment(p1, q0, v, c), _to_segment(q0, p0, u, a), _to_segment(q1, p0, u, a)]
+    return np.minimum.reduce([np.where(inside, between, np.inf), *ends])
+
+
+def _to_segment(place: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
+    share = np.clip(_dot(place - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    return np.linalg.norm(place - start - share[..., None] * along, axis=-1)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.sum(a * b, axis=-1)

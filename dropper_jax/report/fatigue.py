@@ -1,0 +1,97 @@
+"""Rainflow cycles of the tensions and the damage of a T-N curve. Needs the extra `fatigue` (rainflow)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.report.record import Record, arc
+from dropper_jax.report.settings import Settings
+from dropper_jax.report.tension import breaking_load
+from dropper_jax.storage import extra
+
+#: A year of 365.25 days [s].
+YEAR = 365.25 * 86400.0
+#: Links of a line that are counted where the runs' links are very many: the counting is plain Python.
+MOST_LINKS = 200
+
+
+def turning_points(x: np.ndarray) -> np.ndarray:
+    """First and last value of x (k,) and every peak and valley between; of equal neighbours one."""
+    x = x[np.concatenate([[True], np.diff(x) != 0])]
+    if len(x) < 3:
+        return x
+    up = np.diff(x) > 0
+    return x[np.concatenate([[True], up[1:] != up[:-1], [True]])]
+
+
+def cycles(tension: np.ndarray) -> np.ndarray:
+    """Rainflow cycles (c, 3) of a tension (k,): range [N], mean [N], count 0.5 or 1 (ASTM E1049-85, 5.4.4).
+
+    Raises:
+        SceneError: the package `rainflow` is not installed.
+    """
+    rainflow = extra("rainflow", "fatigue")
+    found = [(size, mean, count) for size, mean, count, *_ in rainflow.extract_cycles(turning_points(tension).tolist())]
+    return np.array(found, float).reshape(-1, 3)
+
+
+def damage(counted: np.ndarray, load: float, k: float, m: float) -> float:
+    """Palmgren-Miner damage of cycles (c, 3) `sum count/N`, `N = k (range/load)^-m`, load the breaking load [N]."""
+    return float(np.sum(counted[:, 2] * (counted[:, 0] / load) ** m) / k)
+
+
+def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
+
+    The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
+    """
+    found, every = [], record.tension.shape[1] <= MOST_LINKS
+    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+        s, load = arc(spec.length), breaking_load(spec, settings)
+        deviation = record.tension[:, where.links].std(axis=0)
+        picked = range(spec.links) if every else sorted({0, int(np.argmax(deviation)), spec.links - 1})
+        counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
+        number = [float(c[:, 2].sum()) for c in counted]
+        equal = [_equivalent(c, settings.curve_m) for c in counted]
+        found.append(
+            {
+                "line": spec.name,
+                "arc_length_m": s[list(picked)],
+                "cycles": number,
+                "equivalent_range_n": equal,
+                "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
+                **_damages(
+                    record,
+                    [
+                        damage(c, load[j], settings.curve_k, settings.curve_m)
+                        for c, j in zip(counted, picked, strict=True)
+                    ]
+                    if load is not None
+                    else None,
+                ),
+            }
+        )
+    return found
+
+
+def _equivalent(counted: np.ndarray, m: float) -> float:
+    total = counted[:, 2].sum()
+    return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m)) if total > 0 else 0.0
+
+
+def _damages(record: Record, values: list[float] | None) -> dict[str, Any]:
+    if values is None:
+        return {
+            "damage": None,
+            "why_no_damage": "no breaking load: give `breaking_load` in the scene, or --breaking-load",
+        }
+    worst = max(values)
+    yearly = worst * YEAR / record.duration
+    return {
+        "damage": values,
+        "largest_damage": worst,
+        "damage_per_year": yearly,
+        "life_years": 1.0 / yearly if yearly > 0 else None,
+    }

@@ -1,0 +1,231 @@
+"""Pictures of the report, drawn from its values and the record they came from."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from dropper_jax.plots import style
+from dropper_jax.plots.run import readable
+from dropper_jax.report.extremes import Gumbel
+from dropper_jax.report.record import Record
+from dropper_jax.report.tension import point_load
+
+#: Lines, anchors or points in one picture, the most loaded or most moved of more.
+MOST = 8
+BAND, INNER = "#DCEBF5", "#56B4E9"
+
+
+def _styled(draw: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(draw)
+    def wrapper(*args: Any) -> Any:
+        with matplotlib.style.context(["default", style.RC]):
+            return draw(*args)
+
+    return wrapper
+
+
+@_styled
+def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
+    """All pictures of a run that its sections call for, by name."""
+    files = {"tension_range": _tension_range(part, found, folder)}
+    if isinstance(found["anchors"], list):
+        files["anchors"] = _anchors(part, found, folder)
+    if isinstance(found["fatigue"], list):
+        files["fatigue"] = _fatigue(part, found, folder)
+    if found["watch_circle"]:
+        files["watch_circle"] = _watch(part, found, folder)
+    files["along"] = _along(part, found, folder)
+    return files
+
+
+def _finish(figure: Figure, part: Record, what: str, path: Path) -> Path:
+    style.title(figure, readable(part.solution), what)
+    return style.save(figure, path)
+
+
+def _chosen(sizes: list[float]) -> list[int]:
+    """The `MOST` largest, in their own order."""
+    return sorted(int(i) for i in np.argsort(sizes)[::-1][:MOST])
+
+
+def _panels(count: int, height: float, width: float = 7.5) -> tuple[Figure, list[Axes]]:
+    """A panel per thing, two columns from four on."""
+    columns = 1 if count < 4 else 2
+    rows = -(-count // columns)
+    figure = style.new_figure(width if columns == 1 else 1.5 * width, 0.9 + height * rows)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for spare in axes[count:]:
+        spare.set_visible(False)
+    return figure, list(axes[:count])
+
+
+def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Least, mean, largest tension and percentiles against arc length, and the breaking load where it is near."""
+    lines = [found["tension"][i] for i in _chosen([line["largest"]["n"] for line in found["tension"]])]
+    figure, panels = _panels(len(lines), 3.0)
+    for axes, line in zip(panels, lines, strict=True):
+        s, percentiles = np.asarray(line["arc_length_m"]), line["percentiles_n"]
+        unit, scale = _newton(line["largest"]["n"])
+        mark = {"marker": "o", "ms": 3} if len(s) <= 60 else {}
+        axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="least to largest")
+        for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
+            band = (percentiles[str(low)] / scale, percentiles[str(high)] / scale)
+            axes.fill_between(s, *band, color=INNER, alpha=shade, lw=0, label=f"{low} to {high} %")
+        axes.plot(s, line["max_n"] / scale, color=style.SECOND, lw=1.0, label="largest", **mark)
+        axes.plot(s, line["mean_n"] / scale, color=style.DARK, label="mean", **mark)
+        used = line["utilisation"]
+        if used is not None and used["largest"] > 0.3:
+            axes.axhline(used["breaking_load_n"] / scale, color=style.ALERT, lw=1.0, ls="--", label="breaking load")
+        axes.set(
+            xlabel="unstretched arc length [m]", ylabel=f"tension [{unit}]", ylim=(min(0.0, axes.get_ylim()[0]), None)
+        )
+        axes.margins(x=0.01)
+        axes.set_title(line["line"], loc="left")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
+    return _finish(figure, part, "tension range", folder / "tension_range.png")
+
+
+def _newton(largest: float) -> tuple[str, float]:
+    return ("kN", 1e3) if abs(largest) >= 5e3 else ("N", 1.0)
+
+
+def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Horizontal and vertical load of each held point against time."""
+    anchors = [found["anchors"][i] for i in _chosen([a["total_n"]["max"] for a in found["anchors"]])]
+    figure, panels = _panels(len(anchors), 2.6)
+    for axes, anchor in zip(panels, anchors, strict=True):
+        load = point_load(part, anchor["point"])
+        unit, scale = _newton(anchor["total_n"]["max"])
+        axes.plot(
+            part.t_tension, np.hypot(load[:, 0], load[:, 1]) / scale, color=style.FIRST, lw=0.9, label="horizontal"
+        )
+        axes.plot(part.t_tension, load[:, 2] / scale, color=style.SECOND, lw=0.9, label="vertical, upwards")
+        axes.axhline(0.0, color=style.FAINT, lw=0.7)
+        axes.set_ylabel(f"load [{unit}]")
+        axes.set_title(anchor["point"], loc="left")
+        style.time_axis(axes, part.t_tension)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
+    return _finish(figure, part, "loads of the held points", folder / "anchors.png")
+
+
+def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Equivalent range along each line, and the damage of a year where there is a breaking load."""
+    whole = found["fatigue"]
+    lines = [whole[i] for i in _chosen([max(line["equivalent_range_n"]) for line in whole])]
+    damaged = all(line["damage"] is not None for line in lines)
+    figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
+    panels = figure.subplots(1 + damaged, 1, sharex=True, squeeze=False)[:, 0]
+    per_year = {
+        line["line"]: line["damage_per_year"] / line["largest_damage"] for line in lines if line.get("largest_damage")
+    }
+    for colour, line in zip(style.CYCLE * 2, lines, strict=False):
+        s = line["arc_length_m"]
+        panels[0].plot(s, line["equivalent_range_n"], "o-", ms=3, color=colour, label=line["line"])
+        if damaged:
+            panels[1].plot(s, np.array(line["damage"]) * per_year.get(line["line"], 0.0), "o-", ms=3, color=colour)
+    panels[0].set_ylabel("equivalent range [N]")
+    panels[0].set_ylim(0, None)
+    if damaged:
+        panels[1].set_ylabel("damage per year [-]")
+        panels[1].set_ylim(0, None)
+    panels[-1].set_xlabel("unstretched arc length [m]")
+    if len(lines) > 1:
+        figure.legend(loc="outside lower left", ncols=4)
+    return _finish(figure, part, "fatigue along the lines", folder / "fatigue.png")
+
+
+def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Plan view of each moving point about its mean place, with the circle that holds it; and its height over time."""
+    points = [found["watch_circle"][i] for i in _chosen([p["radius_max_m"] for p in found["watch_circle"]])]
+    figure = style.new_figure(9.5, 4.6)
+    plan, height = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    widest = max(p["radius_max_m"] for p in points) or 1.0
+    for colour, point in zip(style.CYCLE * 2, points, strict=False):
+        path = part.point(point["point"])
+        about = path - point["mean_m"]
+        plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8, label=point["point"])
+        plan.add_patch(Circle((0, 0), point["radius_max_m"], fill=False, ec=colour, lw=0.9, ls="--"))
+        if point["static_m"] is not None:
+            place = np.asarray(point["static_m"]) - point["mean_m"]
+            plan.plot(*place[:2], "x", color=colour, ms=7)
+            widest = max(widest, *np.abs(place[:2]))
+        height.plot(part.t, path[:, 2], color=colour, lw=0.9)
+    plan.plot(0, 0, "+", color=style.DARK, ms=9)
+    plan.set(xlabel="x from the mean [m]", ylabel="y from the mean [m]", xlim=(-1.1 * widest, 1.1 * widest))
+    plan.set_ylim(-1.1 * widest, 1.1 * widest)
+    plan.set_aspect("equal")
+    plan.set_title("plan; + mean, x static, dashed: largest radius", loc="left", fontsize=9)
+    height.set_ylabel("z [m]")
+    height.set_title("height", loc="left", fontsize=9)
+    style.time_axis(height, part.t)
+    figure.legend(*plan.get_legend_handles_labels(), loc="outside lower left", ncols=6)
+    return _finish(figure, part, "watch circles", folder / "watch_circle.png")
+
+
+def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
+    """Shares of time under water and on the bed, and accelerations, against arc length."""
+    sections = {
+        "under water\n[% of time]": (found["submergence"].get("lines"), "share_under_water", 100.0),
+        "on the bed\n[% of time]": (
+            found["seabed"] if isinstance(found["seabed"], list) else None,
+            "share_of_time",
+            100.0,
+        ),
+        "acceleration\n99 % [m/s²]": (found["acceleration"], "p99_m_per_s2", 1.0),
+        "slack\n[% of time]": (found["snap"], "slack_share", 100.0),
+    }
+    drawn = {label: section for label, section in sections.items() if section[0] is not None}
+    kept = _chosen([line["largest_m_per_s2"] for line in found["acceleration"]])
+    figure = style.new_figure(7.5, 1.0 + 1.7 * len(drawn))
+    for axes, (label, (lines, key, scale)) in zip(
+        figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
+    ):
+        for colour, index in zip(style.CYCLE * 2, kept, strict=False):
+            line = lines[index]
+            values = scale * np.asarray(line[key])
+            axes.plot(line["arc_length_m"], values, "o-", ms=3, color=colour, label=line["line"])
+        axes.set_ylabel(label)
+        if scale == 100.0:
+            axes.set_ylim(-4, 104)
+        else:
+            axes.set_ylim(0, None)
+    figure.axes[-1].set_xlabel("unstretched arc length [m]")
+    if len(kept) > 1:
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+    return _finish(figure, part, "along the lines", folder / "along.png")
+
+
+@_styled
+def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
+    """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
+    names = list(extremes)
+    names = [names[i] for i in _chosen([extremes[n].get("gumbel_mode", -np.inf) for n in names])]
+    names = [n for n in names if "skipped" not in extremes[n]]
+    figure, panels = _panels(len(names), 3.0)
+    for axes, name in zip(panels, names, strict=True):
+        one = extremes[name]
+        unit, scale = _newton(one["percentile_90"])
+        fit, n = Gumbel(one["gumbel_mode"], one["gumbel_scale"]), one["runs"]
+        place = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
+        axes.plot(-np.log(-np.log(place)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs")
+        reduced = np.array([-1.5, np.log(one["extrapolated"]) - np.log(-np.log(0.9))])
+        reduced[1] = max(reduced[1], 3.0)
+        axes.plot(reduced, (fit.mode + fit.scale * reduced) / scale, color=style.FIRST, label="Gumbel fit")
+        at = np.log(one["extrapolated"]) - np.log(-np.log(0.9))
+        low, high = (x / scale for x in one["percentile_90_interval"])
+        axes.plot([at, at], [low, high], color=style.SECOND, lw=2.5, label="storm, 90th percentile and interval")
+        axes.plot(at, one["percentile_90"] / scale, "D", color=style.SECOND)
+        axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
+        axes.set_title(name, loc="left")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    return style.save(figure, folder / "extremes.png")

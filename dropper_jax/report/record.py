@@ -1,0 +1,124 @@
+"""The part of a run that a report is about: finite, after the transient, line by line."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+    from dropper_jax.solution import LineSlice, Solution
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """A run's arrays without what is left out, k samples; see `Solution` for their meaning.
+
+    Attributes:
+        tension: (q, n) [N] at `t_tension` (q,) [s]: q is k, or k - 1 where the run's start is left out.
+        notes: one line for everything that was left out or is not as it should be.
+    """
+
+    solution: Solution
+    t: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    t_tension: np.ndarray
+    tension: np.ndarray
+    notes: tuple[str, ...]
+
+    @property
+    def scene(self) -> Scene:
+        return self.solution.scene
+
+    @property
+    def lines(self) -> tuple[LineSlice, ...]:
+        return self.solution.lines
+
+    @property
+    def duration(self) -> float:
+        """Time that the record spans [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def interval(self) -> float:
+        """Time between saved samples [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def static_start(self) -> bool:
+        """Whether the run began in its static pose, as it was computed."""
+        return self.scene.start.kind == "static" and self.scene.start.release_nodes is None
+
+    def point(self, name: str) -> np.ndarray:
+        """Positions (k, 3) [m] of a point."""
+        for line, where in zip(self.scene.lines, self.lines, strict=True):
+            for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
+                if point == name:
+                    return self.positions[:, node]
+        raise KeyError(name)
+
+    def nodes_at_tension(self, nodes: slice) -> np.ndarray:
+        """Positions (q, m, 3) [m] of nodes at the times of the tensions: linear between the saved samples."""
+        place = np.interp(self.t_tension, self.t, np.arange(len(self.t)))
+        low = np.minimum(place.astype(int), len(self.t) - 2)
+        share = (place - low)[:, None, None]
+        return (1 - share) * self.positions[low, nodes] + share * self.positions[low + 1, nodes]
+
+
+def record(solution: Solution, skip: float = 0.0) -> Record:
+    """The finite part of a run after `skip` [s].
+
+    The tension at the start belongs to no step and is left out; in a static start it is that of the pose.
+
+    Raises:
+        SceneError: fewer than three samples are left.
+    """
+    notes = [f"warning of the run: {warning}" for warning in solution.warnings]
+    good = np.logical_and.reduce(
+        [np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in _arrays(solution)] + [solution.step_status == 0]
+    )
+    last = len(good) if good.all() else int(np.argmin(good))
+    if last < len(good):
+        notes.append(f"the run is bad from t = {solution.t[last]:.6g} s on: only what was before is reported")
+    if solution.failure:
+        notes.append(f"the run ended with {solution.failure}")
+    begin = float(solution.t[0]) + skip
+    kept = slice(int(np.searchsorted(solution.t[:last], begin - 1e-9)), last)
+    rows = np.arange(len(solution.t))[kept]
+    rows = rows[rows > 0]
+    if len(rows) < 3 or kept.stop - kept.start < 3:
+        raise SceneError(
+            f"{solution.scene.name}: {kept.stop - kept.start} good samples after {skip:g} s; "
+            "allowed: a run with at least 3, or a smaller --skip"
+        )
+    if skip == 0 and not _static(solution):
+        notes.append("the record begins at the start of the run: its transient is in all numbers (see --skip)")
+    if solution.settings.get("save_every", 1) > 1:
+        notes.append(f"every {solution.settings['save_every']}th step was saved: peaks between samples are not seen")
+    return Record(
+        solution,
+        t=np.asarray(solution.t[kept], float),
+        positions=np.asarray(solution.positions[kept], float),
+        velocities=np.asarray(solution.velocities[kept], float),
+        t_tension=np.asarray(solution.t_tension[rows], float),
+        tension=np.asarray(solution.tension[rows], float),
+        notes=tuple(notes),
+    )
+
+
+def _static(solution: Solution) -> bool:
+    return solution.scene.start.kind == "static" and solution.scene.start.release_nodes is None
+
+
+def _arrays(solution: Solution) -> list[np.ndarray]:
+    return [solution.positions, solution.velocities, solution.tension]
+
+
+def arc(lengths: np.ndarray) -> np.ndarray:
+    """Unstretched arc length (n,) [m] of the middles of links from the line's first end."""
+    return np.cumsum(lengths) - 0.5 * np.asarray(lengths, float)

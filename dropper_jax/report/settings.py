@@ -1,0 +1,56 @@
+"""What the report's numbers depend on; every value is printed with the report."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from dropper_jax.errors import SceneError
+
+
+def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:
+    return dataclasses.field(default=default, metadata={"meaning": meaning, "unit": unit, "option": option})
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """Thresholds and curve parameters. `None` is a value relative to the run, as its meaning says."""
+
+    skip: float = _setting("time left out at the start", "s", 0.0, "--skip")
+    slack: float | None = _setting(
+        "a link is slack below this tension; none: a tenth of its mean", "N", None, "--slack"
+    )
+    slack_time: float = _setting("least time below it", "s", 0.1, "--slack-time")
+    snap: float | None = _setting(
+        "tension that makes a snap of what follows; none: twice the link's mean", "N", None, "--snap"
+    )
+    breaking_load: float | None = _setting(
+        "breaking load where a line has none of its own", "N", None, "--breaking-load"
+    )
+    curve_k: float = _setting("K of the T-N curve N = K (range/breaking load)^-m", "-", 316.0, "--curve-k")
+    curve_m: float = _setting("m of the T-N curve", "-", 3.0, "--curve-m")
+    contact: float = _setting("a node this near to the bed lies on it", "m", 0.01, "--contact")
+    storm: float = _setting("length of the storm of the extremes", "s", 10800.0, "--storm")
+    confidence: float = _setting("level of the extremes' interval", "-", 0.9, "--confidence")
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value, option = getattr(self, field.name), field.metadata["option"]
+            if value is None:
+                continue
+            if not math.isfinite(value) or value < 0:
+                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number >= 0")
+            if value == 0 and field.name in ("breaking_load", "curve_k", "curve_m", "storm", "snap"):
+                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0")
+        if not 0 < self.confidence < 1:
+            raise SceneError(f"--confidence: {self.confidence:g} is out of range; allowed: above 0 and below 1")
+        if self.slack is not None and self.snap is not None and self.snap <= self.slack:
+            raise SceneError(f"--snap: {self.snap:g} is not above --slack, {self.slack:g} N; allowed: more than that")
+
+    def table(self) -> dict[str, Any]:
+        """Values with meaning and unit, by name."""
+        return {
+            f.name: {"value": getattr(self, f.name), "unit": f.metadata["unit"], "meaning": f.metadata["meaning"]}
+            for f in dataclasses.fields(self)
+        }

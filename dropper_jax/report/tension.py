@@ -1,0 +1,119 @@
+"""Tensions along each line: statistics, percentiles, utilisation, and the loads of what holds the lines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.report.record import Record, arc
+from dropper_jax.report.settings import Settings
+
+PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
+
+
+def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: min, mean, standard deviation, max and percentiles of each link [N] against arc length [m].
+
+    The largest and least of the line come with their place and time. Utilisation is the largest of max over breaking
+    load of the links.
+    """
+    return [_line(record, i, settings) for i in range(len(record.lines))]
+
+
+def _line(record: Record, index: int, settings: Settings) -> dict[str, Any]:
+    spec, where = record.scene.lines[index], record.lines[index]
+    tension, s = record.tension[:, where.links], arc(spec.length)
+    high, low = (np.unravel_index(pick(tension), tension.shape) for pick in (np.argmax, np.argmin))
+    found: dict[str, Any] = {
+        "line": spec.name,
+        "arc_length_m": s,
+        "min_n": tension.min(axis=0),
+        "mean_n": tension.mean(axis=0),
+        "std_n": tension.std(axis=0),
+        "max_n": tension.max(axis=0),
+        "percentiles_n": dict(zip(map(str, PERCENTILES), np.percentile(tension, PERCENTILES, axis=0), strict=True)),
+        "largest": _extreme(record, tension, s, high),
+        "least": _extreme(record, tension, s, low),
+        "mean_first_link_n": float(tension[:, 0].mean()),
+        "mean_last_link_n": float(tension[:, -1].mean()),
+        "utilisation": None,
+    }
+    load = breaking_load(spec, settings)
+    if load is not None:
+        share = tension.max(axis=0) / load
+        worst = int(np.argmax(share))
+        found["utilisation"] = {
+            "largest": float(share[worst]),
+            "at_m": float(s[worst]),
+            "breaking_load_n": float(load[worst]),
+            "from": "the line" if spec.breaking_load is not None else "--breaking-load",
+            "along": share,
+        }
+    return found
+
+
+def _extreme(record: Record, tension: np.ndarray, s: np.ndarray, at: Any) -> dict[str, float]:
+    return {"n": float(tension[at]), "at_m": float(s[at[1]]), "t_s": float(record.t_tension[at[0]])}
+
+
+def breaking_load(spec: Any, settings: Settings) -> np.ndarray | None:
+    """Breaking load (n,) [N] of a line's links: its own, else the setting, else None."""
+    if spec.breaking_load is not None:
+        return np.asarray(spec.breaking_load, float)
+    return None if settings.breaking_load is None else np.full(spec.links, settings.breaking_load)
+
+
+def anchors(record: Record) -> list[dict[str, Any]]:
+    """What the lines pull on each held point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
+
+    The sum of `T_j d_j/|d_j|` over the links j that end there, d_j from the point outwards, at the times of the
+    tensions. The uplift angle, `atan2(vertical, horizontal)`, is taken where the load is at least a hundredth of its
+    mean: without a load it has no direction.
+    """
+    found = []
+    for point in record.scene.points:
+        if point.kind != "fixed":
+            continue
+        load = point_load(record, point.name)
+        across, up, size = np.hypot(load[:, 0], load[:, 1]), load[:, 2], np.linalg.norm(load, axis=1)
+        loaded = size >= max(0.01 * size.mean(), 1e-12)
+        angle = np.arctan2(up[loaded], across[loaded])
+        found.append(
+            {
+                "point": point.name,
+                "horizontal_n": _spread(across),
+                "vertical_n": _spread(up),
+                "total_n": _spread(size),
+                "uplift_rad": _spread(angle) if loaded.any() else None,
+                "share_without_angle": float(1.0 - loaded.mean()),
+                "uplift_at_largest_load_rad": float(np.arctan2(up, across)[np.argmax(size)]) if loaded.any() else None,
+            }
+        )
+    return found
+
+
+def point_load(record: Record, name: str) -> np.ndarray:
+    """Pull (q, 3) [N] of all lines on a point."""
+    total = np.zeros((len(record.t_tension), 3))
+    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+        ends = (
+            (spec.start, slice(where.nodes.start, where.nodes.start + 2), where.links.start, 1.0),
+            (spec.end, slice(where.nodes.stop - 2, where.nodes.stop), where.links.stop - 1, -1.0),
+        )
+        for point, nodes, link, sign in ends:
+            if point == name:
+                both = record.nodes_at_tension(nodes)
+                along = sign * (both[:, 1] - both[:, 0])
+                size = np.linalg.norm(along, axis=1, keepdims=True)
+                total += record.tension[:, link, None] * along / np.where(size > 0, size, 1.0)
+    return total
+
+
+def _spread(values: np.ndarray) -> dict[str, float]:
+    return {
+        "min": float(values.min()),
+        "mean": float(values.mean()),
+        "std": float(values.std()),
+        "max": float(values.max()),
+    }

@@ -1,0 +1,124 @@
+"""A run for ParaView: one XML PolyData file (.vtp) per saved time and a collection (.pvd) with the times."""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from dropper_jax.errors import SceneError
+from dropper_jax.io import atomic_write
+
+if TYPE_CHECKING:
+    from dropper_jax.solution import Solution
+
+TYPES = {"f": ("Float64", "<f8"), "i": ("Int32", "<i4")}
+
+
+def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
+    """Write `lines_NNNNNN.vtp` (and `buoys_NNNNNN.vtp`) for every `every`th saved time, and `NAME.pvd` over them.
+
+    A link is a cell with its `tension` [N] (of the step before the saved time), `line` and `link` (counted from 1) and,
+    where the lines have one, `diameter` [m]; nodes carry their `velocity` [m/s]. A buoy is its axis with its
+    `diameter`. Samples that are not finite are left out.
+
+    Returns:
+        path of the collection.
+
+    Raises:
+        SceneError: no sample is finite.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    good = [
+        k
+        for k in range(0, len(solution.t), every)
+        if all(np.isfinite(a[k]).all() for a in (solution.positions, solution.velocities, solution.tension))
+    ]
+    if not good:
+        raise SceneError(f"{solution.scene.name}: no finite sample; allowed: a run with at least one")
+    entries = []
+    for count, k in enumerate(good):
+        parts = {"lines": _lines(solution, k)}
+        if solution.scene.buoys:
+            parts["buoys"] = _buoys(solution, k)
+        for part, (name, text) in enumerate(parts.items()):
+            file = f"{name}_{count:06d}.vtp"
+            atomic_write(folder / file, text)
+            entries.append(f'<DataSet timestep="{float(solution.t[k])!r}" group="" part="{part}" file="{file}"/>')
+    comment = f"{solution.scene.name}: lines " + ", ".join(
+        f"{i} {line.name}" for i, line in enumerate(solution.scene.lines, start=1)
+    )
+    text = (
+        '<?xml version="1.0"?>\n'
+        f"<!-- {re.sub('-{2,}', '-', escape(comment))} -->\n"
+        '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian" header_type="UInt32">\n<Collection>\n'
+        + "\n".join(entries)
+        + "\n</Collection>\n</VTKFile>\n"
+    )
+    return atomic_write(folder / "run.pvd", text)
+
+
+def _lines(solution: Solution, k: int) -> str:
+    starts, line, link = [], [], []
+    for number, where in enumerate(solution.lines, start=1):
+        count = where.links.stop - where.links.start
+        starts.append(where.nodes.start + np.arange(count))
+        line.append(np.full(count, number))
+        link.append(1 + np.arange(count))
+    first = np.concatenate(starts)
+    cells = {"tension": solution.tension[k], "line": np.concatenate(line), "link": np.concatenate(link)}
+    diameter = [spec.diameter for spec in solution.scene.lines]
+    if all(d is not None for d in diameter):
+        cells["diameter"] = np.concatenate(diameter)
+    ends = np.stack([first, first + 1], axis=1)
+    return polydata(solution.positions[k], ends, {"velocity": solution.velocities[k]}, cells)
+
+
+def _buoys(solution: Solution, k: int) -> str:
+    places, diameter = [], []
+    for buoy in solution.scene.buoys:
+        base = solution.point_path(buoy.point)[k] - [0.0, 0.0, buoy.attachment]
+        places += [base, base + [0.0, 0.0, buoy.height]]
+        diameter.append(buoy.diameter)
+    ends = np.arange(len(places)).reshape(-1, 2)
+    return polydata(np.array(places), ends, {}, {"diameter": np.array(diameter)})
+
+
+def polydata(
+    points: np.ndarray, ends: np.ndarray, at_points: dict[str, np.ndarray], at_cells: dict[str, np.ndarray]
+) -> str:
+    """An XML PolyData file of straight cells: points (p, 3), ends (c, 2) as numbers of points, data by name."""
+    offsets = 2 * (1 + np.arange(len(ends)))
+    return "\n".join(
+        [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt32">',
+            f'<PolyData>\n<Piece NumberOfPoints="{len(points)}" NumberOfVerts="0" NumberOfLines="{len(ends)}" '
+            'NumberOfStrips="0" NumberOfPolys="0">',
+            "<PointData>",
+            *(_array(name, values) for name, values in at_points.items()),
+            "</PointData>\n<CellData>",
+            *(_array(name, values) for name, values in at_cells.items()),
+            "</CellData>\n<Points>",
+            _array("Points", points),
+            "</Points>\n<Lines>",
+            _array("connectivity", ends.ravel()),
+            _array("offsets", offsets),
+            "</Lines>\n</Piece>\n</PolyData>\n</VTKFile>\n",
+        ]
+    )
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    """A data array in base64: the number of bytes (UInt32), then the numbers."""
+    kind, dtype = TYPES[values.dtype.kind]
+    content = np.ascontiguousarray(values, dtype).tobytes()
+    code = base64.b64encode(struct.pack("<I", len(content)) + content).decode()
+    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    return f'<DataArray type="{kind}" Name="{name}"{width} format="binary">{code}</DataArray>'

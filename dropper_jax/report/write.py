@@ -1,0 +1,42 @@
+"""The report on disk: report.md, report.json and pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.io import atomic_write
+from dropper_jax.report.figures import draw_extremes, draw_run
+from dropper_jax.report.record import record
+from dropper_jax.report.settings import Settings
+from dropper_jax.report.text import markdown
+from dropper_jax.solution import jsonable
+
+if TYPE_CHECKING:
+    from dropper_jax.solution import Solution
+
+
+def write_report(
+    found: dict[str, Any], solutions: dict[str, Solution], folder: str | Path, settings: Settings | None = None
+) -> Path:
+    """Write report.md, report.json and the pictures, those of several runs to `run-1`, `run-2`, ...
+
+    Args:
+        found: what `report_runs` gave for the solutions.
+
+    Returns:
+        path of report.md.
+    """
+    folder, settings = Path(folder), settings or Settings()
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = []
+    for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):
+        place = folder if len(solutions) == 1 else folder / f"run-{number}"
+        place.mkdir(exist_ok=True)
+        files = draw_run(record(solution, settings.skip), values, place)
+        pictures.append({name: file.relative_to(folder).as_posix() for name, file in files.items()})
+    if any(isinstance(one, dict) and "gumbel_mode" in one for one in found["extremes"].values()):
+        pictures[-1]["extremes"] = draw_extremes(found["extremes"], folder).name
+    atomic_write(folder / "report.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n")
+    return atomic_write(folder / "report.md", markdown(found, pictures))

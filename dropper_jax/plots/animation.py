@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -20,7 +20,7 @@ from PIL import Image
 
 from dropper_jax.errors import SceneError
 from dropper_jax.io import atomic_write
-from dropper_jax.plots import style, view
+from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 
 #: Most frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB.
@@ -144,44 +144,61 @@ class _Stage:
     """A drawn background and the few things that move before it, redrawn alone for each frame."""
 
     def __init__(self, run: Run, frames: np.ndarray, speed: float):
-        self.t = run.t
+        self.t, self.run = run.t, run
         positions = run.positions[: frames[-1] + 1]
         self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
         self.water, self.eta = _water(run, positions, frames)
-        limits = view.box(_with_water(positions, self.eta))
+        whole = run.scene is not None
+        limits = system.limits(run, positions) if whole else view.box(_with_water(positions, self.eta))
         self.figure = style.new_figure(*view.figure_size(limits, flat, longest=4.2), layout=None)
         self.axes = _axes(self.figure, limits, flat)
-        self._movers(run, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
+        self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
+        system.draw_bed(self.axes, run, limits, flat)
         self.canvas = self.figure.canvas
         self.canvas.draw()
         self.screen = self._project(positions, flat)
         self.flat = flat
-        self.held.set_data(*self._project(view.fixed_ends(positions), flat).T)
+        self.held.set_data(*self._project(system.held_places(run, positions, positions[0]), flat).T)
+        self._surroundings(positions, limits, frames, flat)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
-        self.palette = _palette()
+        self.palette = _palette(run)
 
-    def _movers(self, run: Run, speed: str) -> None:
+    def _movers(self, run: Run, flat: bool, speed: str) -> None:
         text, colour = style.how(run)
         norm = style.tension_norm(run.tension)
         place = {"transform": self.axes.transData, "figure": self.figure}
-        self.links = LineCollection([], cmap=style.tension_map(), norm=norm, linewidths=3.5, capstyle="round")
+        bold = 3.5 if len(run.lines) == 1 else 2.5
+        self.links = LineCollection([], cmap=style.tension_map(), norm=norm, linewidths=bold, capstyle="round")
+        self.surface = LineCollection([], colors=system.SURFACE, linewidths=0.8 if flat else 0.4)
+        self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.7)
         self.trace = Line2D([], [], color=style.CYCLE[5], lw=1.0)
-        self.nodes = Line2D([], [], ls="", marker="o", ms=4, mfc="white", mec=style.DARK, mew=0.9)
+        self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=style.DARK, mew=0.9)
         self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=style.DARK, mec="white")
         self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
         inch = 1 / self.figure.get_figwidth()
         bar = self.figure.add_axes((1 - 0.9 * inch, 0.2, 0.13 * inch, 0.6))
         self.figure.colorbar(self.links, cax=bar).set_label("tension [N]")
-        self.surface = LineCollection([], colors=style.CYCLE[0], linewidths=1.6)
-        for artist in (self.surface, self.links, self.trace, self.nodes, self.held):
+        for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
             artist.set(**place)
         self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
 
+    def _surroundings(self, positions: np.ndarray, limits: np.ndarray, frames: np.ndarray, flat: bool) -> None:
+        """Surface and buoys of a system at the frames, on the screen; nothing of a single line."""
+        run, right = self.run, system.right_of(self.axes, flat)
+        surface = system.surface_lines(run, limits, flat, self.t[frames])
+        self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface, flat), strict=True))
+        self.floats = {}
+        if run.buoys:
+            corners = np.stack([system.outlines(run, positions[frame], right) for frame in frames])
+            self.floats = dict(zip(frames, self._project(corners, flat), strict=True))
+        # a system's first buoy tells more than a node in the middle of its list
+        self.traced = run.buoys[0].node if run.buoys else self.screen.shape[1] // 2
+
     def _project(self, positions: np.ndarray, flat: bool) -> np.ndarray:
-        """Nodes (k, n + 1, 3) on the axes' plane, (k, n + 1, 2)."""
+        """Places (..., 3) on the axes' plane, (..., 2)."""
         if flat:
             return positions[..., [0, 2]]
         x, y, _ = proj3d.proj_transform(*positions.reshape(-1, 3).T, self.axes.get_proj())
@@ -191,16 +208,20 @@ class _Stage:
         """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
-        middle = self.screen[max(0, frame - TRACE * self.step) : frame + 1, nodes.shape[0] // 2]
+        middle = self.screen[max(0, frame - TRACE * self.step) : frame + 1, self.traced]
         self.trace.set_data(*middle.T)
-        self.links.set_segments(np.stack([nodes[:-1], nodes[1:]], axis=1))
+        self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
+        if self.run.scene is not None:
+            self.held.set_data(*nodes[list(self.run.held)].T)
+        self.surface.set_segments(self.surfaces.get(frame, []))
+        self.buoys.set_verts(self.floats.get(frame, []))
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")
         if self.water is not None:
             self.surface.set_segments(list(self._project(self._at_surface(frame), self.flat)))
         renderer = self.canvas.get_renderer()
-        for artist in (self.surface, self.trace, self.links, self.nodes, self.held, self.clock):
+        for artist in (self.surface, self.trace, self.links, self.buoys, self.nodes, self.held, self.clock):
             artist.draw(renderer)
         return np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
 
@@ -235,16 +256,22 @@ def _with_water(positions: np.ndarray, eta: dict[int, np.ndarray]) -> np.ndarray
     return np.concatenate([nodes, extremes])
 
 
-def _palette() -> Image.Image:
+def _palette(run: Run) -> Image.Image:
     """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
     tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
-    strong = np.concatenate([tension, [to_rgb(colour) for colour in (style.CYCLE[5], style.CYCLE[0], style.ALERT)]])
+    strong = np.concatenate([tension, [to_rgb(colour) for colour in _solid(run)]])
     mixed = [1 - part * (1 - strong) for part in (1.0, 0.75, 0.5, 0.25)]
     greys = np.linspace(to_rgb(style.DARK), (1.0, 1.0, 1.0), 32)
     colours = np.rint(255 * np.concatenate([*mixed, greys])).astype(int)
     palette = Image.new("P", (1, 1))
     palette.putpalette(colours.ravel().tolist())
     return palette
+
+
+def _solid(run: Run) -> tuple[str, ...]:
+    """Colours beside that of the tension."""
+    own = (style.CYCLE[5], style.CYCLE[0], style.ALERT)
+    return own if run.scene is None else (*own, system.BUOY, system.BED)
 
 
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
-from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.plots import panels, style, view
 from dropper_jax.plots.run import Run
 
@@ -21,7 +20,7 @@ DECADES, SHOWN = 4, 0.999
 def angle_traces(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] of every link against time, positive below the horizontal; in space the azimuth too."""
     t, positions = run.t, run.positions
-    polar, azimuth = link_angles(positions)
+    polar, azimuth = run.angles()
     columns = [("polar angle [rad]", polar)]
     if not view.planar(positions):
         columns.append(("azimuth [rad]", azimuth))
@@ -31,9 +30,7 @@ def angle_traces(run: Run, path: str | Path) -> Path:
 @style.styled
 def phase_space(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] against its rate [rad/s], one panel per link (at most twelve, evenly chosen)."""
-    positions, velocities = run.positions, run.velocities
-    angle, _ = link_angles(positions)
-    rate, _ = angle_rates(positions, velocities)
+    (angle, _), (rate, _) = run.angles(), run.angle_rates()
     long = len(angle) > 4000
 
     def draw(axes: Axes, link: int) -> None:
@@ -59,9 +56,9 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     t, positions = run.t, run.positions
     flat = view.planar(positions)
     uniform = _uniform(t)
-    series = {"polar angle": link_angles(positions)[0]} if flat else _directions(positions)
+    series = {"polar angle": run.angles()[0]} if flat else _directions(run)
     if uniform < 2:
-        spectra = {name: (np.zeros(1), np.zeros((1, positions.shape[1] - 1))) for name in series}
+        spectra = {name: (np.zeros(1), np.zeros((1, run.tension.shape[1]))) for name in series}
     else:
         spectra = {name: spectrum.amplitude_spectrum(t[:uniform], values[:uniform]) for name, values in series.items()}
     amplitudes = np.array([a for _, a in spectra.values()])
@@ -83,12 +80,12 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 
     labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
     what = "amplitude spectrum of the link angles" if flat else "amplitude spectrum of the link directions"
-    return panels.grid(run, path, what, positions.shape[1] - 1, draw, labels, share=True)
+    return panels.grid(run, path, what, run.tension.shape[1], draw, labels, share=True)
 
 
-def _directions(positions: np.ndarray) -> dict[str, np.ndarray]:
+def _directions(run: Run) -> dict[str, np.ndarray]:
     """x and y components of the unit link vectors, each (k, n)."""
-    links = np.diff(positions, axis=1)
+    links = run.positions[:, run.first + 1] - run.positions[:, run.first]
     length = np.linalg.norm(links, axis=-1, keepdims=True)
     unit = links / np.where(length > 0, length, 1.0)
     return {"x component": unit[..., 0], "y component": unit[..., 1]}

@@ -26,12 +26,12 @@ def traces(run: Run, path: str | Path, what: str, t: np.ndarray, columns: Column
     The time axis spans the run, whichever times the values belong to.
     """
     links = columns[0][1].shape[1]
-    figure = (_map if links > MOST else _stack)(t, columns, run.t)
+    figure = (_map if links > MOST else _stack)(t, columns, run)
     style.title(figure, run, what)
     return style.save(figure, path)
 
 
-def _stack(t: np.ndarray, columns: Columns, whole: np.ndarray) -> Figure:
+def _stack(t: np.ndarray, columns: Columns, run: Run) -> Figure:
     """A panel per link and quantity."""
     links = columns[0][1].shape[1]
     figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * links))
@@ -42,14 +42,14 @@ def _stack(t: np.ndarray, columns: Columns, whole: np.ndarray) -> Figure:
             style.widen(values[:, link], axes.set_ylim)
             axes.yaxis.set_major_locator(MaxNLocator(3))
             if column == 0:
-                axes.set_ylabel(f"link {link + 1}", rotation=0, ha="right", va="center")
+                axes.set_ylabel(run.labels[link], rotation=0, ha="right", va="center")
         grid[0, column].set_title(label, loc="left")
-        style.time_axis(grid[-1, column], whole)
+        style.time_axis(grid[-1, column], run.t)
     figure.align_ylabels()
     return figure
 
 
-def _map(t: np.ndarray, columns: Columns, whole: np.ndarray) -> Figure:
+def _map(t: np.ndarray, columns: Columns, run: Run) -> Figure:
     """A picture per quantity, links against time, colours for values."""
     links = columns[0][1].shape[1]
     figure = style.new_figure(8.5, 1.0 + 3.0 * len(columns))
@@ -57,12 +57,23 @@ def _map(t: np.ndarray, columns: Columns, whole: np.ndarray) -> Figure:
     for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
         image = axes.pcolormesh(edges, np.arange(links + 1) + 0.5, values.T, cmap="viridis", rasterized=True)
         figure.colorbar(image, ax=axes, label=label, pad=0.02)
-        axes.set_ylabel("link")
-        axes.yaxis.set_major_locator(MaxNLocator(8, integer=True))
+        _link_axis(axes, run)
         axes.invert_yaxis()
         axes.grid(False)
-        style.time_axis(axes, whole)
+        style.time_axis(axes, run.t)
     return figure
+
+
+def _link_axis(axes: Axes, run: Run) -> None:
+    """Numbers of the links; of several lines their names, each in the middle of its links, and edges between them."""
+    if len(run.lines) == 1:
+        axes.set_ylabel("link")
+        axes.yaxis.set_major_locator(MaxNLocator(8, integer=True))
+        return
+    for line in run.lines[1:]:
+        axes.axhline(line.links.start + 0.5, color="white", lw=1.0)
+    shown = run.lines[:: math.ceil(len(run.lines) / MOST)]
+    axes.set_yticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
 
 
 def grid(
@@ -84,7 +95,7 @@ def grid(
     panels = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share).ravel()
     for axes, link in zip(panels, chosen, strict=False):
         draw(axes, int(link))
-        axes.set_title(f"link {link + 1}", loc="left")
+        axes.set_title(run.labels[link], loc="left")
     for axes in panels[len(chosen) :]:
         axes.set_visible(False)
     for index, axes in enumerate(panels[: len(chosen)]):

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from matplotlib.collections import LineCollection, PolyCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from dropper_jax.plots import style, view
+from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 
 #: Past poses in a snapshot, and the way between two of them as a part of the picture's size.
@@ -31,41 +31,76 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     now = len(t) - 1 if time is None else int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
     past = _past(positions, now)
-    limits = view.box(positions[[0, *past, now]])
+    limits = system.limits(run, positions[[0, *past, now]])
     figure = style.new_figure(*view.figure_size(limits, flat))
     axes = (view.flat_axes if flat else view.space_axes)(figure, 111, limits)
 
     def draw(nodes: np.ndarray, *args: Any, **kwargs: Any) -> None:
         axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, *args, **kwargs)
 
+    def draw_lines(nodes: np.ndarray, label: str | None = None, **kwargs: Any) -> None:
+        for line in run.lines:
+            draw(nodes[line.nodes], label=label, **kwargs)
+            label = None
+
+    _surroundings(axes, run, limits, t[now], flat)
     for age, index in enumerate(reversed(past), start=1):
-        draw(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
+        draw_lines(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
     if now > 0:
-        draw(positions[0], color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)), label=f"start, t = {t[0]:g} s")
+        draw_lines(positions[0], f"start, t = {t[0]:g} s", color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)))
     links = _bold_links(axes, run, positions[now], t[now], flat)
-    draw(positions[now], ls="", marker="o", ms=4, mfc="white", mec=style.DARK, mew=1.0, label=f"t = {t[now]:.4g} s")
-    held = view.fixed_ends(positions)
-    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label="held end")
+    look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
+    draw(positions[now], **look, label=f"t = {t[now]:.4g} s")
+    held = system.held_places(run, positions, positions[now])
+    what = "held end" if run.scene is None else "held point"
+    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
+    joints = system.bare_joints(run, positions[now])
+    if len(joints):
+        draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
     figure.colorbar(links, ax=axes, label="tension [N]", shrink=0.75, pad=0.03 if flat else 0.1)
     figure.legend(loc="outside lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
     style.title(figure, run, "pose and tensions")
     return style.save(figure, path)
 
 
+def _surroundings(axes: Axes, run: Run, limits: np.ndarray, time: float, flat: bool) -> None:
+    """Bed and water of a system."""
+    system.draw_bed(axes, run, limits, flat)
+    surface = system.surface_lines(run, limits, flat, np.array([time]))
+    if surface is None:
+        return
+    if flat:
+        x, z = surface[0, 0, :, 0], surface[0, 0, :, 2]
+        axes.fill_between(x, limits[2, 0], z, color=system.WATER, lw=0, zorder=0.3)
+        axes.plot(x, z, color=system.SURFACE, lw=1.2, zorder=0.6)
+        return
+    axes.add_collection(Line3DCollection(surface[0], colors=system.SURFACE, linewidths=0.6, alpha=0.6))
+
+
 def _bold_links(axes: Axes, run: Run, nodes: np.ndarray, time: float, flat: bool) -> ScalarMappable:
     """Links of one pose coloured by their tension at the nearest time known."""
     tension = run.tension[np.argmin(np.abs(run.t_tension - time))]
-    segments = np.stack([nodes[:-1], nodes[1:]], axis=1)
+    segments = run.segments(nodes)
     look = {
         "array": tension,
         "cmap": style.tension_map(),
         "norm": style.tension_norm(tension),
-        "linewidths": 4.0,
+        "linewidths": 4.0 if len(run.lines) == 1 else 3.0,
         "capstyle": "round",
     }
     links = LineCollection(segments[..., [0, 2]], **look) if flat else Line3DCollection(segments, **look)
     axes.add_collection(links, **({"autolim": False} if flat else {}))
+    _buoys(axes, run, nodes, flat)
     return links
+
+
+def _buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool) -> None:
+    if not run.buoys:
+        return
+    corners = system.outlines(run, nodes, system.right_of(axes, flat))
+    look = {"facecolors": system.BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
+    shapes = PolyCollection(corners[..., [0, 2]], zorder=2.5, **look) if flat else Poly3DCollection(corners, **look)
+    axes.add_collection(shapes, **({"autolim": False} if flat else {}))
 
 
 def _past(positions: np.ndarray, now: int) -> list[int]:

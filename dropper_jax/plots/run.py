@@ -5,23 +5,39 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.build import build_model
+from dropper_jax.solution import LineSlice
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
 FARTHEST = 100.0
+
+
+class Float(NamedTuple):
+    """An upright buoy: the node of its point, diameter and height [m], height of the point above its base [m]."""
+
+    node: int
+    diameter: float
+    height: float
+    attachment: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Run:
     """Arrays of a solution as in `dropper_jax.solution.Solution`, k samples; all but the tension are finite.
 
-    `surface` gives the elevation (q, n) [m] at places (n, 3) and times (q,); None without water.
+    Attributes:
+        lines: nodes and links of each line.
+        scene: of a system of lines, whose water and bed the pictures show; None for a single line.
+        held, joints: nodes of the held and of the free points of a system.
+        buoys: its buoys.
+        surface: of a single line in water, the elevation (q, n) [m] at places (n, 3) and times (q,); else None.
     """
 
     name: str
@@ -37,7 +53,38 @@ class Run:
     potential: np.ndarray
     work: np.ndarray
     work_names: tuple[str, ...]
+    lines: tuple[LineSlice, ...]
+    scene: Any = None
+    held: tuple[int, ...] = ()
+    joints: tuple[int, ...] = ()
+    buoys: tuple[Float, ...] = ()
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+    @property
+    def first(self) -> np.ndarray:
+        """First node of each link (n,); the next node is its last."""
+        return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in self.lines])
+
+    def segments(self, nodes: np.ndarray) -> np.ndarray:
+        """Both ends of each link (n, 2, d) from the places of all nodes (nodes, d)."""
+        return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each link: its number, after the name of its line where there are several."""
+        if len(self.lines) == 1:
+            return [f"link {j + 1}" for j in range(self.tension.shape[1])]
+        return [f"{line.name} {j + 1}" for line in self.lines for j in range(line.links.stop - line.links.start)]
+
+    def angles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Polar angle from the horizontal and azimuth of each link (k, n) [rad]."""
+        parts = [link_angles(self.positions[:, line.nodes]) for line in self.lines]
+        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
+
+    def angle_rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the angles (k, n) [rad/s]."""
+        parts = [angle_rates(self.positions[:, line.nodes], self.velocities[:, line.nodes]) for line in self.lines]
+        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
 
 def readable(solution: Any) -> Run:
@@ -66,7 +113,7 @@ def readable(solution: Any) -> Run:
         potential=potential,
         work=work[:last],
         work_names=tuple(solution.work_names),
-        surface=None if getattr(solution.scene, "sea", None) is None else partial(elevations, solution.scene),
+        **_lines(solution),
     )
 
 
@@ -74,3 +121,23 @@ def elevations(scene: Any, places: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] of a scene's sea at places (n, 3) and times (q,)."""
     sea = build_model(scene, "float64").sea
     return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(places), jnp.asarray(times)))
+
+
+def _lines(solution: Any) -> dict[str, Any]:
+    """The lines, and of a system what they hang from."""
+    if not getattr(solution.scene, "branched", False):
+        links = solution.tension.shape[1]
+        single = {"lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
+        wet = getattr(solution.scene, "sea", None) is not None
+        return {**single, "surface": partial(elevations, solution.scene)} if wet else single
+    scene, node = solution.scene, {}
+    for spec, line in zip(scene.lines, solution.lines, strict=True):
+        node.setdefault(spec.start, line.nodes.start)
+        node.setdefault(spec.end, line.nodes.stop - 1)
+    return {
+        "lines": solution.lines,
+        "scene": scene,
+        "held": tuple(node[p.name] for p in scene.points if p.kind == "fixed"),
+        "joints": tuple(node[p.name] for p in scene.points if p.kind != "fixed"),
+        "buoys": tuple(Float(node[b.point], b.diameter, b.height, b.attachment) for b in scene.buoys),
+    }

@@ -119,6 +119,11 @@ def marker(t: np.ndarray) -> str | None:
     return "o" if len(t) < 5 else None
 
 
+def dot(run: Run) -> float:
+    """Size of a node's mark [points]: smaller where there are many."""
+    return 4.0 if run.positions.shape[1] <= 40 or len(run.lines) == 1 else 2.0
+
+
 @functools.cache
 def tension_map() -> Colormap:
     """Plasma without its pale end, which vanishes on white."""

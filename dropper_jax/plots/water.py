@@ -10,16 +10,19 @@ import jax
 import jax.numpy as jnp
 import matplotlib.style
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 
-from dropper_jax.analysis.angles import link_angles
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.build import build_model
-from dropper_jax.plots import style
+from dropper_jax.plots import panels, style, system
 from dropper_jax.plots.run import Run, readable
 
-WATER, SURFACE = "#DCEBF5", "#56B4E9"
+WATER, SURFACE = system.WATER, system.SURFACE
 #: Points along the surface of a picture.
 POINTS = 240
+#: Both sides of a system this low for its length are drawn one above the other.
+LOW = 0.35
 
 
 def _drawn(draw: Callable[..., Path]) -> Callable[..., Path]:
@@ -61,8 +64,9 @@ def under_surface(run: Run, sea: Any, path: str | Path, time: float | None = Non
     index = int(np.argmax(np.max(run.tension, axis=1))) if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
     middle, half = nodes.mean(axis=0), 0.75 * max(np.ptp(nodes, axis=0).max(), 1.0)
+    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < LOW * 2 * half
     figure = style.new_figure(9.5, 5.6)
-    for axis, axes in enumerate(figure.subplots(1, 2, sharey=True)):
+    for axis, axes in enumerate(figure.subplots(*((2, 1) if low_and_long else (1, 2)), sharey=True)):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         places = np.tile(middle, (POINTS, 1))
         places[:, axis] = along
@@ -71,21 +75,39 @@ def under_surface(run: Run, sea: Any, path: str | Path, time: float | None = Non
         axes.fill_between(along, eta, low, color=WATER)
         axes.plot(along, eta, color=SURFACE, label="surface")
         axes.axhline(0.0, color=style.FAINT, lw=0.7, ls="--")
-        axes.plot(nodes[:, axis], nodes[:, 2], "-o", color=style.DARK, ms=3.5, label="line")
-        axes.plot(nodes[[0, -1], axis], nodes[[0, -1], 2], "s", color=style.SECOND, ms=6, label="ends")
+        label = "line" if len(run.lines) == 1 else "lines"
+        for line in run.lines:
+            own = nodes[line.nodes]
+            axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=0.9 * style.dot(run), label=label)
+            label = None
+        ends = nodes[[0, -1]] if run.scene is None else nodes[list(run.held)]
+        what = "ends" if run.scene is None else "held points"
+        axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label=what)
+        _buoys(axes, run, nodes, axis)
         axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None))
         axes.set_aspect("equal", adjustable="box")
     figure.axes[0].set_ylabel("z [m]")
-    figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=3)
+    if low_and_long:
+        figure.axes[1].set_ylabel("z [m]")
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    else:
+        figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=3)
     style.title(figure, run, f"under the surface at t = {run.t[index]:.2f} s")
     return style.save(figure, path)
+
+
+def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
+    """Sections of the buoys in the plane of x (0) or y (1) and z."""
+    if run.buoys:
+        corners = system.outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]]
+        axes.add_collection(PolyCollection(corners, facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.8))
 
 
 @_drawn
 def response(run: Run, sea: Any, path: str | Path, link: int = 10) -> Path:
     """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34."""
-    angles = link_angles(run.positions, zero="horizontal")
-    index = min(link, run.positions.shape[1] - 1) - 1
+    angles = run.angles()
+    index = min(link, run.tension.shape[1]) - 1
     eta = _surface(sea, np.zeros((1, 3)), run.t)[:, 0]
     names = ("polar", "azimuth")
     figure = style.new_figure(9.5, 7.6)
@@ -103,18 +125,36 @@ def response(run: Run, sea: Any, path: str | Path, link: int = 10) -> Path:
         space[i].set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()
-    style.title(figure, run, f"response of link {index + 1}")
+    style.title(figure, run, f"response of {run.labels[index]}")
     return style.save(figure, path)
 
 
 @_drawn
 def tension_envelope(run: Run, sea: Any, path: str | Path) -> Path:
-    """Least, mean and largest tension [N] of each link along the line."""
+    """Least, mean and largest tension [N] of each link along the line; of several lines a panel each (at most 12)."""
     del sea
-    link = np.arange(1, run.tension.shape[1] + 1)
-    tension = run.tension[1:] if len(run.tension) > 1 else run.tension
-    figure = style.new_figure(7.5, 4.2)
-    axes = figure.subplots()
+    shown = run.lines[:: -(-len(run.lines) // panels.MOST)]
+    columns = 1 if len(shown) == 1 else 2
+    rows = -(-len(shown) // columns)
+    figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 2.6 * rows)
+    all_axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    for spare in all_axes[len(shown) :]:
+        spare.set_visible(False)
+    for axes, line in zip(all_axes, shown, strict=False):
+        _envelope(axes, run.tension[:, line.links])
+        if len(shown) > 1:
+            axes.set_title(line.name, loc="left")
+    if len(shown) == 1:
+        all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
+    else:
+        figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+    style.title(figure, run, "tension envelope")
+    return style.save(figure, path)
+
+
+def _envelope(axes: Axes, tension: np.ndarray) -> None:
+    link = np.arange(1, tension.shape[1] + 1)
+    tension = tension[1:] if len(tension) > 1 else tension
     axes.fill_between(link, tension.min(axis=0), tension.max(axis=0), color=WATER, label="least to largest")
     for part, shade in ((5, 0.35), (25, 0.6)):
         low, high = np.percentile(tension, (part, 100 - part), axis=0)
@@ -122,6 +162,3 @@ def tension_envelope(run: Run, sea: Any, path: str | Path) -> Path:
     axes.plot(link, tension.mean(axis=0), "-o", color=style.DARK, ms=3.5, label="mean")
     axes.axhline(0.0, color=style.ALERT, lw=0.8)
     axes.set(xlabel="link", ylabel="tension [N]", xlim=(0.5, link[-1] + 0.5))
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
-    style.title(figure, run, "tension envelope")
-    return style.save(figure, path)

@@ -11,20 +11,6 @@ from dropper_jax.report.record import Record
 from dropper_jax.report.settings import Settings
 
 
-def bed_height(scene: Any, places: np.ndarray) -> np.ndarray | None:
-    """Height z [m] of the bed under places (..., 3) [m]; None for a scene without [effects.seabed]."""
-    if "seabed" not in scene.effects:
-        return None
-    values = scene.effects["seabed"]
-    if values["bed_x"] is None:
-        depth = values["depth"] if values["depth"] is not None else scene.sea.depth
-        return np.full(places.shape[:-1], -float(depth))
-    from dropper_jax.effects import EFFECTS
-
-    bed = EFFECTS["seabed"].build(values, scene)
-    return np.asarray(bed.bed(places.reshape(-1, 3))).reshape(places.shape[:-1])
-
-
 def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dict[str, Any]]:
     """Per line: length on the bed [m] over time and share of time of each node.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.errors import SceneError
-from dropper_jax.report.bed import bed_contact, bed_height
+from dropper_jax.report.bed import bed_contact
 from dropper_jax.report.distance import line_distances
 from dropper_jax.report.extremes import storm_extreme
 from dropper_jax.report.fatigue import line_fatigue
@@ -17,7 +17,8 @@ from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
-from dropper_jax.report.water import submergence, surface_over
+from dropper_jax.report.water import submergence
+from dropper_jax.surroundings import bed_height, surface_over
 
 if TYPE_CHECKING:
     from dropper_jax.solution import Solution

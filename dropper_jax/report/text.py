@@ -293,7 +293,7 @@ def _with_interval(one: dict[str, Any], key: str) -> str:
 
 def _settings(settings: dict[str, Any]) -> str:
     rows = [
-        [key, s["meaning"], "relative" if s["value"] is None else f"{s['value']:g} {s['unit']}".replace(" -", "")]
+        [key, s["meaning"], "none" if s["value"] is None else f"{s['value']:g} {s['unit']}".replace(" -", "")]
         for key, s in settings.items()
     ]
     return _table(["setting", "meaning", "value"], rows)

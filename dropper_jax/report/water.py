@@ -10,22 +10,6 @@ from dropper_jax.report.motion import node_arc
 from dropper_jax.report.record import Record
 
 
-def surface_over(scene: Any, places: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Elevation (k, m) [m] of the scene's surface over places (k, m, 3) [m] at times (k,) [s]."""
-    if scene.sea is None or scene.sea.waves is None:
-        return np.zeros(places.shape[:2])
-    import jax
-    import jax.numpy as jnp
-
-    from dropper_jax.sea.checks import line_reach
-    from dropper_jax.sea.make import make_sea
-
-    sea = make_sea(scene.sea, line_reach(scene))
-    # one instant after another: a sea of hundreds of components over all nodes and times at once would not fit
-    find = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(*one), (r, t)))
-    return np.asarray(find(jnp.asarray(places), jnp.asarray(times)))
-
-
 def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
     """Per line, share of time under the actual surface and depth [m] of its nodes; per buoy the draught.
 

@@ -77,12 +77,34 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
-        "node": ("node", np.arange(links + 1), {"long_name": "node, both ends included"}),
-        "link": ("link", np.arange(1, links + 1), {"long_name": "link j joins nodes j - 1 and j"}),
+        **_places(solution, links),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
         "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
     }
     return xr.Dataset(found, coordinates, _attributes(solution))
+
+
+def _places(solution: Solution, links: int) -> dict[str, Any]:
+    """Nodes and links by number; of several lines with the names of their lines and their numbers in these."""
+    nodes = np.arange(solution.positions.shape[1])
+    if len(solution.lines) == 1:
+        return {
+            "node": ("node", nodes, {"long_name": "node, both ends included"}),
+            "link": ("link", np.arange(1, links + 1), {"long_name": "link j joins nodes j - 1 and j"}),
+        }
+    counts = [line.links.stop - line.links.start for line in solution.lines]
+    names = [line.name for line in solution.lines]
+    inside = np.concatenate([np.arange(n + 1) for n in counts])
+    of_line = np.concatenate([np.arange(1, n + 1) for n in counts])
+    whole = np.array([f"{name}/{j}" for name, n in zip(names, counts, strict=True) for j in range(1, n + 1)])
+    return {
+        "node": ("node", nodes, {"long_name": "node, line after line, both ends of each included"}),
+        "link": ("link", whole, {"long_name": "line/link: link j of a line joins its nodes j - 1 and j"}),
+        "line_of_node": ("node", np.repeat(names, np.array(counts) + 1), {"long_name": "line to which a node belongs"}),
+        "node_of_line": ("node", inside, {"long_name": "number of a node in its line"}),
+        "line_of_link": ("link", np.repeat(names, counts), {"long_name": "line to which a link belongs"}),
+        "link_of_line": ("link", of_line, {"long_name": "number of a link in its line"}),
+    }
 
 
 def _attributes(solution: Solution) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -32,19 +32,20 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     if model.sea is None or model.line.diameter is None:
         raise ValueError("solution: its scene has no [sea] or no diameter; allowed: a scene with both")
     every = max(1, len(solution.t) // LOOKS)
-    free = slice(1, 1 + model.free_nodes)
+    free, links = _far_ends(solution, model)
     looked = (solution.positions[::every], solution.velocities[::every, free], solution.t[::every])
 
     def across(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         r = nodes[free]
-        links = (nodes[1:] - nodes[:-1])[: model.free_nodes]
-        tangent = links / jnp.linalg.norm(links, axis=1, keepdims=True)
+        along = r - nodes[free - 1]
+        # the ends of a slack rope may meet
+        tangent = along / jnp.maximum(jnp.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         motion = model.sea.at(r, t)
         u = jnp.where((r[:, 2] < motion.elevation)[:, None], motion.velocity - v, 0.0)
         return jnp.linalg.norm(u - jnp.sum(u * tangent, axis=1, keepdims=True) * tangent, axis=1)
 
     speed = np.asarray(jax.jit(jax.vmap(across))(*(jnp.asarray(a) for a in looked))).max(axis=0)
-    diameter = np.asarray(model.line.diameter)[: model.free_nodes]
+    diameter = np.asarray(model.line.diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:
         waves = model.sea.waves
@@ -56,3 +57,10 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
         "reynolds": float(np.max(speed * diameter) / viscosity),
         "diameter_over_wavelength": float(diameter.max() / shortest),
     }
+
+
+def _far_ends(solution: Solution, model: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Far nodes of the links that are looked at, and the links: of one line all but a held end, of a system all."""
+    nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
+    kept = np.arange(len(nodes) if model.branched else model.free_nodes)
+    return nodes[kept], kept

@@ -14,6 +14,7 @@ import numpy as np
 from dropper_jax.io import atomic_write
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.surroundings import bed_height
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
@@ -21,6 +22,8 @@ FRAMES = 3000
 SURFACE_FRAMES, SURFACE_POINTS = 600, 19
 #: Half width of the surface in sizes of the line's motion.
 SURFACE_REACH = 0.9
+#: The same of the bed, and its points per side.
+BED_REACH, BED_POINTS = 0.75, 13
 COLOURS = 33
 
 
@@ -30,7 +33,7 @@ def write_view(solution: Any, path: str | Path) -> Path:
 
 
 def view_page(solution: Any) -> str:
-    """The page as text: a line of nodes and links coloured by tension, its held ends, and water where there is some.
+    """The page as text: lines of nodes and links coloured by tension, their held ends, and water where there is some.
 
     Times [s], positions [m] and tensions [N] are float32: what the eye sees, not what a calculation needs.
     """
@@ -65,15 +68,43 @@ def _data(solution: Any, run: Run) -> dict[str, Any]:
         "range": [float(norm.vmin), float(norm.vmax)],
         "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
         "held": _held(solution, run),
+        "first": run.first.tolist(),
+        "labels": run.labels,
+        "joints": list(run.joints),
+        "buoys": [buoy._asdict() for buoy in run.buoys],
+        "bed": _bed(run),
         "water": _water(solution, run),
     }
 
 
 def _held(solution: Any, run: Run) -> list[int]:
-    """Nodes that are held: the first one, and the last one where its point is not free."""
+    """Nodes that are held: of one line the first, and the last where its point is not free; of a system its points."""
+    if run.scene is not None:
+        return list(run.held)
     line = solution.scene.lines[0]
     last = run.positions.shape[1] - 1
     return [0] if solution.scene.point(line.end).kind == "free" else [0, last]
+
+
+def _bed(run: Run) -> dict[str, Any] | None:
+    """Places of a grid and the height [m] of the bed over it; None for a single line or without a bed."""
+    if run.scene is None:
+        return None
+    low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
+    step = _round_step(2 * BED_REACH * max(float((high - low).max()), 1.0) / (BED_POINTS - 1))
+    around = np.arange(BED_POINTS) - BED_POINTS // 2
+    x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
+    grid = np.meshgrid(x, y, indexing="ij")
+    z = bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
+    if z is None:
+        return None
+    return {"points": BED_POINTS, "x": x.tolist(), "y": y.tolist(), "z": z.ravel().tolist()}
+
+
+def _round_step(least: float) -> float:
+    """The least of 1, 2, 5 times a power of ten that is not below `least`."""
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(next(n * power for n in (1, 2, 5, 10) if n * power >= least * (1 - 1e-9)))
 
 
 def _even(count: int, most: int) -> np.ndarray:

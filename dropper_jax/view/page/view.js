@@ -4,7 +4,7 @@ const run = JSON.parse(byId("data").textContent);
 const unpack = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 const time = unpack(run.time), place = unpack(run.positions), tension = unpack(run.tension);
 const water = run.water && { ...run.water, time: unpack(run.water.time), elevation: unpack(run.water.elevation) };
-const nodes = run.nodes, links = nodes - 1, start = time[0], end = time[run.frames - 1];
+const nodes = run.nodes, links = run.first.length, start = time[0], end = time[run.frames - 1];
 const canvas = byId("scene"), pen = canvas.getContext("2d");
 
 // the motion's box: the camera looks at its middle from far enough to see all of it
@@ -12,6 +12,10 @@ const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infin
 for (let i = 0; i < place.length; i++) {
   low[i % 3] = Math.min(low[i % 3], place[i]);
   high[i % 3] = Math.max(high[i % 3], place[i]);
+}
+for (const { node, height, attachment } of run.buoys) for (let k = 0; k < run.frames; k++) {
+  const z = place[3 * (k * nodes + node) + 2] - attachment;
+  low[2] = Math.min(low[2], z); high[2] = Math.max(high[2], z + height);
 }
 if (water) for (const rise of water.elevation) high[2] = Math.max(high[2], rise);
 const middle = low.map((v, i) => (v + high[i]) / 2);
@@ -59,6 +63,45 @@ function path(points, closed) {
   points.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
   if (closed) pen.closePath();
 }
+function bed() {
+  const { points: n, x, y, z } = run.bed, cells = [];
+  const at = (i, j) => project(x[i], y[j], z[i * n + j]);
+  for (let i = 0; i + 1 < n; i++) for (let j = 0; j + 1 < n; j++) {
+    const corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+    if (Math.min(...corners.map((c) => c[2])) < 0.3 - DISTANCE) continue;  // beside or behind the eye
+    cells.push({ corners, deep: corners[0][2] + corners[2][2] });
+  }
+  cells.sort((a, b) => b.deep - a.deep);
+  for (const { corners } of cells) {
+    path(corners, true);
+    pen.fillStyle = "rgba(216,203,180,0.45)"; pen.fill();
+    pen.strokeStyle = "rgba(160,142,110,0.35)"; pen.lineWidth = 0.7 * ratio(); pen.stroke();
+  }
+  const corner = at(n - 1, 0);
+  label(`grid ${+(x[1] - x[0]).toPrecision(2)} m`, [Math.min(corner[0], canvas.width - 80 * ratio()), corner[1]]);
+}
+function elevation(x, y) {
+  const n = water.points, cell = water.x[1] - water.x[0], [a, b, w] = locate(water.time, state.now);
+  const at = (i, j) => (1 - w) * water.elevation[(a * n + i) * n + j] + w * water.elevation[(b * n + i) * n + j];
+  const inside = (v, first) => Math.min(n - 1.001, Math.max(0, (v - first) / cell));
+  const [u, v] = [inside(x, water.x[0]), inside(y, water.y[0])], [i, j] = [Math.floor(u), Math.floor(v)];
+  const mix = (k) => (1 - v + j) * at(k, j) + (v - j) * at(k, j + 1);
+  return (1 - u + i) * mix(i) + (u - i) * mix(i + 1);
+}
+function buoy(r, { node, diameter, height, attachment }, dry) {
+  const [x, y] = [r[3 * node], r[3 * node + 1]], foot = r[3 * node + 2] - attachment, sides = 20, half = diameter / 2;
+  const top = foot + height, base = dry ? Math.max(foot, elevation(x, y)) : foot;
+  if (base >= top) return;
+  const ring = (z) => Array.from({ length: sides }, (_, i) => project(
+    x + half * Math.cos(2 * Math.PI * i / sides), y + half * Math.sin(2 * Math.PI * i / sides), z));
+  const [low, high] = [ring(base), ring(top)];
+  pen.strokeStyle = "#2b2f33"; pen.lineWidth = 0.8 * ratio(); pen.fillStyle = "#e69f00";
+  for (let i = 0; i < sides; i++) { const k = (i + 1) % sides; path([low[i], low[k], high[k], high[i]], true); pen.fill(); }
+  const wide = [...low.keys()].sort((a, b) => low[a][0] - low[b][0]), [left, right] = [wide[0], wide[sides - 1]];
+  path([low[left], high[left]]); pen.stroke(); path([low[right], high[right]]); pen.stroke();
+  path(eye.rise < 0 ? high : low, true); pen.stroke();
+  path(eye.rise < 0 ? low : high, true); pen.fillStyle = "#f0b93a"; pen.fill(); pen.stroke();
+}
 function floor() {
   const step = 10 ** Math.floor(Math.log10(size)) * (size / 10 ** Math.floor(Math.log10(size)) > 4 ? 1 : 0.25);
   const z = water && middle[2] - water.depth < low[2] ? Math.max(-water.depth, low[2] - size) : low[2] - 0.04 * size;
@@ -101,36 +144,40 @@ function surface() {
 }
 function trail(frame) {
   pen.lineWidth = ratio();
-  const from = locate(time, state.now - 0.06 * (end - start))[0], node = Math.floor(nodes / 2), points = [];
+  const from = locate(time, state.now - 0.06 * (end - start))[0], node = run.buoys.length ? run.buoys[0].node : Math.floor(nodes / 2), points = [];
   for (let k = from; k <= frame[0]; k++) points.push(project(...place.subarray(3 * (k * nodes + node), 3 * (k * nodes + node) + 3)));
   pen.strokeStyle = "rgba(213,94,0,0.55)"; path(points); pen.stroke();
 }
 function line(frame) {
   const r = sample(place, 3 * nodes, frame), pull = sample(tension, links, frame);
   const points = Array.from({ length: nodes }, (_, i) => project(r[3 * i], r[3 * i + 1], r[3 * i + 2]));
-  const order = Array.from({ length: links }, (_, j) => j).sort((a, b) => points[b][2] + points[b + 1][2] - points[a][2] - points[a + 1][2]);
+  const depth = (j) => points[run.first[j]][2] + points[run.first[j] + 1][2];
+  const order = Array.from({ length: links }, (_, j) => j).sort((a, b) => depth(b) - depth(a));
   pen.lineCap = "round";
   for (const j of order) {
-    path([points[j], points[j + 1]]);
-    pen.lineWidth = 5 * ratio(); pen.strokeStyle = colour(pull[j]); pen.stroke();
+    path([points[run.first[j]], points[run.first[j] + 1]]);
+    pen.lineWidth = (nodes > 200 ? 3 : 5) * ratio(); pen.strokeStyle = colour(pull[j]); pen.stroke();
   }
   const dot = nodes > 60 ? 0 : 3 * ratio();
   points.forEach(([x, y], i) => {
     if (run.held.includes(i)) {
       const h = 6 * ratio(); pen.fillStyle = "#2b2f33"; pen.fillRect(x - h, y - h, 2 * h, 2 * h);
+    } else if (run.joints.includes(i)) {
+      const h = 5 * ratio(); pen.fillStyle = "#e69f00"; path([[x - h, y], [x, y - h], [x + h, y], [x, y + h]], true); pen.fill();
     } else if (dot) { pen.beginPath(); pen.arc(x, y, dot, 0, 7); pen.fillStyle = "#2b2f33"; pen.fill(); }
   });
-  return { points, pull };
+  [...run.buoys].sort((a, b) => points[b.node][2] - points[a.node][2]).forEach((one) => buoy(r, one));
+  return { points, pull, r };
 }
 function tell({ points, pull }) {
   const tip = byId("tip"); tip.hidden = true;
   if (!state.mouse) return;
   const [mx, my] = state.mouse.map((v) => v * ratio());
   for (let j = 0; j < links; j++) {
-    const [a, b] = [points[j], points[j + 1]], [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+    const [a, b] = [points[run.first[j]], points[run.first[j] + 1]], [dx, dy] = [b[0] - a[0], b[1] - a[1]];
     const u = Math.min(1, Math.max(0, ((mx - a[0]) * dx + (my - a[1]) * dy) / (dx * dx + dy * dy || 1)));
     if (Math.hypot(a[0] + u * dx - mx, a[1] + u * dy - my) > 7 * ratio()) continue;
-    tip.textContent = `link ${j + 1}: ${pull[j].toPrecision(4)} N`; tip.hidden = false;
+    tip.textContent = `${run.labels[j]}: ${pull[j].toPrecision(4)} N`; tip.hidden = false;
     tip.style.left = `${state.mouse[0] + 14}px`; tip.style.top = `${state.mouse[1] + 6}px`;
   }
 }
@@ -140,11 +187,15 @@ function draw() {
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
   pen.clearRect(0, 0, w, h);
   const frame = locate(time, state.now), wet = water && byId("water").checked;
-  floor(); axes();
+  if (run.bed) bed(); else floor();
+  axes();
   if (wet && eye.rise < 0) surface();  // seen from below, the surface lies behind the line
   if (byId("trail").checked) trail(frame);
   const drawn = line(frame);
-  if (wet && eye.rise >= 0) surface();
+  if (wet && eye.rise >= 0) {
+    surface();
+    run.buoys.forEach((one) => buoy(drawn.r, one, true));  // what stands out of the water hides it
+  }
   tell(drawn);
   byId("clock").textContent = `${state.now.toFixed(2)} / ${end.toFixed(2)} s`;
   byId("scrub").value = state.now;

@@ -40,6 +40,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "status": solution.status,
         "integrator": used.get("integrator"),
         "dt_s": used.get("dt"),
+        "internal_damping_n_s": _largest_damping(solution),
         "saved_every_s": part.interval,
         "from_s": float(part.t[0]),
         "to_s": float(part.t[-1]),
@@ -56,6 +57,12 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "distance": line_distances(part) if len(part.lines) > 1 else {"skipped": "one line"},
         "seabed": _seabed(part, settings),
     }
+
+
+def _largest_damping(solution: Solution) -> float:
+    """Largest internal damping BA of a link [N s], 0 without any."""
+    given = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
+    return float(max((np.max(damping) for damping in given), default=0.0))
 
 
 def _optional(section: Any, part: Record, settings: Settings) -> Any:
@@ -94,7 +101,7 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
         "settings": settings.table(),
         "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],
         "spread": _spread(list(runs.values())),
-        "extremes": _extremes(list(runs.values()), settings),
+        "extremes": _extremes(list(runs.values()), _not_seeds(solutions), settings),
     }
 
 
@@ -133,13 +140,33 @@ def _spread(runs: list[dict[str, Any]]) -> dict[str, Any]:
                 rows[f"damage per year of {line['line']}"] = [f["damage_per_year"] for f in own]
     return {
         "dt_s": [r["dt_s"] for r in runs],
+        "internal_damping_n_s": [r["internal_damping_n_s"] for r in runs],
         "values": {
             name: {"min": min(v), "mean": float(np.mean(v)), "max": max(v), "by_run": v} for name, v in rows.items()
         },
     }
 
 
-def _extremes(runs: list[dict[str, Any]], settings: Settings) -> dict[str, Any]:
+def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
+    """Paths of the scenes in which the runs differ, apart from their texts and the seed of their sea."""
+    tables = [_flat(solution.scene.to_dict()) for solution in solutions.values()]
+    paths = sorted({path for table in tables for path in table} - {"name", "description", "sea.waves.seed"})
+    found = [path for path in paths if any(table.get(path) != tables[0].get(path) for table in tables)]
+    steps = {solution.settings.get("dt") for solution in solutions.values()}
+    return found + (["run.dt"] if len(steps) > 1 and "run.dt" not in found else [])
+
+
+def _flat(table: Any, path: str = "") -> dict[str, Any]:
+    if not isinstance(table, dict):
+        return {path: table}
+    return {
+        key: value for name, item in table.items() for key, value in _flat(item, f"{path}.{name}".strip(".")).items()
+    }
+
+
+def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings) -> dict[str, Any]:
+    if differ:
+        return {"skipped": f"the runs differ in more than the seed of their sea: {', '.join(differ[:5])}"}
     durations = [run["to_s"] - run["from_s"] for run in runs]
     if len(runs) > 1 and np.ptp(durations) > 1e-3 * max(durations):
         return {"skipped": "the runs have different durations: their maxima are of different distributions"}

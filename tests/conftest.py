@@ -8,6 +8,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.integrate import begin
+from dropper_jax.solution import Solution
 
 
 @partial(jax.jit, static_argnames=("stepper", "saves"))
@@ -59,5 +60,85 @@ def chain():
             "effects": {"weight": {}} if effects is None else effects,
             "start": start,
         }
+
+    return make
+
+
+#: A backbone between two spar buoys, a leg to an anchor at either side, and a sock that hangs below the backbone.
+LONGLINE = {
+    "name": "made-up-longline",
+    "run": {"dt": 0.1, "duration": 6.0},
+    "line_type": [
+        {"name": "rope", "mass": 5.0, "diameter": 0.05, "EA": 1e6, "breaking_load": 5e4}
+        | {"cdn": 1.2, "cdt": 0.1, "can": 1.0, "cat": 0.0}
+    ],
+    "point": [
+        {"name": "anchor-a", "position": [-40.0, 0.0, -20.0]},
+        {"name": "left", "kind": "free", "position": [-15.0, 0.0, -1.0]},
+        {"name": "right", "kind": "free", "position": [15.0, 0.0, -1.0]},
+        {"name": "anchor-b", "position": [40.0, 0.0, -20.0]},
+    ],
+    "line": [
+        {"name": "leg-a", "from": "anchor-a", "to": "left", "type": "rope", "length": 36.0, "links": 4},
+        {"name": "backbone", "from": "left", "to": "right", "type": "rope", "length": 30.5, "links": 3},
+        {"name": "leg-b", "from": "right", "to": "anchor-b", "type": "rope", "length": 36.0, "links": 4},
+        {"name": "sock", "from": "left", "to": "right", "type": "rope", "length": 40.0, "links": 6},
+    ],
+    "buoy": [
+        {"name": "spar-a", "point": "left", "mass": 500.0, "diameter": 1.0, "height": 3.0},
+        {"name": "spar-b", "point": "right", "mass": 500.0, "diameter": 1.0, "height": 3.0},
+    ],
+    "sea": {"depth": 20.0, "waves": {"kind": "regular", "amplitude": 0.8, "period": 6.0}},
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}, "seabed": {}},
+}
+#: Depth of the middle of each line below the straight line between its ends [m].
+SAG = {"leg-a": 3.0, "backbone": 0.5, "leg-b": 3.0, "sock": 9.0}
+
+
+@pytest.fixture(scope="session")
+def made():
+    """`made(scene, positions, tension, dt)`: a solution of given motion, none of it simulated; v by differences."""
+
+    def make(scene, positions, tension, dt=0.1, **changes):
+        samples = len(positions)
+        t = dt * np.arange(samples)
+        fields = {
+            "scene": dj.load_scene(scene),
+            "settings": {"integrator": "energy_momentum", "solver": "network", "dt": dt, "duration": float(t[-1])}
+            | {"steps": samples - 1, "dtype": "float64"},
+            "t": t,
+            "positions": positions,
+            "velocities": np.gradient(positions, dt, axis=0),
+            "tension": tension,
+            "t_tension": np.maximum(t - dt / 2, 0.0),
+            "kinetic": np.ones(samples),
+            "potential": np.ones(samples),
+            "work": np.zeros((samples, 1)),
+            "work_names": ("internal_damping",),
+            "step_status": np.zeros(samples, int),
+        }
+        return Solution(**{**fields, **changes})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def longline(made):
+    """`longline(sideways, samples)`: a made-up motion of a system of four lines, across its plane by `sideways` [m]."""
+
+    def make(sideways=1.5, samples=61, tension=1000.0, **changes):
+        scene = dj.load_scene(LONGLINE)
+        t, w = 0.1 * np.arange(samples), 2 * np.pi / 6.0
+        across = sideways * np.sin(w * t)
+        shift = np.stack([np.sin(w * t), across, 0.8 * np.cos(w * t)], axis=1)
+        place = {p.name: p.position + (shift if p.kind == "free" else np.zeros_like(shift)) for p in scene.points}
+        nodes = []
+        for line in scene.lines:
+            u = np.linspace(0, 1, line.links + 1)[:, None]
+            bow = 4 * u * (1 - u) * np.stack([0 * t, across, 0 * t - SAG[line.name]], axis=1)[:, None]
+            nodes.append((1 - u) * place[line.start][:, None] + u * place[line.end][:, None] + bow)
+        links = sum(line.links for line in scene.lines)
+        pull = tension * (1.0 + 0.3 * np.sin(w * t)[:, None] + 0.1 * np.arange(links) / links)
+        return made(scene, np.concatenate(nodes, axis=1), pull, **changes)
 
     return make

@@ -221,3 +221,38 @@ def test_a_real_mp4_can_be_read_back(tmp_path):
     video = pytest.importorskip("cv2").VideoCapture(str(plots.animate(run_of(21), tmp_path / "motion.mp4", fps=10)))
     assert video.isOpened()
     assert video.read()[0]
+
+
+@pytest.mark.parametrize("sideways", [0.0, 1.5], ids=["plane", "space"])
+@pytest.mark.parametrize("name", ["snapshot", "under_surface", "tension_envelope", "angle_traces"])
+def test_systems_of_lines_are_drawn(longline, tmp_path, name, sideways):
+    check_picture(getattr(plots, name)(longline(sideways), tmp_path / "system.png"), "PNG")
+
+
+@pytest.mark.parametrize("sideways", [0.0, 1.5], ids=["plane", "space"])
+def test_animation_of_a_system_moves_its_water_and_buoys(longline, tmp_path, sideways):
+    path = plots.animate(longline(sideways, samples=11), tmp_path / "system.gif", fps=10)
+    with Image.open(path) as image:
+        assert image.n_frames == 11
+        blue = [np.argwhere(_near(image, seek, (86, 180, 233))).shape[0] for seek in (0, 8)]
+        orange = [np.argwhere(_near(image, seek, (230, 159, 0))).mean(axis=0) for seek in (0, 8)]
+    assert min(blue) > 50
+    assert np.abs(orange[1] - orange[0]).max() > 1.0
+
+
+def _near(image, frame, colour):
+    image.seek(frame)
+    return np.abs(np.asarray(image.convert("RGB"), int) - colour).max(axis=-1) < 12
+
+
+def test_links_and_angles_of_a_system_stay_within_their_lines(longline):
+    solution = longline()
+    run = readable(solution)
+    segments = run.segments(run.positions[7])
+    assert len(segments) == len(run.labels) == 17
+    assert run.labels[4] == "backbone 1"
+    length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    assert length.max() < 12.0  # a link from one line's end to the next one's start would be 30 m or more
+    np.testing.assert_array_equal(run.angles()[0], solution.polar)
+    places = run.positions[7][list(run.held)]
+    np.testing.assert_array_equal(places, [[-40, 0, -20], [40, 0, -20]])

@@ -93,3 +93,20 @@ def test_files_that_are_no_runs_are_refused_in_one_line(tmp_path):
         assert "\n" not in str(caught.value)
     with pytest.raises(SceneError, match=r"none\.nc: cannot be read"):
         load_run(tmp_path / "none.nc")
+
+
+def test_systems_of_lines_keep_their_names_in_netcdf_and_tables(longline, tmp_path):
+    solution = longline()
+    again = load_run(solution.save(tmp_path / "system.nc"))
+    np.testing.assert_array_equal(again.positions, solution.positions)
+    assert again.scene == solution.scene
+    dataset = solution.to_xarray()
+    backbone = dataset.position.where(dataset.line_of_node == "backbone", drop=True)
+    np.testing.assert_array_equal(backbone.values, solution.positions[:, 5:9])
+    np.testing.assert_array_equal(dataset.tension.sel(link="sock/6").values, solution.tension[:, -1])
+    for write, stem in ((write_angles, "theta"), (write_tensions, "tension")):
+        lines = write(solution, tmp_path / f"{stem}.csv").read_text().splitlines()
+        head = next(line for line in lines if not line.startswith("#")).split(",")
+        assert head[1:6] == [f"{stem}_leg-a/{j}" for j in (1, 2, 3, 4)] + [f"{stem}_backbone/1"]
+    table = np.genfromtxt(tmp_path / "theta.csv", delimiter=",", skip_header=3)
+    np.testing.assert_array_equal(table[:, 1:18], solution.polar)

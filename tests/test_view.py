@@ -148,3 +148,40 @@ def test_page_plays_scrubs_and_turns_in_a_browser(wet, tmp_path):
     assert seen["playing"] == "true"
     assert seen["paused"] == "false"
     assert float(seen["played"]) > 1.05
+
+
+def test_page_of_a_system_has_links_within_lines_buoys_bed_and_names(longline):
+    solution = longline()
+    found = data(view_page(solution))
+    assert found["first"] == [0, 1, 2, 3, 5, 6, 7, 9, 10, 11, 12, 14, 15, 16, 17, 18, 19]
+    assert found["labels"][4] == "backbone 1"
+    assert found["held"] == [0, 13]
+    assert [buoy["node"] for buoy in found["buoys"]] == [4, 8]
+    assert set(found["bed"]["z"]) == {-20.0}
+    np.testing.assert_allclose(np.diff(found["bed"]["x"]), 10.0)
+    assert floats(found["tension"]).size == solution.tension.size
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no browser here")
+def test_page_of_a_system_draws_its_lines_and_buoys_in_a_browser(longline, tmp_path):
+    probe = """<script>{
+    const orange = () => { const d = pen.getImageData(0, 0, canvas.width, canvas.height).data; let n = 0;
+      for (let i = 0; i < d.length; i += 4) if (d[i] > 200 && d[i + 1] > 130 && d[i + 1] < 200 && d[i + 2] < 70) n++;
+      return n; };
+    const out = document.createElement("pre"), ready = document.body.dataset.ready, before = orange();
+    run.buoys.length = 0; draw();  // what is left has the colours of the tensions
+    const seen = { buoys: before - orange(), links: line(locate(time, 1.0)).pull.length, at: elevation(0, 0), ready };
+    out.id = "seen"; out.textContent = JSON.stringify(seen); document.body.append(out);
+    }</script></body>"""
+    page = tmp_path / "page.html"
+    page.write_text(view_page(longline()).replace("</body>", probe))
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=3000", "--window-size=900,600"]
+    command = [BROWSER, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    found = re.search(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
+    assert found, done.stderr[-500:]
+    seen = json.loads(found[1])
+    assert seen["ready"] == "1"
+    assert seen["links"] == 17
+    assert seen["buoys"] > 15
+    assert abs(seen["at"]) <= 0.8 + 1e-6

@@ -14,7 +14,8 @@ from dropper_jax.report.settings import Settings
 def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dict[str, Any]]:
     """Per line: length on the bed [m] over time and share of time of each node.
 
-    A node lies on the bed where it is less than `contact` above it; it stands for the halves of its two links.
+    A node lies on the bed where it is at most `contact` above it, a link where both its ends do: the length is whole
+    links, so that a line that rises from an anchor on the bed has none.
 
     Args:
         bed: height (k, nodes) [m] of the bed under every node.
@@ -23,9 +24,7 @@ def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dic
     found = []
     for spec, where in zip(record.scene.lines, record.lines, strict=True):
         own = on[:, where.nodes]
-        half = 0.5 * np.asarray(spec.length, float)
-        share = np.concatenate([half, [0.0]]) + np.concatenate([[0.0], half])
-        length = own @ share
+        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(spec.length, float)
         found.append(
             {
                 "line": spec.name,

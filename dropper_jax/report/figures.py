@@ -228,4 +228,5 @@ def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
         axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
         axes.set_title(name, loc="left")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+    figure.suptitle("largest of the runs, and of a storm", fontsize=12, fontweight="bold", x=0.01, ha="left")
     return style.save(figure, folder / "extremes.png")

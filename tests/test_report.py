@@ -1,0 +1,438 @@
+"""The report of saved runs: every number against a motion or a signal whose answer is known without it."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import struct
+import sys
+from collections import Counter
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from dropper_jax.cli import main
+from dropper_jax.errors import SceneError
+from dropper_jax.report import Settings, report_run, report_runs, write_vtk
+from dropper_jax.report.distance import segment_distance
+from dropper_jax.report.extremes import Gumbel, fit_gumbel, storm_extreme
+from dropper_jax.report.fatigue import cycles, damage, turning_points
+from dropper_jax.report.snap import snap_events
+
+rainflow = pytest.importorskip("rainflow")
+
+
+def rope(points, links, effects=None, sea=None, length=10.0, **line):
+    """A scene of one elastic line from the first to the second of `points`: name, position, kind."""
+    line = {"from": points[0][0], "to": points[1][0], "links": links, "length": length / links, "mass": 1.0} | line
+    table = {
+        "run": {"dt": 0.1, "duration": 1.0},
+        "point": [{"name": n, "position": list(map(float, p)), "kind": k} for n, p, k in points],
+        "line": [{"name": "rope", "nodes": "shared", "axial": {"law": "rope", "EA": 1e6}} | line],
+        "effects": {"weight": {}} if effects is None else effects,
+    }
+    return table if sea is None else {**table, "sea": sea}
+
+
+HANGING = [("top", (0, 0, 0), "fixed"), ("end", (0, 0, -10), "free")]
+
+
+# --- fatigue --------------------------------------------------------------------------------------------------------
+
+
+def test_rainflow_counts_the_example_of_astm_e1049():
+    found = Counter()
+    for size, _, count in cycles(np.array([-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0])):
+        found[size] += count
+    # ASTM E1049-85, figure 6: cycles by range
+    assert found == {3.0: 0.5, 4.0: 1.5, 6.0: 0.5, 8.0: 1.0, 9.0: 0.5}
+
+
+def test_turning_points_leave_nothing_out_that_rainflow_counts():
+    signal = np.round(np.cumsum(np.random.default_rng(0).standard_normal(400)), 1)  # rounding makes plateaus
+    whole = np.array([c[:3] for c in rainflow.extract_cycles(signal.tolist())])
+    ours = cycles(signal)
+    assert len(whole) > 100
+    np.testing.assert_array_equal(ours[np.lexsort(ours.T)], whole[np.lexsort(whole.T)])
+    assert len(turning_points(np.full(5, 3.0))) == 1
+
+
+def test_damage_of_equal_cycles_is_their_number_over_those_of_the_curve():
+    triangle = np.array([100.0, 300.0] * 10 + [100.0])
+    counted = cycles(triangle)
+    assert counted[:, 2].sum() == pytest.approx(10.0)
+    # range 200 N of a breaking load of 1000 N: N = 316 * 0.2^-3 = 39500 cycles
+    assert damage(counted, 1000.0, 316.0, 3.0) == pytest.approx(10.0 / 39500.0, rel=1e-12)
+
+
+def test_yearly_damage_scales_the_record_and_lines_without_breaking_load_say_so(made):
+    t = 0.1 * np.arange(101)
+    tension = 500.0 + 100.0 * np.where(np.arange(101) % 2, -1.0, 1.0)[:, None] * np.ones(2)
+    nodes = np.tile(np.array([[0.0, 0, 0], [0, 0, -5], [0, 0, -10]]), (len(t), 1, 1))
+    solution = made(rope(HANGING, 2), nodes, tension)
+    (line,) = report_run(solution)["fatigue"]
+    assert line["damage"] is None
+    assert "breaking" in line["why_no_damage"]
+    (line,) = report_run(solution, Settings(breaking_load=2000.0))["fatigue"]
+    # the first sample belongs to no step: 99 half cycles of 200 N in the 10 s of the record
+    ten_seconds = 99 * 0.5 * (200.0 / 2000.0) ** 3 / 316.0
+    assert line["largest_damage"] == pytest.approx(ten_seconds, rel=1e-12)
+    assert line["damage_per_year"] == pytest.approx(ten_seconds * 365.25 * 86400 / 10.0, rel=1e-12)
+    assert line["life_years"] == pytest.approx(1 / line["damage_per_year"])
+
+
+def test_without_the_package_the_rest_of_the_report_stands(longline, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rainflow", None)
+    found = report_run(longline())
+    assert "dropper-jax[fatigue]" in found["fatigue"]["skipped"]
+    assert len(found["tension"]) == 4
+
+
+# --- snaps ----------------------------------------------------------------------------------------------------------
+
+
+def signal(*corners):
+    """Piecewise linear signal through (time, value) corners, sampled every 0.01 s."""
+    t = np.arange(0, corners[-1][0] + 1e-9, 0.01)
+    return t, np.interp(t, *np.array(corners).T)
+
+
+def test_a_snap_is_slack_for_long_enough_and_then_a_rise():
+    # below 10 from t = 0.9 (on 1 s from 100 to 0) to 2.1, then 50 at t = 2.5 and a peak of 100 at t = 3
+    t, tension = signal((0, 100), (1, 0), (2, 0), (3, 100), (4, 50))
+    (event,) = snap_events(t, tension, slack=10.0, least=1.0, snap=50.0)
+    assert event.slack_from == pytest.approx(0.9)
+    assert event.slack_to == pytest.approx(2.1)
+    assert event.passed == pytest.approx(2.5)
+    assert (event.peak, event.peak_at) == pytest.approx((100.0, 3.0))
+    assert snap_events(t, tension, slack=10.0, least=1.25, snap=50.0) == []
+    assert snap_events(t, tension, slack=10.0, least=1.0, snap=101.0) == []
+
+
+def test_a_rise_counts_until_the_line_is_slack_again_and_open_ends_are_right():
+    # slack at the start, up to 40 only, slack again, then 80, and slack at the end
+    t, tension = signal((0, 0), (1, 0), (2, 40), (3, 0), (4, 0), (5, 80), (6, 0), (7, 0))
+    (event,) = snap_events(t, tension, slack=4.0, least=0.5, snap=50.0)
+    assert event.peak == pytest.approx(80.0)
+    assert event.slack_from == pytest.approx(2.9)
+    (first, _) = snap_events(t, tension, slack=4.0, least=0.5, snap=30.0)
+    assert first.slack_from == 0.0
+    assert first.peak == pytest.approx(40.0)
+
+
+def test_snap_thresholds_are_relative_to_the_mean_unless_given(made):
+    t, tension = signal((0, 100), (1, 0), (2, 0), (3, 100), (4, 100))
+    nodes = np.tile(np.array([[0.0, 0, 0], [0, 0, -10]]), (len(t), 1, 1))
+    solution = made(rope(HANGING, 1), nodes, tension[:, None], dt=0.01, t_tension=t)
+    (line,) = report_run(solution)["snap"]
+    assert line["events"] == [0]  # the mean is 50: a snap would need more than 100
+    (line,) = report_run(solution, Settings(slack=10.0, slack_time=1.0, snap=99.0))["snap"]
+    assert line["events"] == [1]
+    assert line["shown"][0]["snap_n"] == 99.0
+
+
+# --- loads ----------------------------------------------------------------------------------------------------------
+
+
+def test_anchor_of_a_catenary_takes_its_horizontal_force_and_the_weight_above_it(made):
+    a, level, links, start = 20.0, 1000.0, 400, 0.3
+    x = a * np.linspace(start, 1.5, links + 1)
+    nodes = np.stack([x, np.zeros_like(x), a * np.cosh(x / a)], axis=1)
+    chord = np.diff(nodes, axis=0)
+    tension = level * np.linalg.norm(chord, axis=1) / chord[:, 0]  # the horizontal force is the same everywhere
+    scene = rope([("anchor", nodes[0], "fixed"), ("top", nodes[-1], "fixed")], links, length=100.0)
+    found = report_run(made(scene, np.tile(nodes, (4, 1, 1)), np.tile(tension, (4, 1))))["anchors"]
+    anchor, top = found
+    # catenary: V = H sinh(x/a); a chord stands for its middle, half a link from the anchor
+    half = 0.5 * (1.5 - start) / links
+    assert anchor["horizontal_n"]["mean"] == pytest.approx(level, rel=1e-12)
+    assert anchor["vertical_n"]["max"] == pytest.approx(level * np.sinh(start + half), rel=1e-5)
+    assert anchor["uplift_rad"]["mean"] == pytest.approx(np.arctan(np.sinh(start + half)), rel=1e-5)
+    assert top["vertical_n"]["mean"] == pytest.approx(-level * np.sinh(1.5 - half), rel=1e-5)
+
+
+def test_opposite_lines_at_one_anchor_cancel_and_leave_their_lift(made):
+    table = rope([("left", (-8, 0, 6), "free"), ("anchor", (0, 0, 0), "fixed")], 1)
+    table["point"].append({"name": "right", "position": [8.0, 0.0, 6.0], "kind": "free"})
+    table["line"].append({**table["line"][0], "name": "other", "from": "anchor", "to": "right"})
+    nodes = np.tile(np.array([[-8.0, 0, 6], [0, 0, 0], [0, 0, 0], [8, 0, 6]]), (4, 1, 1))
+    (anchor,) = report_run(made(table, nodes, np.full((4, 2), 50.0)))["anchors"]
+    assert anchor["vertical_n"]["mean"] == pytest.approx(2 * 50.0 * 0.6)
+    assert anchor["horizontal_n"]["max"] == pytest.approx(0.0, abs=1e-12)
+    assert anchor["uplift_rad"]["mean"] == pytest.approx(np.pi / 2)
+
+
+def test_an_anchor_without_load_has_no_angle_rather_than_a_wrong_one(made):
+    nodes = np.tile(np.array([[0.0, 0, 0], [0, 0, -10]]), (4, 1, 1))
+    (anchor,) = report_run(made(rope(HANGING, 1), nodes, np.zeros((4, 1))))["anchors"]
+    assert anchor["uplift_rad"] is None
+    assert anchor["share_without_angle"] == 1.0
+
+
+def test_statistics_and_utilisation_are_those_of_the_tensions_without_the_start(longline):
+    solution = longline(tension=10000.0)
+    found = report_run(solution)["tension"][3]
+    own = solution.tension[1:, solution.lines[3].links]
+    assert found["largest"]["n"] == own.max()
+    assert found["largest"]["at_m"] == pytest.approx(40.0 * 5.5 / 6)
+    assert found["utilisation"]["largest"] == pytest.approx(own.max() / 5e4)
+    np.testing.assert_allclose(found["percentiles_n"]["50"], np.median(own, axis=0))
+    skipped = report_run(solution, Settings(skip=3.0))
+    assert skipped["from_s"] == pytest.approx(3.0)
+    # sin(2 pi t/6) is negative from 3 s on
+    assert skipped["tension"][0]["largest"]["n"] < 10000.0 * 1.1
+
+
+# --- motion, water, bed ---------------------------------------------------------------------------------------------
+
+
+def test_watch_circle_of_a_circling_point_is_its_radius(made):
+    angle = np.linspace(0, 4 * np.pi, 201)[:-1]
+    end = np.stack([3 + 2 * np.cos(angle), 1 + 2 * np.sin(angle), np.full_like(angle, -9.0)], axis=1)
+    nodes = np.stack([np.zeros_like(end), end], axis=1)
+    (point,) = report_run(made(rope(HANGING, 1), nodes, np.ones((200, 1))))["watch_circle"]
+    assert point["point"] == "end"
+    np.testing.assert_allclose(point["mean_m"], [3, 1, -9], atol=1e-12)
+    assert point["radius_max_m"] == pytest.approx(2.0)
+    # the run starts in its static pose, here at the circle's edge: the other side is a diameter away
+    assert point["radius_from_static_max_m"] == pytest.approx(4.0)
+
+
+def test_acceleration_of_a_swinging_node_is_amplitude_times_frequency_squared(made):
+    t = 0.01 * np.arange(1001)
+    nodes = np.zeros((len(t), 2, 3))
+    nodes[:, 1] = [0, 0, -10]
+    nodes[:, 1, 0] = 0.5 * np.sin(3 * t)
+    velocities = np.zeros_like(nodes)
+    velocities[:, 1, 0] = 1.5 * np.cos(3 * t)
+    solution = made(rope(HANGING, 1), nodes, np.ones((len(t), 1)), dt=0.01, velocities=velocities)
+    (line,) = report_run(solution)["acceleration"]
+    assert line["largest_m_per_s2"] == pytest.approx(0.5 * 9, rel=1e-3)
+    assert line["rms_m_per_s2"][1] == pytest.approx(0.5 * 9 / np.sqrt(2), rel=2e-2)
+    assert line["at_m"] == 10.0
+
+
+def test_node_at_half_the_amplitude_below_the_surface_is_wet_two_thirds_of_the_time(made):
+    sea = {"depth": 30.0, "waves": {"kind": "regular", "amplitude": 1.0, "period": 6.0}}
+    points = [("top", (0, 0, -0.5), "fixed"), ("end", (0, 0, -10.5), "free")]
+    nodes = np.tile(np.array([[0.0, 0, -0.5], [0, 0, -10.5]]), (1201, 1, 1))
+    found = report_run(made(rope(points, 1, sea=sea, diameter=0.1), nodes, np.ones((1201, 1)), dt=0.01))
+    (line,) = found["submergence"]["lines"]
+    # cos(w t) > -1/2 for two thirds of a period; two periods here
+    np.testing.assert_allclose(line["share_under_water"], [2 / 3, 1.0], atol=2e-3)
+    np.testing.assert_allclose(line["largest_depth_m"], [1.5, 11.5], atol=1e-3)
+    assert found["seabed"] == {"skipped": "the scene has no [effects.seabed]"}
+
+
+def test_draught_of_a_buoy_is_that_of_its_motion_in_calm_water(longline):
+    solution = longline(samples=601)
+    calm = {"sea.waves.amplitude": 0.0, "buoy.spar-a.height": 1.5}
+    solution = dataclasses.replace(solution, scene=solution.scene.with_values(calm))
+    found = report_run(solution)["submergence"]["buoys"][0]
+    # the base is at -1 + 0.8 cos(w t): draughts of 1 +- 0.8 m, above 1.5 m while cos(w t) < -0.625, of ten periods
+    assert found["draught_m"] == pytest.approx({"min": 0.2, "mean": 1.0, "max": 1.8}, abs=2e-3)
+    assert found["share_under_water"] == pytest.approx(np.arccos(0.625) / np.pi, abs=0.02)
+    assert found["longest_under_water_s"] == pytest.approx(6 * np.arccos(0.625) / np.pi, abs=0.2)
+    assert found["share_out_of_water"] == 0.0
+
+
+def test_length_on_the_bed_is_that_of_the_links_that_lie_on_it(made):
+    nodes = np.zeros((10, 6, 3))
+    nodes[..., 0] = np.arange(6)
+    nodes[:5, :, 2] = [-20, -20, -20.001, -19.995, -19.9, -10]  # three links within 1 cm of the bed
+    nodes[5:, :, 2] = [-20, -19, -18, -17, -16, -10]  # none: the anchor alone is on it
+    points = [("anchor", (0, 0, -20), "fixed"), ("end", (5, 0, -10), "free")]
+    effects = {"weight": {}, "seabed": {"depth": 20.0}}
+    scene = rope(points, 5, effects, {"depth": 20.0}, length=5.0, diameter=0.05)
+    (line,) = report_run(made(scene, nodes, np.ones((10, 5))))["seabed"]
+    assert line["length_m"] == {"min": 0.0, "mean": 1.5, "max": 3.0}
+    assert line["share_with_contact"] == 0.5
+    np.testing.assert_allclose(line["share_of_time"], [1, 0.5, 0.5, 0.5, 0, 0])
+
+
+def test_distance_of_segments_is_the_least_over_their_points():
+    ends = np.random.default_rng(2).standard_normal((4, 40, 3))
+    ends[3, :10] = ends[2, :10] + 2 * (ends[1, :10] - ends[0, :10])  # parallel ones
+    found = segment_distance(*ends)
+    s = np.linspace(0, 1, 201)
+    p = ends[0][:, None] + s[:, None] * (ends[1] - ends[0])[:, None]
+    q = ends[2][:, None] + s[:, None] * (ends[3] - ends[2])[:, None]
+    brute = np.linalg.norm(p[:, :, None] - q[:, None], axis=-1).min(axis=(1, 2))
+    assert np.all(found <= brute + 1e-12)
+    np.testing.assert_allclose(found, brute, atol=0.02)
+    crossing = segment_distance(*np.array([[[-1, 0, 0]], [[1, 0, 0]], [[0, -1, 0.3]], [[0, 1, 0.3]]], float))
+    assert crossing[0] == pytest.approx(0.3)
+
+
+def test_lines_that_swing_together_are_named_with_place_and_time(made):
+    table = rope(HANGING, 2)
+    table["point"] += [
+        {"name": "top2", "position": [4.0, 0, 0]},
+        {"name": "end2", "position": [4.0, 0, -10.0], "kind": "free"},
+    ]
+    table["line"].append({**table["line"][0], "name": "other", "from": "top2", "to": "end2"})
+    still = np.array([[0.0, 0, 0], [0, 0, -5], [0, 0, -10], [4, 0, 0], [4, 0, -5], [4, 0, -10]])
+    nodes = np.tile(still, (21, 1, 1))
+    nodes[:, 5, 0] -= 3.5 * np.exp(-((np.arange(21) - 12) ** 2))
+    first, other = report_run(made(table, nodes, np.ones((21, 4))))["distance"]
+    assert (first["nearest"], other["nearest"]) == ("other", "rope")
+    assert first["t_s"] == pytest.approx(1.2)
+    # the lower end of the other line comes to 0.5 m beside the lower end of this one
+    assert first["least_distance_m"] == pytest.approx(0.5, abs=0.01)
+    assert (first["at_m"], first["nearest_at_m"]) == (7.5, 7.5)
+
+
+def test_lines_that_share_a_point_are_compared_without_the_links_at_it(longline):
+    by_name = {line["line"]: line for line in report_run(longline())["distance"]}
+    assert by_name["sock"]["least_distance_m"] > 1.0
+
+
+# --- extremes -------------------------------------------------------------------------------------------------------
+
+
+def test_gumbel_fit_of_three_values_by_hand():
+    # b0 = 7/3, b1 = (0.5 * 2 + 1 * 4)/3 = 5/3, so 2 b1 - b0 = 1
+    found = fit_gumbel(np.array([4.0, 1.0, 2.0]))
+    assert found.scale == pytest.approx(1 / np.log(2))
+    assert found.mode == pytest.approx(7 / 3 - 0.5772156649 / np.log(2))
+
+
+def test_gumbel_fit_recovers_the_distribution_and_the_largest_of_many():
+    truth = Gumbel(100.0, 7.0)
+    p = (np.arange(4000) + 0.5) / 4000
+    found = fit_gumbel(truth.mode - truth.scale * np.log(-np.log(p)))
+    assert (found.mode, found.scale) == pytest.approx((100.0, 7.0), rel=1e-3)
+    # P(largest of six <= x) = P(x)^6
+    x = truth.over(6).quantile(0.9)
+    assert np.exp(-np.exp(-(x - 100.0) / 7.0)) ** 6 == pytest.approx(0.9)
+    assert truth.mean == pytest.approx(100.0 + 0.5772156649 * 7.0)
+
+
+def test_interval_of_the_extreme_holds_its_level_with_few_runs():
+    truth, rng, inside = Gumbel(50.0, 3.0), np.random.default_rng(7), 0
+    for _ in range(300):
+        maxima = truth.mode - truth.scale * np.log(-np.log(rng.random(5)))
+        low, high = storm_extreme(maxima, 3600.0, 10800.0, 0.9)["percentile_90_interval"]
+        inside += low <= truth.over(3).quantile(0.9) <= high
+    assert 0.85 < inside / 300 < 0.95  # 0.9 with three standard errors of 300 draws
+
+
+def test_extremes_need_three_runs_that_differ_in_their_seed_alone(longline):
+    runs = {f"{i}.npz": longline(tension=1000.0 + 10 * i) for i in range(3)}
+    two = report_runs(dict(list(runs.items())[:2]))["extremes"]
+    assert "2 run(s); needed: at least 3" in two["skipped"]
+    whole = report_runs(runs)
+    assert whole["extremes"]["tension of sock"]["runs"] == 3
+    largest = [run.tension[1:, 11:].max() for run in runs.values()]
+    assert whole["spread"]["values"]["tension of sock"]["by_run"] == largest
+    same = report_runs(dict.fromkeys(runs, runs["0.npz"]))["extremes"]
+    assert "same maximum" in same["skipped"]
+    runs["0.npz"].settings["dt"] = 0.05
+    assert "run.dt" in report_runs(runs)["extremes"]["skipped"]
+
+
+# --- what is bad, and what reaches the disk -------------------------------------------------------------------------
+
+
+def test_a_run_that_went_bad_is_reported_up_to_there_and_says_so(longline):
+    solution = longline(status="non_finite", first_bad=None)
+    solution.positions[40:] = np.nan
+    solution.step_status[40:] = 2
+    found = report_runs({"bad.npz": solution})
+    (run,) = found["runs"]
+    assert found["status"] == "non_finite"
+    assert run["to_s"] == pytest.approx(3.9)
+    assert any("bad from t = 4" in note for note in run["notes"])
+    assert np.isfinite(run["tension"][0]["max_n"]).all()
+    solution.positions[1:] = np.nan
+    with pytest.raises(SceneError, match="good samples"):
+        report_run(solution)
+
+
+def decode(array):
+    raw = base64.b64decode(array.text)
+    (size,) = struct.unpack("<I", raw[:4])
+    assert size == len(raw) - 4
+    values = np.frombuffer(raw[4:], {"Float64": "<f8", "Int32": "<i4"}[array.get("type")])
+    width = int(array.get("NumberOfComponents", 1))
+    return values.reshape(-1, width) if width > 1 else values
+
+
+def test_paraview_series_holds_the_links_of_every_line_and_no_link_between_lines(longline, tmp_path):
+    solution = longline()
+    series = ElementTree.parse(write_vtk(solution, tmp_path / "vtk", every=20)).getroot()
+    sets = series.findall("./Collection/DataSet")
+    assert sorted({float(s.get("timestep")) for s in sets}) == pytest.approx([0.0, 2.0, 4.0, 6.0])
+    assert {s.get("part") for s in sets} == {"0", "1"}
+    file = tmp_path / "vtk" / [s.get("file") for s in sets if s.get("part") == "0"][1]
+    root = ElementTree.parse(file).getroot()
+    assert (root.get("type"), root.get("byte_order")) == ("PolyData", "LittleEndian")
+    arrays = {a.get("Name"): decode(a) for a in root.iter("DataArray")}
+    np.testing.assert_array_equal(arrays["Points"], solution.positions[20])
+    np.testing.assert_array_equal(arrays["tension"], solution.tension[20])
+    np.testing.assert_array_equal(arrays["offsets"], 2 * np.arange(1, 18))
+    ends = arrays["connectivity"].reshape(-1, 2)
+    assert not {(4, 5), (8, 9), (13, 14)} & set(map(tuple, ends.tolist()))
+    piece = root.find("./PolyData/Piece")
+    assert (piece.get("NumberOfPoints"), piece.get("NumberOfLines")) == ("21", "17")
+    buoys = ElementTree.parse(tmp_path / "vtk" / "buoys_000001.vtp").getroot()
+    axis = decode(buoys.find(".//Points/DataArray"))
+    np.testing.assert_allclose(axis[1] - axis[0], [0, 0, 3.0])
+
+
+def test_command_writes_report_json_and_pictures(longline, tmp_path, capsys):
+    file = longline().save(tmp_path / "run.npz")
+    assert main(["report", str(file), "--out", str(tmp_path / "out"), "--json", "--slack", "5"]) == 0
+    printed = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (printed["schema"], printed["status"]) == (1, "ok")
+    assert printed["settings"]["slack"]["value"] == 5.0
+    assert json.loads((tmp_path / "out" / "report.json").read_text(), parse_constant=pytest.fail) == printed
+    text = (tmp_path / "out" / "report.md").read_text()
+    pictures = {p.name for p in (tmp_path / "out").glob("*.png")}
+    assert pictures == {"tension_range.png", "anchors.png", "fatigue.png", "watch_circle.png", "along.png"}
+    assert all(f"({name})" in text for name in pictures)
+    assert "nan" not in text.lower().split()
+    assert "anchor-a" in text
+
+
+def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, capsys):
+    solution = longline(status="not_converged")
+    file = solution.save(tmp_path / "run.npz")
+    assert main(["report", str(file), "--json"]) == 3
+    out = capsys.readouterr()
+    found = json.loads(out.out)
+    assert found["status"] == "not_converged"
+    assert "not_converged" in found["error"]
+    assert found["error"] in out.err
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["missing.npz"], "missing.npz: cannot be read"),
+        (["text.npz"], "text.npz: not a saved run"),
+        (["run.npz", "run.npz"], "given twice"),
+        (["run.npz", "other.npz"], "its lines are not those of"),
+        (["run.npz", "--curve-k", "0"], "--curve-k: 0 is out of range"),
+        (["run.npz", "--skip", "-1"], "--skip: -1 is out of range"),
+        (["run.npz", "--skip", "100"], "allowed: a run with at least 3"),
+        (["run.npz", "--snap", "1", "--slack", "2"], "--snap: 1 is not above --slack"),
+        (["run.npz", "--confidence", "1"], "--confidence: 1 is out of range"),
+        (["run.npz", "--every", "0"], "--every: 0"),
+        (["run.npz", "--out", "text.npz"], "--out: 'text.npz' is a file"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(longline, made, tmp_path, capsys, monkeypatch, more, words):
+    monkeypatch.chdir(tmp_path)
+    longline(samples=11).save(tmp_path / "run.npz")
+    nodes = np.tile(np.array([[0.0, 0, 0], [0, 0, -10]]), (11, 1, 1))
+    made(rope(HANGING, 1), nodes, np.ones((11, 1))).save(tmp_path / "other.npz")
+    (tmp_path / "text.npz").write_text("no run")
+    assert main(["report", *more, "--json"]) == 2
+    out = capsys.readouterr()
+    found = json.loads(out.out)
+    assert found["status"] == "invalid_input"
+    assert words in found["error"]
+    assert out.err.count("\n") == 1

@@ -73,7 +73,7 @@ class Record:
 def record(solution: Solution, skip: float = 0.0) -> Record:
     """The finite part of a run after `skip` [s].
 
-    The tension at the start belongs to no step and is left out; in a static start it is that of the pose.
+    The tension at the start belongs to no step and is left out.
 
     Raises:
         SceneError: fewer than three samples are left.
@@ -96,7 +96,7 @@ def record(solution: Solution, skip: float = 0.0) -> Record:
             f"{solution.scene.name}: {kept.stop - kept.start} good samples after {skip:g} s; "
             "allowed: a run with at least 3, or a smaller --skip"
         )
-    if skip == 0 and not _static(solution):
+    if skip == 0:
         notes.append("the record begins at the start of the run: its transient is in all numbers (see --skip)")
     if solution.settings.get("save_every", 1) > 1:
         notes.append(f"every {solution.settings['save_every']}th step was saved: peaks between samples are not seen")
@@ -109,10 +109,6 @@ def record(solution: Solution, skip: float = 0.0) -> Record:
         tension=np.asarray(solution.tension[rows], float),
         notes=tuple(notes),
     )
-
-
-def _static(solution: Solution) -> bool:
-    return solution.scene.start.kind == "static" and solution.scene.start.release_nodes is None
 
 
 def _arrays(solution: Solution) -> list[np.ndarray]:

@@ -169,11 +169,12 @@ class _Stage:
         text, colour = style.how(run)
         norm = style.tension_norm(run.tension)
         place = {"transform": self.axes.transData, "figure": self.figure}
-        bold = 3.5 if len(run.lines) == 1 else 2.5
-        self.links = LineCollection([], cmap=style.tension_map(), norm=norm, linewidths=bold, capstyle="round")
+        self.links = LineCollection(
+            [], cmap=style.tension_map(), norm=norm, linewidths=3.5 * style.bold(run), capstyle="round"
+        )
         self.surface = LineCollection([], colors=system.SURFACE, linewidths=0.8 if flat else 0.4)
         self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.7)
-        self.trace = Line2D([], [], color=style.CYCLE[5], lw=1.0)
+        self.trace = Line2D([], [], color=style.CYCLE[5] if run.scene is None else style.FAINT, lw=1.0)
         self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=style.DARK, mew=0.9)
         self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=style.DARK, mec="white")
         self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)

@@ -16,6 +16,8 @@ from dropper_jax.plots.run import Run
 
 #: Past poses in a snapshot, and the way between two of them as a part of the picture's size.
 PAST, STRIDE = 8, 0.07
+#: With more lines than this, one pose is all that can be told apart.
+CROWD = 12
 
 
 @style.styled
@@ -30,7 +32,8 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     t, positions = run.t, run.positions
     now = len(t) - 1 if time is None else int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
-    past = _past(positions, now)
+    crowded = len(run.lines) > CROWD
+    past = [] if crowded else _past(positions, now)
     limits = system.limits(run, positions[[0, *past, now]])
     figure = style.new_figure(*view.figure_size(limits, flat))
     axes = (view.flat_axes if flat else view.space_axes)(figure, 111, limits)
@@ -46,17 +49,26 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     _surroundings(axes, run, limits, t[now], flat)
     for age, index in enumerate(reversed(past), start=1):
         draw_lines(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
-    if now > 0:
+    if now > 0 and not crowded:
         draw_lines(positions[0], f"start, t = {t[0]:g} s", color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)))
     links = _bold_links(axes, run, positions[now], t[now], flat)
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
-    draw(positions[now], **look, label=f"t = {t[now]:.4g} s")
+    if style.dot(run) > 0:
+        draw(positions[now], **look, label=f"t = {t[now]:.4g} s")
     held = system.held_places(run, positions, positions[now])
     what = "held end" if run.scene is None else "held point"
     draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
     joints = system.bare_joints(run, positions[now])
-    if len(joints):
-        draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
+    if len(joints) and not crowded:
+        draw(
+            joints,
+            ls="",
+            marker="D",
+            ms=5,
+            mfc=style.CYCLE[4],
+            mec=style.DARK,
+            label="free point",
+        )
     figure.colorbar(links, ax=axes, label="tension [N]", shrink=0.75, pad=0.03 if flat else 0.1)
     figure.legend(loc="outside lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
     style.title(figure, run, "pose and tensions")
@@ -85,7 +97,7 @@ def _bold_links(axes: Axes, run: Run, nodes: np.ndarray, time: float, flat: bool
         "array": tension,
         "cmap": style.tension_map(),
         "norm": style.tension_norm(tension),
-        "linewidths": 4.0 if len(run.lines) == 1 else 3.0,
+        "linewidths": 4.0 * style.bold(run),
         "capstyle": "round",
     }
     links = LineCollection(segments[..., [0, 2]], **look) if flat else Line3DCollection(segments, **look)

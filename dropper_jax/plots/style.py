@@ -121,7 +121,15 @@ def marker(t: np.ndarray) -> str | None:
 
 def dot(run: Run) -> float:
     """Size of a node's mark [points]: smaller where there are many."""
-    return 4.0 if run.positions.shape[1] <= 40 or len(run.lines) == 1 else 2.0
+    nodes = run.positions.shape[1]
+    if nodes <= 40 or len(run.lines) == 1:
+        return 4.0
+    return 2.0 if nodes <= 200 else 0.0
+
+
+def bold(run: Run) -> float:
+    """Part of the usual width of links, thinner where there are many lines."""
+    return 1.0 if len(run.lines) == 1 else 0.75 if len(run.lines) <= 12 else 0.4
 
 
 @functools.cache

@@ -78,7 +78,7 @@ def under_surface(run: Run, sea: Any, path: str | Path, time: float | None = Non
         label = "line" if len(run.lines) == 1 else "lines"
         for line in run.lines:
             own = nodes[line.nodes]
-            axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=style.dot(run) - 0.5, label=label)
+            axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
         ends = nodes[[0, -1]] if run.scene is None else nodes[list(run.held)]
         what = "ends" if run.scene is None else "held points"

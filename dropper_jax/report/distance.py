@@ -9,14 +9,16 @@ import numpy as np
 from dropper_jax.report.record import Record, arc
 
 #: Pairs of links and instants that are compared at once: 1e6 take some tens of MB.
-AT_ONCE = 300_000
+AT_ONCE = 100_000
+#: Instants that are looked at, evenly spread over the record: lines do not come near and go again between them.
+LOOKS = 2000
 
 
 def line_distances(record: Record) -> list[dict[str, Any]]:
     """Per line: the line that comes nearest, how near [m] between axes, when [s] and where along both [m].
 
-    At the saved times, exact between straight links. Links that end in a point that both lines share touch: they are
-    left out.
+    At the saved times (of a long record at `LOOKS` of them), exact between straight links. Links that end in a point
+    that both lines share touch: they are left out.
     """
     lines = range(len(record.lines))
     boxes = [_swept(record, i) for i in lines]
@@ -38,6 +40,11 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
     return [_named(record, i, *best[i]) for i in lines]
 
 
+def looks_every(record: Record) -> int:
+    """Samples from one look to the next."""
+    return -(-len(record.t) // LOOKS)
+
+
 def _named(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
     name = record.scene.lines[index].name
     if near is None:
@@ -50,6 +57,7 @@ def _named(record: Record, index: int, distance: float, near: dict[str, Any] | N
         "t_s": float(record.t[near["t"]]),
         "at_m": float(arc(record.scene.lines[index].length)[near["at"]]),
         "nearest_at_m": float(arc(record.scene.lines[other].length)[near["its"]]),
+        "looked_every_s": looks_every(record) * record.interval,
         "diameters_m": _touching(record, index, other),
     }
 
@@ -76,15 +84,16 @@ def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
         return None
     first, second = (record.positions[:, record.lines[index].nodes] for index in (a, b))
     step, best = max(1, AT_ONCE // i.size), None
-    for k in range(0, len(record.t), step):
-        part = slice(k, k + step)
+    looked = np.arange(0, len(record.t), looks_every(record))
+    for k in range(0, len(looked), step):
+        part = looked[k : k + step]
         p, q = first[part], second[part]
         distance = segment_distance(p[:, i], p[:, i + 1], q[:, j], q[:, j + 1])
         at = np.unravel_index(np.argmin(distance), distance.shape)
         if best is None or distance[at] < best["distance"]:
             best = {
                 "distance": float(distance[at]),
-                "t": k + int(at[0]),
+                "t": int(part[at[0]]),
                 "at": int(i[at[1]]),
                 "its": int(j[at[1]]),
             }
@@ -116,15 +125,17 @@ def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndar
     s = np.where(crossed, b * e - c * d, -1.0) / np.where(crossed, det, 1.0)
     t = np.where(crossed, a * e - b * d, -1.0) / np.where(crossed, det, 1.0)
     inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
-    between = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+    across = w + s[..., None] * u - t[..., None] * v
     ends = [_to_segment(p0, q0, v, c), _to_segment(p1, q0, v, c), _to_segment(q0, p0, u, a), _to_segment(q1, p0, u, a)]
-    return np.minimum.reduce([np.where(inside, between, np.inf), *ends])
+    return np.sqrt(np.minimum.reduce([np.where(inside, _dot(across, across), np.inf), *ends]))
 
 
 def _to_segment(place: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Square of the distance (...) of a place from a segment."""
     share = np.clip(_dot(place - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    return np.linalg.norm(place - start - share[..., None] * along, axis=-1)
+    rest = place - start - share[..., None] * along
+    return _dot(rest, rest)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.sum(a * b, axis=-1)
+    return np.einsum("...i,...i", a, b)

@@ -57,6 +57,10 @@ def _chosen(sizes: list[float]) -> list[int]:
     return sorted(int(i) for i in np.argsort(sizes)[::-1][:MOST])
 
 
+def _of(what: str, shown: int, total: int) -> str:
+    return what if shown == total else f"{what}, {shown} of {total} (the largest)"
+
+
 def _panels(count: int, height: float, width: float = 7.5) -> tuple[Figure, list[Axes]]:
     """A panel per thing, two columns from four on."""
     columns = 1 if count < 4 else 2
@@ -92,7 +96,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
         axes.set_title(line["line"], loc="left")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
-    return _finish(figure, part, "tension range", folder / "tension_range.png")
+    return _finish(figure, part, _of("tension range", len(lines), len(found["tension"])), folder / "tension_range.png")
 
 
 def _newton(largest: float) -> tuple[str, float]:
@@ -115,7 +119,9 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
         axes.set_title(anchor["point"], loc="left")
         style.time_axis(axes, part.t_tension)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=2)
-    return _finish(figure, part, "loads of the held points", folder / "anchors.png")
+    return _finish(
+        figure, part, _of("loads of the held points", len(anchors), len(found["anchors"])), folder / "anchors.png"
+    )
 
 
 def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -141,7 +147,7 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
     panels[-1].set_xlabel("unstretched arc length [m]")
     if len(lines) > 1:
         figure.legend(loc="outside lower left", ncols=4)
-    return _finish(figure, part, "fatigue along the lines", folder / "fatigue.png")
+    return _finish(figure, part, _of("fatigue along the lines", len(lines), len(whole)), folder / "fatigue.png")
 
 
 def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -169,7 +175,9 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
     height.set_title("height", loc="left", fontsize=9)
     style.time_axis(height, part.t)
     figure.legend(*plan.get_legend_handles_labels(), loc="outside lower left", ncols=6)
-    return _finish(figure, part, "watch circles", folder / "watch_circle.png")
+    return _finish(
+        figure, part, _of("watch circles", len(points), len(found["watch_circle"])), folder / "watch_circle.png"
+    )
 
 
 def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
@@ -202,7 +210,7 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     figure.axes[-1].set_xlabel("unstretched arc length [m]")
     if len(kept) > 1:
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    return _finish(figure, part, "along the lines", folder / "along.png")
+    return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
 
 
 @_styled

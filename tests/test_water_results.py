@@ -102,3 +102,30 @@ def test_the_animation_shows_the_surface_rise_and_fall(solution, tmp_path):
     times = np.linspace(0.0, 4.0, len(rows))
     eta = [float(sea.elevation(np.zeros((1, 3)), t)[0]) for t in times]
     assert np.corrcoef(eta, rows)[0, 1] < -0.95  # rows are counted downwards
+
+
+def test_flow_across_a_system_is_that_of_its_own_links(made):
+    # two lines along the current, one above the other: no flow across either, but across a link between them
+    line = {
+        "links": 2,
+        "length": 5.0,
+        "mass": 1.0,
+        "diameter": 0.1,
+        "nodes": "shared",
+        "axial": {"law": "rope", "EA": 1e6},
+    }
+    ends = [("a", 0, -5, "fixed"), ("b", 10, -5, "free"), ("c", 0, -9, "fixed"), ("d", 10, -9, "free")]
+    scene = {
+        "run": {"dt": 0.1, "duration": 1.0},
+        "point": [{"name": n, "position": [float(x), 0.0, float(z)], "kind": k} for n, x, z, k in ends],
+        "line": [{"name": "upper", "from": "a", "to": "b"} | line, {"name": "lower", "from": "c", "to": "d"} | line],
+        "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.0}},
+        "sea": {"depth": 20.0, "current": {"speed": 1.0}},
+    }
+    still = np.array([[x, 0.0, z] for z in (-5.0, -9.0) for x in (0.0, 5.0, 10.0)])
+    found = regime(made(scene, np.tile(still, (3, 1, 1)), np.ones((3, 4))))
+    assert found["relative_speed_m_per_s"] == pytest.approx(0.0, abs=1e-12)
+    upright = np.array([[x, 0.0, z] for x in (0.0, 4.0) for z in (-5.0, -10.0, -15.0)])
+    found = regime(made(scene, np.tile(upright, (3, 1, 1)), np.ones((3, 4))))
+    assert found["relative_speed_m_per_s"] == pytest.approx(1.0)
+    assert found["reynolds"] == pytest.approx(0.1 / 1.35e-6)

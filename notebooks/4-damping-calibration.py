@@ -149,7 +149,7 @@ for ax, (name, found) in zip(axes, kept.items(), strict=False):
     ax.set(yticks=place, yticklabels=spans, xlabel="error on what no fit has seen [mrad]", title=f"{name} pendulum")
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
-    print(f"{name} pendulum, friction found:")
+    print(f"{name} pendulum (fit ended with status {found['fit']['status']}), friction found:")
     for path, value in found["fit"]["parameters"].items():
         if "effects" in path:
             bound = ", at its bound" if value["at_bound"] else ""

@@ -144,6 +144,8 @@ class Scene:
                 and points go by number or name. An effect that the scene lacks is added by its first value.
         """
         table = self.to_dict()
+        if "sea.packaged" in values:  # another sea takes the place of this one's waves and water
+            table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         for path, value in values.items():
             _set(table, path, copy.deepcopy(plain(value)))
         return Scene.from_dict(table)

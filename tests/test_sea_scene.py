@@ -64,6 +64,13 @@ def test_packaged_seas_have_their_height(name, hs):
     assert {"jonswap-29", "regular-case-1", name} <= set(sea_names())
 
 
+def test_another_packaged_sea_takes_the_place_of_the_scenes_own():
+    scene = dj.load_scene("dropper-regular-wave").with_values({"sea.packaged": "jonswap-29"})
+    assert scene.sea.waves.kind == "components"
+    assert len(scene.sea.waves.period) == 29
+    assert scene.sea.ramp == 16.66  # the scene's, not the sea's
+
+
 def test_a_packaged_sea_is_overridden_by_the_scene_and_by_paths():
     scene = dj.Scene.from_dict(changed(sea={"packaged": "regular-case-1", "waves": {"amplitude": 0.7}}))
     assert scene.sea.waves.amplitude == 0.7

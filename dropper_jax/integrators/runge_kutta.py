@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.effects.base import has
-from dropper_jax.kinematics import safe_norm
+from dropper_jax.axial import Rope
+from dropper_jax.effects.base import Effect, has
+from dropper_jax.kinematics import Kinematics, safe_norm
 from dropper_jax.model import Model, State
-from dropper_jax.problem import Integrator
+from dropper_jax.problem import Integrator, node_blocks
+from dropper_jax.solvers.condensed import inverse3
 
 
 @dataclass(frozen=True)
@@ -24,8 +26,9 @@ class RungeKutta(Integrator):
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
-        if any(has(e, "inertia") for e in model.effects):
-            return "added mass makes the masses depend on the motion; use energy_momentum"
+        coupled = model.line.compound or any(e.reach > 0 for e in model.effects if has(e, "inertia"))
+        if coupled and any(has(e, "inertia") for e in model.effects):
+            return "added mass couples neighbouring nodes here; use energy_momentum"
         return super().refuse(model)
 
 
@@ -39,12 +42,16 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     k = model.kinematics(r, v, t, k.ends, prepared=model.prepare(k))
     tension = line.axial.tension(k.links, k.link_velocities, line.length)
     force = model.force(k) + model.pull(tension, k.tangents)
-    power = _powers(model, k, tension) if track else jnp.zeros(0, r.dtype)
-    return (v, _accelerations(model, force, t), power), tension
+    a = _accelerations(model, k, force, t)
+    power = _powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
+    return (v, a, power), tension
 
 
-def _accelerations(model: Model, force: jax.Array, t: jax.Array) -> jax.Array:
+def _accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
     line, free = model.line, model.free_nodes
+    if any(has(e, "inertia") for e in model.effects):  # each node has a mass matrix of its own
+        blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
+        return jnp.sum(inverse3(blocks) * force[:, None, :], axis=-1)
     diagonal = model.node_mass
     if not line.compound:
         return force / diagonal[:, None]
@@ -57,16 +64,34 @@ def _accelerations(model: Model, force: jax.Array, t: jax.Array) -> jax.Array:
     return tridiagonal_solve(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
 
 
-def _powers(model: Model, k, tension: jax.Array) -> jax.Array:  # noqa: ANN001 - Kinematics
+def _powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> jax.Array:
+    """Power (k,) [W] of what `work_names` lists."""
     line = model.line
     effects = [e for e in model.effects if has(e, "force") and not has(e, "potential")]
     powers = [jnp.sum(e.force(k) * k.v) for e in effects]
+    powers += [_turning(model, e, k, a) for e in model.effects if has(e, "kinetic")]
     if line.axial.damping is not None:
         stretching = jnp.sum(k.links * k.link_velocities, axis=-1) / safe_norm(k.links)
-        powers.append(-jnp.sum(line.axial.damping / line.length * stretching**2))
+        damper = line.axial.damping / line.length * stretching
+        if isinstance(line.axial, Rope):
+            taut = jnp.maximum(safe_norm(k.links) - line.length, 0.0)
+            damper = tension - line.axial.EA / line.length * taut
+        powers.append(-jnp.sum(damper * stretching))
+    if isinstance(line.axial, Rope):
+        powers.append(jnp.zeros((), k.r.dtype))  # an explicit scheme has no law at the end of a step
     if model.moving:
         powers.append(model.end_power(tension[:, None] * k.tangents, k.ends))
     return jnp.stack(powers)
+
+
+def _turning(model: Model, effect: Effect, k: Kinematics, a: jax.Array) -> jax.Array:
+    """What added mass gains by turning [W]: rate of its kinetic energy less the power of its inertia."""
+
+    def energy(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+        return effect.kinetic(model.kinematics(r, v, t))
+
+    rate = jax.jvp(energy, (k.r, k.v, k.t), (k.v, a, jnp.ones_like(k.t)))[1]
+    return rate - jnp.sum(k.v * effect.inertia(k, a))
 
 
 def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:

@@ -60,6 +60,8 @@ def between_points(model: System) -> State:
     pose = equilibrium(held)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
+    if not len(model.graph.free_points):
+        return state(model, pose.state.r, tension=pose.state.tension)
     places = jnp.stack([model.points[int(i)].position for i in model.graph.free_points])
     return state(model, jnp.concatenate([pose.state.r, places]), tension=pose.state.tension)
 

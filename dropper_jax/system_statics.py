@@ -20,6 +20,7 @@ import numpy as np
 from dropper_jax.lines import System
 from dropper_jax.model import State, state
 from dropper_jax.problem import GRAVITY_SCALE, StepProblem
+from dropper_jax.solvers.dense import Dense
 from dropper_jax.solvers.network import Network
 from dropper_jax.system import Unknowns
 
@@ -102,7 +103,8 @@ def _round(
     model: System, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
-    problem, solver = RestProblem(model, s, loads, kappa), Network()
+    problem = RestProblem(model, s, loads, kappa)
+    solver = Dense() if model.reach > 0 else Network()  # the network's matrix has no bending in it
     u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
     rows = problem.residual(u)
     dx = -solver.apply(solver.factor(problem, u), rows).x

@@ -216,6 +216,11 @@ def test_unknown_packaged_scene_names_the_nearest():
 
 
 EXPECTED = {
+    *(f"paper-case-{number}" for number in range(1, 6)),
+    "edulis-longline",
+    "edulis-tide",
+    "platform-longline",
+    "dropper-farm",
     "conical-pendulum",
     "conical-pendulum-damped",
     "double-pendulum-periodic",
@@ -239,7 +244,7 @@ def test_packaged_scene_survives_plain_values_and_builds(name):
     assert scene.description.endswith(".")
     assert Scene.from_dict(json.loads(json.dumps(scene.to_dict()))) == scene
     model = build_model(scene)
-    assert model.line.links == scene.lines[0].links
+    assert model.line.links == sum(line.links for line in scene.lines)
     assert model.dtype == np.float64
     assert name.endswith("-undamped") <= (not any(effect in scene.effects for effect in DAMPING))
 

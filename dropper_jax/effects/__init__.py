@@ -3,6 +3,7 @@
 import dataclasses
 
 from dropper_jax.effects.base import Effect, Law
+from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.buoyancy import Buoyancy
 from dropper_jax.effects.end_motion import EndMotion
 from dropper_jax.effects.joint_friction import JointFriction
@@ -34,6 +35,7 @@ EFFECTS: dict[str, type[Effect]] = {
         SeaFollowingEnd,
         Seabed,
         SeabedFriction,
+        Bending,
     )
 }
 
@@ -60,6 +62,7 @@ def register(cls: type[Effect]) -> type[Effect]:
 
 __all__ = [
     "EFFECTS",
+    "Bending",
     "Buoyancy",
     "Effect",
     "EndMotion",

@@ -79,6 +79,8 @@ class Network:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"
+        if model.reach > 0:
+            return "a force in the scene couples neighbouring nodes beside the tensions; use dense"
         if len(model.laws) > 1 or any(not law.node_local for law in model.laws):
             return f"effect {model.laws[0].name!r} couples nodes through its unknowns; use dense"
         return None

@@ -97,8 +97,12 @@ def _bounded(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
 
 
 def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
-    nearest = _bounded(law, p, q, h)
-    return jnp.any(jnp.abs(p - nearest) > 1e-9 * jnp.abs(nearest), axis=-1, keepdims=True)
+    """Joints (joints, 1) whose impulse is over its bound; within it both differ by rounding of p and h q.
+
+    A joint taken for over its bound when it is not would have a row of zeros.
+    """
+    size = jnp.max(jnp.abs(p) + jnp.abs(h * q), axis=-1, keepdims=True)
+    return jnp.max(jnp.abs(p - _bounded(law, p, q, h)), axis=-1, keepdims=True) > 1e-9 * size
 
 
 def _rows(model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over: Any, u: Unknowns) -> Unknowns:
@@ -136,7 +140,8 @@ def _falling(model: Model, after: Kinematics, delta: jax.Array) -> tuple[jax.Arr
     """`v + s delta` with the s in [0, 1] of least kinetic energy (1 where delta is a projection), and its change."""
     weight = jnp.sum(delta * model.inertia(after, delta))
     slope = jnp.sum(delta * model.inertia(after, after.v))
-    moves = weight > 0
+    # below the normal numbers a quotient is 0/0 where the processor flushes them, and nothing moves any more
+    moves = weight > 1e3 * jnp.finfo(weight.dtype).tiny
     share = jnp.clip(-slope / jnp.where(moves, weight, 1.0), 0.0, 1.0)
     share = jnp.where(moves, share, 0.0)
     return after.v + share * delta, share * (slope + 0.5 * share * weight)

@@ -22,6 +22,7 @@ from dropper_jax.errors import SceneError
 from dropper_jax.integrate import Trajectory
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics import nodal_loads
+from fitting.lanes import lanes
 from fitting.naming import full_names
 from fitting.parameters import Parameter, apply, missing_effects, resolve
 from fitting.quantities import Quantity, quantity
@@ -96,7 +97,7 @@ class Study:
     def batch(self, values: np.ndarray) -> np.ndarray:
         """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
         padded = np.resize(values, (-(-len(values) // CHUNK) * CHUNK, values.shape[1]))
-        run = jax.jit(jax.vmap(self))
+        run = jax.jit(lanes(self))
         return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // CHUNK)])[
             : len(values)
         ]

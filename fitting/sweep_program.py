@@ -15,6 +15,7 @@ from dropper_jax.integrate import advance, begin
 from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State
 from dropper_jax.observe import observe
+from fitting.lanes import lanes
 from fitting.parameters import apply
 from fitting.sweep_plan import STATUS, Plan
 
@@ -117,7 +118,7 @@ class Program:
         batched, shared = PartitionSpec("device"), PartitionSpec()
         member = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
         specs = tuple(shared if axis is None else batched for axis in member)
-        chunk = jax.vmap(partial(run_case, self.plan), in_axes=member)
+        chunk = lanes(partial(run_case, self.plan), in_axes=member)
         return jax.jit(jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=batched, check_vma=False))
 
 
@@ -135,7 +136,7 @@ def case_model(plan: Plan, model: Model, values: jax.Array) -> Model:
 
 
 def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.Array) -> dict[str, jax.Array]:
-    """One case from start to end; a pure function to `vmap`."""
+    """One case from start to end; a pure function to batch."""
     model = case_model(plan, model, values)
     stepper, every = plan.stepper, plan.scene.run.save_every
     zero = jnp.zeros((), model.dtype)

@@ -6,7 +6,6 @@ F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -15,23 +14,26 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from dropper_jax.catenary import catenary_guess
-from dropper_jax.effects.base import Law, has
+from dropper_jax.effects.base import Law
 from dropper_jax.errors import SceneError
 from dropper_jax.hanging import hang
 from dropper_jax.model import Model, State, state
-from dropper_jax.newton import damped_newton
-from dropper_jax.problem import GRAVITY_SCALE, StepProblem
+from dropper_jax.problem import GRAVITY_SCALE
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.solvers.dense import Dense, residual_matrix
+from dropper_jax.static_problem import (
+    DENSE_LIMIT,
+    LeastNorm,
+    StaticProblem,
+    dead_loads,
+    solve_statics,
+    static_tolerance,
+)
+from dropper_jax.static_stability import leave, stable
 from dropper_jax.system import Unknowns
 from dropper_jax.system_statics import find_rest, guess, system_tolerance, unsettled
 
-#: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
-STATIC_TOLERANCE = 1e-10
 #: Smallest share of the loads that continuation tries to add before it gives up.
 SMALLEST_INCREMENT = 1.0 / 1024
-#: Unknowns up to which LU of the whole Jacobian is used.
-DENSE_LIMIT = 200
 
 
 @dataclass(frozen=True)
@@ -55,31 +57,6 @@ class Equilibrium:
     state: State | None = field(default=None, repr=False)
 
 
-class StaticProblem(StepProblem):
-    """Unknowns: x = r, y = T, at rest at the state's time."""
-
-    def __init__(self, model: Model, s: State, loads: jax.Array):
-        super().__init__(model, s, jnp.ones((), model.dtype))
-        self.loads = loads
-        self.ends = model.ends(s.t)
-        k = model.kinematics(s.r, jnp.zeros_like(s.r), s.t, self.ends)
-        self.prepared = model.prepare(k)
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        model, line = self.model, self.model.line
-        k = model.kinematics(u.x, jnp.zeros_like(u.x), self.s.t, self.ends, prepared=self.prepared)
-        if model.sea is not None:  # a current meets the line as it lies in the end, not as it was guessed
-            k = model.kinematics(k.r, k.v, k.t, self.ends, prepared=model.prepare(k))
-        direction = line.axial.direction(k.links, k.links, k.links, line.length)
-        rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
-        return Unknowns(rows, line.axial.residual(k.links, k.links, u.y, line.length, self.h))
-
-    def row_scale(self) -> Unknowns:
-        line = self.model.line
-        weight = GRAVITY_SCALE * jnp.mean(line.mass) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
-        return Unknowns(weight, line.length)
-
-
 def rest(model: Model) -> Model:
     """The model without laws of their own and without waves.
 
@@ -87,35 +64,6 @@ def rest(model: Model) -> Model:
     """
     effects = tuple(e for e in model.effects if not isinstance(e, Law))
     return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
-
-
-def _solver(model: Model) -> Any:
-    if SOLVERS["dense"].size(model) <= DENSE_LIMIT:
-        return SOLVERS["dense"]
-    return SOLVERS["banded"]
-
-
-@dataclass(frozen=True)
-class LeastNorm(Dense):
-    """The shortest correction, where the pose may turn freely (ends above one another) and the Jacobian is singular."""
-
-    name: str = "least_norm"
-
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
-        return residual_matrix(problem, u)
-
-    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
-        flat, unravel = ravel_pytree(rows)
-        return unravel(jnp.linalg.lstsq(factor, flat)[0])
-
-
-@partial(jax.jit, static_argnames=("solver", "iterations"))
-def _newton(
-    model: Model, s: State, loads: jax.Array, solver: Any, iterations: int = 25
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    problem = StaticProblem(model, s, loads)
-    u, residual = damped_newton(problem, solver, Unknowns(s.r, s.tension), iterations)
-    return u.x, u.y, residual
 
 
 def nodal_loads(model: Model, nodes: Any, forces: Any) -> jax.Array:
@@ -144,9 +92,11 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
         return _of_system(full, model, loads, t)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
-    if not (residual <= _tolerance(model) and stable(model, s)):
+    if not (residual <= static_tolerance(model) and stable(model, s)):
         s, residual, share = _continue(model, loads, t)
-    if share < 1.0 or not residual <= _tolerance(model):
+    if share == 1.0 and residual <= static_tolerance(model) and not stable(model, s):
+        s, residual = leave(model, s, loads, residual)
+    if share < 1.0 or not residual <= static_tolerance(model):
         message = _complaint(model, s, loads, share, residual)
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
@@ -160,46 +110,12 @@ def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilib
     return _result(full, s, residual, message)
 
 
-def stable(model: Model, s: State) -> bool:
-    """Whether no displacement that keeps rigid links' lengths lowers the energy to second order.
-
-    Smallest eigenvalue of the stiffness on the null space of the constraints, against the mean weight per length. A
-    line whose links are all in tension under dead loads is stable, and long ones are not looked at further.
-    """
-    if bool(jnp.all(s.tension > 0)) and _dead(model):
-        return True
-    if SOLVERS["dense"].size(model) > DENSE_LIMIT:
-        return True
-    problem = StaticProblem(model, s, jnp.zeros_like(s.r))
-    stiffness = residual_matrix(problem, Unknowns(s.r, s.tension))
-    nodes = 3 * model.free_nodes
-    k, g, c = np.asarray(stiffness[:nodes, :nodes]), np.asarray(stiffness[nodes:, :nodes]), stiffness[nodes:, nodes:]
-    if model.line.axial.elastic:
-        k = k - np.asarray(stiffness[:nodes, nodes:]) @ np.linalg.solve(np.asarray(c), g)
-    else:
-        k = _null_space(g).T @ k @ _null_space(g)
-    scale = float(jnp.mean(jnp.abs(s.tension)) / jnp.mean(model.line.length))
-    return k.size == 0 or float(np.linalg.eigvalsh(0.5 * (k + k.T))[0]) > -1e-6 * scale
-
-
-def _null_space(g: np.ndarray) -> np.ndarray:
-    return np.linalg.svd(g)[2][len(g) :].T
-
-
-def _tolerance(model: Model) -> float:
-    return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
-
-
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
     """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
     s = _hang(model, loads, None, t)
-    for _ in range(1 if _dead(model) else 4):
+    for _ in range(1 if dead_loads(model) else 4):
         s = _hang(model, loads, s, t)
-    return _solve(model, s, loads, t)
-
-
-def _dead(model: Model) -> bool:
-    return all(e.constant for e in model.effects if has(e, "force"))
+    return solve_statics(model, s, loads, t)
 
 
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
@@ -226,22 +142,17 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
     return state(model, nodes, tension=tension, t=t)
 
 
-def _solve(model: Model, s: State, loads: jax.Array, t: float, solver: Any = None) -> tuple[State, float]:
-    r, tension, residual = _newton(model, s, loads, solver or _solver(model))
-    return state(model, r, tension=tension, t=t), float(residual)
-
-
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
     """The loads added little by little to the catenary; returns the share that was reached."""
     solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
-    s, residual = _solve(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
+    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share, increment = 0.0, 0.125
-    while residual <= _tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
+    while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
         step = min(increment, 1.0 - share)
-        trial, trial_residual = _solve(model, s, (share + step) * loads, t, solver)
-        if trial_residual <= _tolerance(model) and _near(s.r, trial.r, model):
+        trial, trial_residual = solve_statics(model, s, (share + step) * loads, t, solver)
+        if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
             s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
             increment = step / 2.0

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq, least_squares, root
+from scipy.optimize import brentq, least_squares, minimize, root
 
 import dropper_jax as dj
 from dropper_jax import statics
@@ -226,6 +226,27 @@ def test_packaged_releases_start_at_the_measured_angles(letter, limit):
     d = np.diff(dj.equilibrium(f"dropper-release-{letter.lower()}").positions, axis=0)
     wrong = np.arctan2(-d[:, 2], d[:, 0]) - measured()[0][letter]
     assert np.sqrt(np.mean(wrong**2)) <= limit
+
+
+def test_a_node_pushed_up_on_a_rod_falls_to_a_stable_pose():
+    """Rod 1 ends up pushing; upright it would be a saddle. SciPy goes down in energy from around the pose, to it."""
+    model, _ = dj.build("dropper-release-a")
+    loads = statics.nodal_loads(model, [1], [[-0.18, 0.0, 1.091]])
+    found = statics.equilibrium(model, loads)
+    assert found.status == "ok"
+    assert found.tension.min() < 0
+    length, force = np.asarray(model.line.length), np.asarray(loads)
+    force = force - np.array([0.0, 0.0, 9.81]) * np.asarray(model.line.mass)[:6, None]
+
+    def nodes(x):
+        return np.vstack([found.positions[0], x.reshape(6, 3), found.positions[-1]])
+
+    rods = {"type": "eq", "fun": lambda x: (np.diff(nodes(x), axis=0) ** 2).sum(axis=1) - length**2}
+    pose = found.positions[1:-1]
+    for seed in range(3):
+        start = (pose + 0.02 * np.random.default_rng(seed).normal(size=pose.shape)).ravel()
+        down = minimize(lambda x: -np.sum(force * x.reshape(6, 3)), start, constraints=rods, options={"ftol": 1e-14})
+        np.testing.assert_allclose(down.x.reshape(6, 3), pose, atol=1e-5)
 
 
 # --- the differentiable pose ------------------------------------------------------------------------------------

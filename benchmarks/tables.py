@@ -1,4 +1,4 @@
-"""The tables of `docs/`, written from measurements in `results/` so that nobody copies numbers by hand.
+"""The tables of `docs/` and the README, written from measurements in `results/` so that nobody copies numbers by hand.
 
     python benchmarks/tables.py [--measure]
 
@@ -51,6 +51,17 @@ def stability(found: dict[str, Any]) -> str:
     return markdown(rows)
 
 
+def thesis(found: dict[str, Any]) -> str:
+    """The cases that the thesis' schemes were run on as well."""
+    rows = [("case", "energy_momentum", *BASELINES)]
+    for row in found["cases"]:
+        compared = row["baseline_thesis"] or {}
+        if any(each["status"] not in ("refused", "not_run") for each in compared.values()):
+            ours = row["status"] + ("" if row["unit"] == "-" else f", {row['measured']:.0e} {row['unit']}")
+            rows.append((row["name"], ours, *(_baseline(compared.get(label)) for label in BASELINES)))
+    return markdown(rows)
+
+
 def _baseline(found: dict[str, Any] | None) -> str:
     if found is None:
         return "-"
@@ -87,15 +98,22 @@ def north_sea(found: dict[str, Any]) -> str:
     return markdown(rows)
 
 
-TABLES = {"stability": stability, "accuracy_north_sea": accuracy_north_sea, "north_sea": north_sea}
+#: Results (`results/NAME.json`) and what writes them, by name of the table.
+TABLES = {
+    "stability": ("stability", stability),
+    "thesis": ("stability", thesis),
+    "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),
+    "north_sea": ("north_sea", north_sea),
+}
 
 
 def write() -> None:
     """Put the tables into the documents that ask for them."""
-    for document in sorted(DOCS.glob("*.md")):
+    for document in [HERE.parent / "README.md", *sorted(DOCS.glob("*.md"))]:
         text = document.read_text()
         for name in re.findall(r"<!-- table: (\w+) -->", text):
-            table = TABLES[name](json.loads((RESULTS / f"{name}.json").read_text()))
+            results, table_of = TABLES[name]
+            table = table_of(json.loads((RESULTS / f"{results}.json").read_text()))
             place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
             text = place.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
         document.write_text(text)

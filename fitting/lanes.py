@@ -61,7 +61,11 @@ def lanes(f: Callable[..., Any], in_axes: Any = 0) -> Callable[..., Any]:
         one = [jax.ShapeDtypeStruct(s, jnp.result_type(x)) for s, x in zip(shapes, values, strict=True)]
         program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
         inputs = [_Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
-        found = [jnp.moveaxis(_spread(v, members), -1, 0) for v in _run(program, members, inputs)]
+        try:
+            done = _run(program, members, inputs)
+        except (KeyError, AttributeError):  # the operations of a JAX that names their parameters otherwise
+            return jax.vmap(f, in_axes)(*args)
+        found = [jnp.moveaxis(_spread(v, members), -1, 0) for v in done]
         return jax.tree.unflatten(jax.tree.structure(shape), found)
 
     return mapped
@@ -171,8 +175,16 @@ def _which_of(eqn: Any, many: list[bool]) -> list[bool]:
     return [True] * len(eqn.outvars)
 
 
+def _scan_parts(p: dict[str, Any]) -> tuple[int, int]:
+    """How many inputs of a scan are constants, and how many are carried."""
+    if "num_consts" in p:
+        return p["num_consts"], p["num_carry"]
+    consts, carry, _ = p["ft_in"].unpack()  # JAX 0.12
+    return len(consts), len(carry)
+
+
 def _which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
-    consts, carried = p["num_consts"], p["num_carry"]
+    consts, carried = _scan_parts(p)
     carry = many[consts : consts + carried]
     while True:
         out = _which(p["jaxpr"], [*many[:consts], *carry, *many[consts + carried :]])
@@ -203,7 +215,7 @@ def _which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
 
 
 def _scan(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value]:
-    consts, carried = p["num_consts"], p["num_carry"]
+    consts, carried = _scan_parts(p)
     out = _which_scanned(p, [v.many for v in inputs])
     start = _fitted(inputs[consts : consts + carried], out[:carried], members)
     rows = inputs[consts + carried :]

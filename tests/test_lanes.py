@@ -56,6 +56,13 @@ def test_as_vmap(f):
         np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-15)
 
 
+def test_loops_and_branches_are_not_left_to_vmap(monkeypatch):
+    """The way back to `vmap`, for a JAX that names things otherwise, is not taken with this one."""
+    monkeypatch.setattr(jax, "vmap", lambda *_, **__: pytest.fail("left to vmap"))
+    for f in (loops, branches):
+        jax.make_jaxpr(lanes(f, in_axes=(0, None)))(X, SHARED)
+
+
 @pytest.mark.parametrize("rows", [7, 40])  # in line, and by LAPACK
 def test_tridiagonal_systems(rows):
     rng = np.random.default_rng(1)

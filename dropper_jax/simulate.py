@@ -6,7 +6,6 @@ import platform
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,10 @@ from dropper_jax.stepping import Stepper
 
 #: A run is cut into this many pieces of one compiled program, so that progress can be shown and a stop loses little.
 PIECES = 20
+
+# One jitted function each for all calls: a second run that differs in values only is not compiled again.
+_advance = jax.jit(advance, static_argnames=("stepper", "saves", "save_every"))
+_observe = jax.jit(jax.vmap(observe, in_axes=(None, 0, 0, 0)))
 
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
@@ -149,9 +152,9 @@ def _whole_steps(duration: float, dt: float, save_every: int) -> int:
 
 def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_every: int) -> tuple[Any, int]:
     chunk = -(-saves // PIECES)
-    run = jax.jit(partial(advance, stepper, saves=chunk, save_every=save_every))
     dt = jnp.zeros((), model.dtype)
-    return run.lower(model, begin(stepper, model, start), dt).compile(), chunk
+    run = _advance.lower(stepper, model, begin(stepper, model, start), dt, saves=chunk, save_every=save_every)
+    return run.compile(), chunk
 
 
 def _run(
@@ -258,8 +261,7 @@ def _reason(residual: float, stepper: Stepper, limit: float) -> tuple[str, str]:
 
 
 def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> Observed:
-    look = jax.jit(jax.vmap(partial(observe, model)))
-    return jax.tree.map(np.asarray, look(jnp.asarray(r), jnp.asarray(v), jnp.asarray(t, model.dtype)))
+    return jax.tree.map(np.asarray, _observe(model, jnp.asarray(r), jnp.asarray(v), jnp.asarray(t, model.dtype)))
 
 
 def _versions() -> dict[str, str]:

@@ -1,16 +1,15 @@
 """What several test files share: scenes as plain values, and one compiled program per scheme for any step size."""
 
+import gc
 import json
 import mmap
 import os
 import subprocess
 import sys
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
-import jax
-import jaxlib
-import numpy as np
 import pytest
 
 #: Most of the time of these tests goes into compiling programs that run once and shortly. With these flags XLA compiles
@@ -25,9 +24,9 @@ QUICK_COMPILATION = (
 
 
 def _compile_quickly() -> None:
-    """Set the flags before JAX compiles; processes that the tests start (workers, notebooks) inherit them."""
+    """Set the flags before JAX is there; processes that the tests start (workers, notebooks) inherit them."""
     chosen = os.environ.get("XLA_FLAGS", "")
-    library = next(Path(jaxlib.__file__).parent.glob("libjax_common.*"))
+    library = next(Path(find_spec("jaxlib").origin).parent.glob("libjax_common.*"))
     with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as code:
         for flag in QUICK_COMPILATION:
             name = flag.partition("=")[0]
@@ -38,6 +37,13 @@ def _compile_quickly() -> None:
 
 
 _compile_quickly()
+# Two workers share two cores: further threads of OpenBLAS only wait (a twelfth of the time of test_bending.py).
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Tracing makes millions of objects that stay: they are searched for garbage less often (another twelfth).
+gc.set_threshold(100_000, 50, 100)
+
+import jax  # noqa: E402
+import numpy as np  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
 from dropper_jax.integrate import begin  # noqa: E402

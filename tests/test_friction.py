@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.integrators.holding import stop_held_joints
 
 G = 9.81
 
@@ -154,3 +155,29 @@ def test_derivatives_with_dry_friction_are_those_of_the_sliding_motion(chain):
     reverse, forward = float(jax.jit(jax.grad(end))(tau)), float(jax.jit(jax.jacfwd(end))(tau))
     assert forward == pytest.approx(reverse, rel=1e-9)
     assert reverse == pytest.approx(float(end(tau + step) - end(tau - step)) / (2 * step), rel=1e-5)
+
+
+def test_joints_stopped_on_their_bounds_are_solved_whatever_the_rounding(chain):
+    """Two joints at rest in the middle of a step, hit by random rates at its end: |h z + P| <= h tau, less energy."""
+    h, tau, z = 0.01, 0.2, np.array([0.15, -0.1])
+    effects = {"weight": {}, "joint_friction": {"dry": tau, "axis": [0.0, 1.0, 0.0]}}
+    model, s = dj.build(chain([1.0, 1.0], [1.0, 1.0], angles([0.6, 0.2]), effects=effects))
+    middle = model.kinematics(s.r, jnp.zeros_like(s.v), s.t)
+    link = np.diff(np.vstack([np.zeros(3), s.r]), axis=0)
+    rates = np.random.default_rng(1).normal(size=(500, 2, 1)) * 0.01
+    before = np.cumsum(np.cross([0.0, 1.0, 0.0], link) * rates, axis=1)
+
+    def stop(v):
+        return stop_held_joints(model, (jnp.asarray(z)[:, None],), middle, model.kinematics(s.r, v, s.t), h)
+
+    after, work = jax.jit(jax.vmap(stop))(before)
+    assert np.all(np.isfinite(after))
+    lost = 0.5 * np.sum(np.square(before) - np.square(after), axis=(1, 2))
+    np.testing.assert_allclose(lost, -work, atol=1e-15)
+    assert np.all(work <= 0.0)
+    # impulses from the change of angular momentum: of the outer mass about the second joint, of both about the first
+    change = np.asarray(after) - before
+    second = np.cross(link[1], change[:, 1])[:, 1]
+    impulse = np.stack([np.cross(link[0], change.sum(1))[:, 1] + second, second], axis=1)
+    assert np.all(np.abs(h * z + impulse) <= h * tau * (1 + 1e-9))
+    assert np.mean(np.abs(h * z + impulse) > h * tau * (1 - 1e-9)) > 0.1

@@ -96,6 +96,15 @@ def _bounded(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     return h * law.admissible(p / h + q) - h * q
 
 
+def _on_bound(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+    """The impulse nearest to p that puts `h q + p` on its bound, from inside too.
+
+    An impulse that is on its bound already is inside by rounding as often as not, and `p - _bounded(p)` would be a
+    row of zeros there. Twice as far out has the same nearest point.
+    """
+    return h * law.admissible(2.0 * (p / h + q)) - h * q
+
+
 def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     """Joints (joints, 1) whose impulse is over its bound; within it both differ by rounding of p and h q.
 
@@ -119,7 +128,7 @@ def _rows(model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, change)
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
     rest = tuple(scale * law.rates(moved) + SHARING * p for law, p in zip(model.laws, u.z, strict=True))
-    bound = tuple(p - _bounded(law, p, q, h) for law, p, q in zip(model.laws, u.z, z, strict=True))
+    bound = tuple(p - _on_bound(law, p, q, h) for law, p, q in zip(model.laws, u.z, z, strict=True))
     joints = tuple(
         jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)
     )

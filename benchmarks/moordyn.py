@@ -1,6 +1,6 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
-    python benchmarks/moordyn.py [--only conventions|cases|speed]      (needs the extra `moordyn`; about 15 minutes)
+    python benchmarks/moordyn.py [--only conventions|cases|steps|speed]    (needs the extra `moordyn`; about 15 minutes)
 
 Writes results/moordyn.json and results/moordyn-case-1.png beside this file and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
@@ -46,6 +46,8 @@ TABLE_7 = {
 SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled
 RATIOS = (1.0, 0.1, 0.0)
 EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
+#: Our steps in 0.1 s for the comparison of step sizes: dt = 0.05, 0.02, 0.01 and, as reference, 0.001 s.
+STEP_COUNTS = (2, 5, 10, 100)
 #: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
 STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
 
@@ -77,6 +79,25 @@ def both(number: int, ratio: float) -> tuple[dict[str, Any], Rows, Rows]:
         }
     show(found)
     return found, here, there
+
+
+def step_sizes(ratio: float) -> list[dict[str, Any]]:
+    """Case 1 here at several steps: mean anchor tension after SETTLED, and its difference from the smallest step's."""
+    ours = Ours.of(case(1, ratio))
+    rows = []
+    for every in STEP_COUNTS:
+        run = ours.run(every, SPAN)
+        settled = run.statistics(SETTLED)
+        rows.append({"damping_ratio": ratio, "dt_s": 0.1 / every, "wall_s": run.wall_s, **settled})
+    for row in rows:
+        row["mean_against_smallest_step"] = row["anchor"]["mean"] / rows[-1]["anchor"]["mean"] - 1.0
+        print(
+            f"case 1, ratio {ratio:g}, dt {row['dt_s']:g} s: {row['status']}, mean anchor tension "
+            f"{row['anchor']['mean']:.1f} N ({row['mean_against_smallest_step']:+.2%}), largest "
+            f"{row['anchor']['max']:.0f} N, retried {row['retried']:.2%}",
+            flush=True,
+        )
+    return rows
 
 
 def show(found: dict[str, Any]) -> None:
@@ -130,7 +151,8 @@ def picture(here: Rows, there: Rows, path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", choices=("conventions", "cases", "speed"), help="measure this part, keep the others")
+    parts = ("conventions", "cases", "steps", "speed")
+    parser.add_argument("--only", choices=parts, help="measure this part, keep the others")
     only = parser.parse_args().only
     RESULTS.mkdir(exist_ok=True)
     target = RESULTS / "moordyn.json"
@@ -159,6 +181,9 @@ def main() -> int:
             if (number, ratio) == (1, 0.1):
                 picture(here, there, RESULTS / "moordyn-case-1.png")
             keep()
+    if only in (None, "steps"):
+        found["step_sizes"] = [row for ratio in RATIOS for row in step_sizes(ratio)]
+        keep()
     if only in (None, "speed"):
         found["speed"] = []
         for row in speed(case):

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.axial import LAWS, Axial
+from dropper_jax.axial import LAWS, Axial, Tabulated
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
+from dropper_jax.force_table import stacked
 from dropper_jax.graph import Graph, Member
 from dropper_jax.lines import Lines, System
 from dropper_jax.model import Line, Model, Point
@@ -95,4 +96,7 @@ def _bodies(scene: Scene, index: dict[str, int]) -> list[Effect]:
 def _axial(line: LineSpec) -> Axial:
     if line.rigid:
         return LAWS["rigid"]()
+    if line.tables is not None:
+        strain, force, slope = stacked(line.tables)
+        return Tabulated(EA=line.EA, damping=line.axial_damping, strain=strain, force=force, slope=slope)
     return LAWS[line.axial_law](EA=line.EA, damping=line.axial_damping)

@@ -1,6 +1,6 @@
 """Line types, sections and attached points: from what a user writes to lines with one value per link.
 
-    [[line_type]]                      a rope or chain by the metre
+    [[line_type]]                      a rope or chain by the metre: EA, or tension tabulated over strain
     [[line]] type, length, links       one section of one type, or
     [[line]] sections = [{type, length, links}, ...]
     [[line]] attach = [{point, at}]    points along the line, by arc length from its first end
@@ -20,6 +20,7 @@ import numpy as np
 
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.fields import option, parameter
+from dropper_jax.force_table import ForceTable, tables_of
 from dropper_jax.schema import check_keys, plain, read_fields, read_integer, read_list, read_number, read_table, refuse
 
 LENGTH = {"low": 0.0, "open_low": True, "unit": "m"}
@@ -34,8 +35,10 @@ class LineType:
     name: str = option("name", type=str)
     mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
     diameter: float = parameter("diameter of the displaced volume", unit="m", low=0.0, open_low=True)
-    EA: float = parameter("axial stiffness", unit="N", low=0.0, open_low=True)
-    law: str = option("axial law", choices=("rope", "elastic"), default="rope")
+    EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
+    strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
+    tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
+    law: str = option("axial law", choices=("rope", "elastic", "tabulated"), default="rope")
     damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
     damping_ratio: float | None = parameter(
         "internal damping over critical, per link", unit="-", low=0.0, optional=True
@@ -46,11 +49,36 @@ class LineType:
     can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, optional=True)
     cat: float | None = parameter("added mass coefficient along", unit="-", low=0.0, optional=True)
 
+    @property
+    def table(self) -> ForceTable | None:
+        """The table of a tabulated type."""
+        return None if self.strain is None else ForceTable(self.strain, self.tension)
+
     def internal_damping(self, link: float) -> float:
-        """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn)."""
+        """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn).
+
+        EA of a table is its largest slope.
+        """
         if self.damping is not None:
             return self.damping
-        return (self.damping_ratio or 0.0) * link * float(np.sqrt(self.EA * self.mass))
+        stiffness = self.EA if self.table is None else self.table.stiffness
+        return (self.damping_ratio or 0.0) * link * float(np.sqrt(stiffness * self.mass))
+
+    def check(self, path: str) -> None:
+        """`EA`, or a table where the law is `tabulated`; one kind of damping."""
+        wanted, other = ("strain", "tension"), ("EA",)
+        if self.law != "tabulated":
+            wanted, other = other, wanted
+        for key in wanted:
+            if getattr(self, key) is None:
+                raise SceneError(f"{path}.{key}: missing; law {self.law!r} needs {' and '.join(wanted)}")
+        for key in other:
+            if getattr(self, key) is not None:
+                raise SceneError(f"{path}.{key}: not used by law {self.law!r}, which takes {' and '.join(wanted)}")
+        if self.law == "tabulated":
+            ForceTable.read(self.strain, self.tension, path)
+        if self.damping is not None and self.damping_ratio is not None:
+            raise SceneError(f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two")
 
 
 def equivalent_diameter(mass: float, material_density: float) -> float:
@@ -93,6 +121,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     pieces: list[dict[str, Any]] = []
     used: list[list[Section]] = []
     shelter: list[float] = []
+    tabulated = any(kind.law == "tabulated" for kind in types.values())
     for i, line in enumerate(lines):
         line = dict(read_table(line, f"line.{i}"))
         if not {"type", "sections"} & set(line):
@@ -102,7 +131,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
         sections = _sections(line, f"line.{i}", types)
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
-            pieces.append({**piece, **_per_link(part, f"line.{i}")})
+            pieces.append({**piece, **_per_link(part, f"line.{i}", tabulated)})
             used.append(part)
             shelter += [factor] * pieces[-1]["links"]
     table["line"] = pieces
@@ -120,8 +149,7 @@ def _types(items: Any) -> dict[str, LineType]:
         kind = LineType(**read_fields(LineType, item, f"line_type.{i}", {}))
         if kind.name in found:
             raise refuse(f"line_type.{i}.name", kind.name, "is used twice", "a name of its own")
-        if kind.damping is not None and kind.damping_ratio is not None:
-            raise SceneError(f"line_type.{i}: `damping` and `damping_ratio` are both given; allowed: one of the two")
+        kind.check(f"line_type.{i}")
         found[kind.name] = kind
     return found
 
@@ -202,22 +230,27 @@ def _each(sections: list[Section], value: Any) -> list[float]:
     return [float(value(s)) for s in sections for _ in range(s.links)]
 
 
-def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
-    """Keys of a `[[line]]` with one value per link."""
+def _axial(sections: list[Section], path: str, tabulated: bool) -> dict[str, Any]:
+    """The axial law with one value per link; where some type of the scene is `tabulated`, ropes are tables as well."""
     laws = {s.type.law for s in sections}
+    damping = _each(sections, lambda s: s.type.internal_damping(s.length / s.links))
+    if tabulated and laws <= {"rope", "tabulated"}:
+        tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
+        return {"law": "tabulated", **tables_of(tables), "damping": damping}
     if len(laws) > 1:
         raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law in a line")
+    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping}
+
+
+def _per_link(sections: list[Section], path: str, tabulated: bool) -> dict[str, Any]:
+    """Keys of a `[[line]]` with one value per link."""
     found = {
         "links": sum(s.links for s in sections),
         "nodes": "shared",
         "length": _each(sections, lambda s: s.length / s.links),
         "mass": _each(sections, lambda s: s.type.mass * s.length / s.links),
         "diameter": _each(sections, lambda s: s.type.diameter),
-        "axial": {
-            "law": laws.pop(),
-            "EA": _each(sections, lambda s: s.type.EA),
-            "damping": _each(sections, lambda s: s.type.internal_damping(s.length / s.links)),
-        },
+        "axial": _axial(sections, path, tabulated),
     }
     if all(s.type.breaking_load is not None for s in sections):
         found["breaking_load"] = _each(sections, lambda s: s.type.breaking_load)

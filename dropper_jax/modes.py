@@ -47,7 +47,7 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
         SceneError: rigid links, whose tensions do not follow from lengths.
     """
     if not model.line.axial.elastic:
-        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed for modes: elastic, rope")
+        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed for modes: elastic, rope, tabulated")
     stiffness, mass = _matrices(rest(model), pose)
     value, vector = eigh(stiffness, mass)
     stiff = value > 1e-13 * value[-1]  # rounding; swinging is 1e-11 of the axial stiffness of a chain

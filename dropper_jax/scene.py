@@ -33,6 +33,7 @@ from dropper_jax.system_checks import check_ends, check_system, check_system_eff
 
 __all__ = ["Scene", "load_scene", "scene_names"]
 
+AXIAL = ("law", "EA", "damping", "strain", "tension")
 SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "notes")
 
 
@@ -282,7 +283,7 @@ def _paths(table: Mapping[str, Any]) -> list[str]:
     found += [f"start.{key}" for key in _fields(StartSpec)]
     found += SeaSpec.paths()
     found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in _fields(cls)]
-    line_keys = [*_fields(LineSpec, LineSpec.KEYS), "axial.law", "axial.EA", "axial.damping"]
+    line_keys = [*_fields(LineSpec, LineSpec.KEYS), *(f"axial.{key}" for key in AXIAL)]
     line_keys += [f"growth.{key}" for key in _fields(GrowthSpec)]
     for section, keys in (("point", _fields(PointSpec)), ("line", line_keys), ("buoy", _fields(BuoySpec))):
         for i, item in enumerate(table.get(section, [])):

@@ -11,6 +11,7 @@ import numpy as np
 from dropper_jax.axial import LAWS
 from dropper_jax.errors import SceneError
 from dropper_jax.fields import option, parameter
+from dropper_jax.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.schema import plain, read_fields, read_table, refuse
 from dropper_jax.sea.growth import GrowthSpec
 
@@ -120,6 +121,7 @@ class LineSpec:
     axial_law: str = "rigid"
     EA: np.ndarray | None = None
     axial_damping: np.ndarray | None = None
+    tables: tuple[ForceTable, ...] | None = None
     growth: GrowthSpec | None = None
 
     @classmethod
@@ -155,7 +157,8 @@ class LineSpec:
             found["growth"] = self.growth.table()
         if self.rigid:
             return found
-        axial = {"law": self.axial_law, "EA": _one_or_all(self.EA.tolist())}
+        stiffness = {"EA": _one_or_all(self.EA.tolist())} if self.tables is None else tables_of(self.tables)
+        axial = {"law": self.axial_law, **stiffness}
         if self.axial_damping is not None:
             axial["damping"] = _one_or_all(self.axial_damping.tolist())
         return {**found, "axial": axial}
@@ -174,8 +177,12 @@ def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
     damping = None
     if any(line.axial_damping is not None for line in lines):
         damping = np.concatenate([np.zeros(n.links) if n.axial_damping is None else n.axial_damping for n in lines])
+    tables = None
+    if all(line.tables is not None for line in lines):
+        tables = tuple(table for line in lines for table in line.tables)
     return dataclasses.replace(
         lines[0],
+        tables=tables,
         links=sum(line.links for line in lines),
         end=lines[-1].end,
         axial_damping=damping,
@@ -189,6 +196,14 @@ def _read_axial(table: Any, path: str, links: int) -> dict[str, Any]:
     law = table.pop("law", None)
     if law not in LAWS:
         raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
+    if law == "tabulated":
+        tables = read_tables(table, path, links)
+        rest = {key: value for key, value in table.items() if key not in ("strain", "tension", "EA")}
+        if "EA" in table:
+            raise SceneError(f"{path}.EA: given beside a table; allowed: `strain` and `tension`")
+        damping = read_fields(LAWS[law], {**rest, "EA": 1.0}, path, {"link": links})["damping"]
+        stiffness = np.array([t.stiffness for t in tables])
+        return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
     values = read_fields(LAWS[law], table, path, {"link": links})
     return {"axial_law": law, "EA": values.get("EA"), "axial_damping": values.get("damping")}
 

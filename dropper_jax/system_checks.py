@@ -43,7 +43,10 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
         if line.rigid:
             _check_rigid(line, path, points)
             raise refuse(
-                f"{path}.axial.law", line.axial_law, "does not fit a system of lines", "rope, elastic (with EA)"
+                f"{path}.axial.law",
+                line.axial_law,
+                "does not fit a system of lines",
+                "rope, elastic (with EA), tabulated",
             )
         if line.axial_law != lines[0].axial_law:
             raise refuse(f"{path}.axial.law", line.axial_law, "differs from that of the first line", lines[0].axial_law)

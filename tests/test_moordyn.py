@@ -170,6 +170,29 @@ def test_unequal_links_become_lines_joined_at_points(tmp_path):
     np.testing.assert_allclose(back.point("mixed-1").position, [20.0 * 10.0 / 24.0, 0.0, 0.0], rtol=1e-12)
 
 
+def test_tables_go_to_moordyn_and_back_and_hang_there_as_here(tmp_path):
+    strain = np.linspace(0.0, 0.2, 21)
+    kind = {"law": "tabulated", "strain": strain.tolist(), "tension": (2e4 * strain + 4e5 * strain**3).tolist()}
+    scene = {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "line_type": [{"name": "rope", "mass": 5.0, "diameter": 0.03, "damping": 2000.0, **kind}],
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [10.0, 0.0, -4.0]}],
+        "line": [{"name": "line", "from": "a", "to": "b", "type": "rope", "length": 9.5, "links": 10}],
+        "sea": {"depth": 20.0},
+        "effects": {"weight": {}, "seabed": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2, "cdt": 0.1}},
+    }
+    notes = write_moordyn(scene, tmp_path / "mooring.txt", dt=0.001)
+    assert any("straight lines" in note for note in notes)
+    back = load_scene(tmp_path / "mooring.txt")
+    assert back.lines[0].tables == load_scene(scene).lines[0].tables
+    here = equilibrium(scene).tension
+    there = statics_of_moordyn(tmp_path / "mooring.txt")[0]
+    np.testing.assert_allclose(0.5 * (there[1:] + there[:-1]), here, rtol=0.01)
+    (tmp_path / "type1-axial.txt").write_text("a\nb\nc\n0 0\n0.1 5\n0.05 7")
+    with pytest.raises(SceneError, match=r"mooring.txt:\d+: EA: type1-axial.txt.strain: .* does not rise"):
+        load_scene(tmp_path / "mooring.txt")
+
+
 def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
     text = CHAIN.replace("-0.8         0 ", "-0.8|50      25.0 ").replace("1e8 ", "1e8|2e8 ")
     text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n1e-4          threshIC")

@@ -74,8 +74,7 @@ def _powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> ja
         stretching = jnp.sum(k.links * k.link_velocities, axis=-1) / safe_norm(k.links)
         damper = line.axial.damping / line.length * stretching
         if isinstance(line.axial, Rope):
-            taut = jnp.maximum(safe_norm(k.links) - line.length, 0.0)
-            damper = tension - line.axial.EA / line.length * taut
+            damper = tension - line.axial.spring(safe_norm(k.links), line.length)
         powers.append(-jnp.sum(damper * stretching))
     if isinstance(line.axial, Rope):
         powers.append(jnp.zeros((), k.r.dtype))  # an explicit scheme has no law at the end of a step

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from dropper_jax.errors import SceneError
+from dropper_jax.force_table import ForceTable
 from dropper_jax.moordyn.sections import Deck, Row
 from dropper_jax.moordyn.values import columns, number
 
@@ -31,7 +30,7 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
             "name": name,
             "diameter": number(deck, row, row.words[1], "Diam", 0.0, open_low=True),
             "mass": number(deck, row, row.words[2], "Mass/m", 0.0, open_low=True),
-            "EA": _stiffness(deck, row, notes),
+            **_stiffness(deck, row, notes),
             **_damping(deck, row, notes),
         }
         texts = row.words[6:10] if second else row.words[5:9]
@@ -52,37 +51,37 @@ def _bends(deck: Deck, row: Row) -> bool:
         return True  # a table of bending moments
 
 
-def _stiffness(deck: Deck, row: Row, notes: list[str]) -> float:
-    """EA [N]; of a table its slope at zero strain, of a viscoelastic rope its static part, with a note."""
+def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
+    """`EA` [N], or the table of a file; of a viscoelastic rope its static part, with a note."""
     text = row.words[3]
     if "|" in text:
         static = text.split("|")[0]
-        notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} N is taken")
+        notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} is taken")
         if static.upper().startswith("SYROPE:"):
             deck.refuse(row.number, "EA: working curves (SYROPE) are not represented; allowed: a number or a table")
-        return number(deck, row, static, "EA", 0.0, open_low=True)
+        text = static
     try:
         float(text)
     except ValueError:
-        slope = _slope(deck, row, text)
-        notes.append(f"line {row.number}: EA table {text!r} is not represented: its first slope {slope:.6g} N is taken")
-        return slope
-    return number(deck, row, text, "EA", 0.0, open_low=True)
+        return {"law": "tabulated", **_table(deck, row, text)}
+    return {"EA": number(deck, row, text, "EA", 0.0, open_low=True)}
 
 
-def _slope(deck: Deck, row: Row, text: str) -> float:
+def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
+    """Strain and tension [N] of a file with three header lines; `force_table` joins its rows smoothly."""
     try:
         lines = (deck.path.parent / text).read_text(encoding="utf-8").splitlines()[3:]
-        table = np.array([[float(word) for word in line.split()[:2]] for line in lines if line.strip()])
-        (a, b), (p, q) = table[:2, 0], table[:2, 1]
-        slope = float((q - p) / (b - a))
+        rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
+        strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
     except OSError as error:
         deck.refuse(row.number, f"EA: {text!r} is no number, and no such file: {error.strerror}")
-    except (ValueError, IndexError, ZeroDivisionError):
+    except (ValueError, IndexError):
         deck.refuse(row.number, f"EA: {text!r} is no table of strain and tension after three header lines")
-    if not slope > 0.0:
-        deck.refuse(row.number, f"EA: the table {text!r} does not rise at its beginning")
-    return slope
+    try:
+        ForceTable.read(strain, tension, text)
+    except SceneError as error:
+        deck.refuse(row.number, f"EA: {error}")
+    return {"strain": strain, "tension": tension}
 
 
 def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:

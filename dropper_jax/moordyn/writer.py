@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.errors import SceneError
+from dropper_jax.force_table import ForceTable
 from dropper_jax.io import atomic_write
 from dropper_jax.moordyn.differences import differences
 from dropper_jax.moordyn.spar import SEGMENTS, UPRIGHT
@@ -32,11 +33,20 @@ COEFFICIENTS = (
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch of equal links: the values of its line type, its number of links and its length [m]."""
+    """A stretch of equal links: the values of its line type, its number of links and its length [m].
+
+    `table` holds the rows (strain, tension [N]) of a tabulated law; the type's EA has no say then.
+    """
 
     type: tuple[float, ...]
     links: int
     length: float
+    table: tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What makes two stretches of one line type."""
+        return (*self.type, self.table)
 
 
 def write_moordyn(
@@ -72,7 +82,7 @@ def write_moordyn(
             raise SceneError(f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each")
     notes = differences(scene)
     text = [*_front(scene), *_tables(scene), *_options(scene, dt, options or {}), *_outputs(scene)]
-    for name, words in _water(scene).items():
+    for name, words in _files(scene).items():
         atomic_write(path.parent / name, words)
     atomic_write(path, "\n".join(text) + "\n")
     return notes
@@ -109,14 +119,28 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
     damping = np.zeros(line.links) if line.axial_damping is None else line.axial_damping
     diameter = each(displaced_diameter(scene.line, scene))
     rows = np.stack([diameter, line.mass / line.length, line.EA, damping, *coefficients, line.length], axis=1)
+    tables = [_rows(table) for table in line.tables] if line.tables is not None else [None] * line.links
     same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
+    same = same & np.array([a == b for a, b in pairwise(tables)], bool)
     cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
     found = []
     for a, b in zip(cuts[:-1], cuts[1:], strict=True):
         kind = [float(x) for x in rows[a, :-1]]
         kind[1] = _short(kind[1])
-        found.append(Piece(tuple(kind), int(b - a), _short(np.sum(line.length[a:b]))))
+        found.append(Piece(tuple(kind), int(b - a), _short(np.sum(line.length[a:b])), tables[a]))
     return found
+
+
+def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
+    return tuple(zip(table.strain.tolist(), table.tension.tolist(), strict=True))
+
+
+def _kinds(parts: list[list[Piece]]) -> dict[tuple[Any, ...], str]:
+    """Names of the line types."""
+    kinds: dict[tuple[Any, ...], str] = {}
+    for piece in (piece for part in parts for piece in part):
+        kinds.setdefault(piece.kind, f"type{len(kinds) + 1}")
+    return kinds
 
 
 def _short(x: float) -> float:
@@ -125,14 +149,15 @@ def _short(x: float) -> float:
 
 def _tables(scene: Scene) -> Iterator[str]:
     parts = [pieces(scene, i) for i in range(len(scene.lines))]
-    kinds: dict[tuple[float, ...], str] = {}
-    for piece in (piece for part in parts for piece in part):
-        kinds.setdefault(piece.type, f"type{len(kinds) + 1}")
+    kinds = _kinds(parts)
     yield _rule("LINE TYPES")
     yield "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
     yield "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)"
-    for values, name in kinds.items():
-        yield " ".join([name, *(_value(x) for x in values[:4]), "0.0", *(_value(x) for x in values[4:])])
+    for (*values, table), name in kinds.items():
+        words = [_value(x) for x in values]
+        if table is not None:
+            words[2] = _table_file(name)
+        yield " ".join([name, *words[:4], "0.0", *words[4:]])
     if scene.buoys:
         yield from _buoys(scene)
     words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}
@@ -152,7 +177,7 @@ def _tables(scene: Scene) -> Iterator[str]:
         for i, piece in enumerate(part):
             name = line.name if len(part) == 1 else f"{line.name}-{i + 1}"
             begin, end = words[ends[i]], words[ends[i + 1]]
-            row = [len(lines) + 1, kinds[piece.type], begin, end, _value(piece.length), piece.links, "-"]
+            row = [len(lines) + 1, kinds[piece.kind], begin, end, _value(piece.length), piece.links, "-"]
             lines.append(" ".join(str(x) for x in row) + f"  ! name: {name}")
     yield _rule("POINTS")
     yield "ID Attachment X Y Z Mass Volume CdA Ca"
@@ -251,9 +276,18 @@ def _outputs(scene: Scene) -> Iterator[str]:
     yield _rule("need this line")
 
 
-def _water(scene: Scene) -> dict[str, str]:
+def _table_file(name: str) -> str:
+    return f"{name}-axial.txt"
+
+
+def _files(scene: Scene) -> dict[str, str]:
     """Text of the files beside the input, by name."""
     found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
+    for (*_, table), name in _kinds([pieces(scene, i) for i in range(len(scene.lines))]).items():
+        if table is not None:
+            rows = [f"{_value(e)} {_value(pull)}" for e, pull in table]
+            head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
+            found[_table_file(name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
     if sea is not None and sea.waves is not None:
         from dropper_jax.sea.make import wave_components
 

@@ -1,0 +1,146 @@
+"""Tension tabulated over strain: the curve, its energy, statics and modes at its rows, what is refused."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dropper_jax import SceneError, equilibrium, load_scene, simulate
+from dropper_jax.axial import Rope, Tabulated
+from dropper_jax.build import build_model
+from dropper_jax.force_table import ForceTable, stacked
+from dropper_jax.modes import natural_modes
+
+STRAIN, TENSION = [0.02, 0.05, 0.10, 0.12, 0.20], [0.0, 300.0, 1300.0, 1300.0, 4500.0]
+TABLE = {"law": "tabulated", "strain": STRAIN, "tension": TENSION}
+
+
+def law(*tables, damping=None):
+    strain, force, slope = (jnp.asarray(x) for x in stacked(tables))
+    return Tabulated(
+        EA=jnp.array([t.stiffness for t in tables]), damping=damping, strain=strain, force=force, slope=slope
+    )
+
+
+def pull(axial, strain):
+    """Tension of one link of 2 m over strain."""
+    length = jnp.full(1, 2.0)
+    return jax.vmap(lambda e: axial.spring(length * (1 + e), length)[0])(jnp.asarray(strain))
+
+
+def test_curve_goes_through_its_rows_never_falls_and_has_a_continuous_slope():
+    axial = law(ForceTable(np.array(STRAIN), np.array(TENSION)))
+    np.testing.assert_allclose(pull(axial, STRAIN), TENSION, atol=1e-9)
+    strain = np.linspace(-0.05, 0.25, 6001)
+    found = np.asarray(pull(axial, strain))
+    assert np.all(np.diff(found) >= -1e-9)
+    assert np.all(found[strain < STRAIN[0] - 1e-9] == 0.0)
+    beyond = strain > 0.2001  # the last secant goes on
+    np.testing.assert_allclose(np.diff(found[beyond]) / np.diff(strain[beyond]), 3200.0 / 0.08, rtol=1e-6)
+    slope = np.diff(found) / np.diff(strain)
+    taut = strain[1:-1] > STRAIN[0] + 1e-4
+    # a slope that jumped would differ by some 1e4 N between neighbours, however fine they are
+    assert np.max(np.abs(np.diff(slope))[taut]) < 300.0
+
+
+def test_stored_energy_is_the_integral_of_the_tension_also_of_tables_with_unequal_rows():
+    axial = law(ForceTable(np.array(STRAIN), np.array(TENSION)), ForceTable.straight(2e4))
+    length = jnp.array([2.0, 3.0])
+
+    def energy(size):
+        return axial.energy(jnp.zeros((2, 3)).at[:, 1].set(size), length)
+
+    for strain in (-0.1, 0.03, 0.07, 0.11, 0.15, 0.3):
+        size = length * (1 + strain)
+        np.testing.assert_allclose(jax.grad(energy)(size), axial.spring(size, length), rtol=1e-9, atol=1e-9)
+    assert float(axial.spring(length * 1.3, length)[1]) == pytest.approx(2e4 * 0.3, rel=1e-12)
+
+
+def test_two_rows_are_a_rope_of_that_stiffness_with_its_damper():
+    damping = jnp.full(64, 50.0)
+    table = law(*[ForceTable.straight(2e4)] * 64, damping=damping)
+    rope = Rope(EA=jnp.full(64, 2e4), damping=damping)
+    rng, length = np.random.default_rng(0), jnp.full(64, 1.5)
+    d0, d1 = (jnp.asarray(1.5 * rng.uniform(0.4, 0.8, (64, 3))) for _ in range(2))
+    tension = jnp.asarray(rng.uniform(0.0, 500.0, 64))
+    h = jnp.asarray(0.01)
+    for name, given in (
+        ("residual", (d0, d1, tension, length, h)),
+        ("tension", (d1, d0, length)),
+        ("energy", (d1, length)),
+        ("damping_work", (d0, d1, length, h)),
+        ("ringing_work", (d0, d1, length)),
+    ):
+        np.testing.assert_allclose(getattr(table, name)(*given), getattr(rope, name)(*given), rtol=1e-9, err_msg=name)
+
+
+def hanging(kind, load, **more):
+    """A light line of 10 m with a weight of `load` [N] below."""
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "line_type": [{"name": "rope", "mass": 1e-6, "diameter": 0.03, **kind}],
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -10.0], "mass": load / 10.0},
+        ],
+        "line": [{"name": "line", "from": "top", "to": "weight", "type": "rope", "length": 10.0, "links": 2}],
+        "effects": {"weight": {"gravity": 10.0}},
+        **more,
+    }
+
+
+def test_hanging_weight_stretches_the_line_to_its_row_and_bounces_with_the_slope_there():
+    table = {"law": "tabulated", "strain": [0.0, 0.05, 0.10, 0.15], "tension": [0.0, 300.0, 1000.0, 2500.0]}
+    scene = hanging(table, 1000.0)
+    pose = equilibrium(scene)
+    assert pose.positions[-1, 2] == pytest.approx(-11.0, rel=1e-7)
+    # rows at equal distances: the slope at a row is the harmonic mean of the secants beside it
+    slope = 2.0 / (0.05 / 700.0 + 0.05 / 1500.0)
+    omega = natural_modes(build_model(load_scene(scene)), pose.state).omega
+    expected = np.sqrt(slope / 10.0 / 100.0)
+    assert np.min(np.abs(omega / expected - 1)) < 1e-6
+
+
+def test_a_weight_dropped_on_a_tabulated_line_keeps_its_energy_balance():
+    solution = simulate(hanging(TABLE | {"damping": 200.0}, 1000.0, start={"kind": "points"}), dt=0.02, duration=4.0)
+    assert solution.status == "ok", solution.failure
+    assert np.max(solution.tension) > 2000.0
+    work = dict(zip(solution.work_names, solution.work.T, strict=True))
+    for name in ("internal_damping", "axial_ringing"):
+        assert np.all(np.diff(work[name]) <= 1e-9), name
+    # the balance of a float's or a weight's own force is work here
+    assert solution.energy_drift < 1e-6 * solution.energy_scale
+
+
+def test_rope_and_table_in_one_line_stretch_as_springs_in_a_row():
+    scene = hanging(TABLE, 300.0)
+    scene["line_type"].append({"name": "wire", "mass": 1e-6, "diameter": 0.01, "EA": 5e4})
+    sections = [{"type": "rope", "length": 6.0, "links": 3}, {"type": "wire", "length": 4.0, "links": 1}]
+    scene["line"] = [{"name": "line", "from": "top", "to": "weight", "sections": sections}]
+    loaded = load_scene(scene)
+    assert load_scene(loaded.to_dict()) == loaded
+    assert equilibrium(loaded).positions[-1, 2] == pytest.approx(-(6.0 * 1.05 + 4.0 * (1 + 300.0 / 5e4)), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"strain": [0.0, 0.1, 0.1]}, "line_type.0.strain: [0.0, 0.1, 0.1] does not rise"),
+        ({"strain": [-0.1, 0.1, 0.2]}, "does not rise from 0 or above"),
+        ({"strain": [0.0, float("inf"), 0.2]}, "is not finite"),
+        ({"strain": [0.0], "tension": [0.0]}, "too few rows"),
+        ({"tension": [0.0, 5.0]}, "has 2 rows"),
+        ({"tension": [0.0, 5.0, 4.0]}, "does not rise from 0"),
+        ({"tension": [0.0, 5.0, 5.0]}, "rising at the end"),
+        ({"EA": 1e4}, "line_type.0.EA: not used by law 'tabulated'"),
+        ({"law": "rope"}, "line_type.0.EA: missing"),
+        ({"tension": None}, "line_type.0.tension: missing"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_named(changes, words):
+    kind = {"law": "tabulated", "strain": [0.0, 0.1, 0.2], "tension": [0.0, 5.0, 20.0], **changes}
+    with pytest.raises(SceneError) as caught:
+        load_scene(hanging({key: value for key, value in kind.items() if value is not None}, 1.0))
+    assert words in str(caught.value)

@@ -44,24 +44,35 @@ class Elastic:
 
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
     damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, optional=True)
+    intact: jax.Array | None = None  # (n,): 0 where a link has parted (see `failure`), else 1
 
     @property
     def elastic(self) -> bool:
         return True
+
+    def seen(self, d: jax.Array, length: jax.Array) -> jax.Array:
+        """Link vectors (n, 3) [m] as the law sees them: one that has parted lies unstretched."""
+        if self.intact is None:
+            return d
+        return jnp.where(self.intact[:, None] > 0.0, d, length[:, None] * jnp.eye(1, 3, dtype=d.dtype))
+
+    def kept(self, per_link: jax.Array) -> jax.Array:
+        """Values (n,) of links, zero of those that have parted."""
+        return per_link if self.intact is None else self.intact * per_link
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         """`|d1| - L - L T/EA + (BA/EA) (|d1| - |d0|)/h` (n,) [m]: the law at the end of the step.
 
         Written at the end it only ever takes energy from axial ringing; its rigid limit is EA -> infinity.
         """
-        size = safe_norm(d1)
+        size = safe_norm(self.seen(d1, length))
         law = size - length - length * tension / self.EA
         if self.damping is None:
             return law
-        return law + self.damping / self.EA * (size - safe_norm(d0)) / h
+        return law + self.damping / self.EA * (size - safe_norm(self.seen(d0, length))) / h
 
     def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
-        return d1 / safe_norm(d1)[:, None]
+        return d1 / safe_norm(d1)[:, None] if self.intact is None else (self.intact / safe_norm(d1))[:, None] * d1
 
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
         return length / self.EA * jnp.ones_like(length)
@@ -74,19 +85,19 @@ class Elastic:
         """Tension (n,) [N] of links d stretching at d' = `rate`, for explicit integrators."""
         size = safe_norm(d)
         pull = self.EA * (size - length) / length
-        if self.damping is None:
-            return pull
-        return pull + self.damping / length * dot(d, rate) / size
+        if self.damping is not None:
+            pull = pull + self.damping / length * dot(d, rate) / size
+        return self.kept(pull)
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
-        return jnp.sum(0.5 * self.EA / length * (safe_norm(d) - length) ** 2)
+        return jnp.sum(0.5 * self.EA / length * (safe_norm(self.seen(d, length)) - length) ** 2)
 
     def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         """Work of the internal damping over a step, scalar [J], never positive."""
         if self.damping is None:
             return jnp.zeros((), d0.dtype)
-        stretch = safe_norm(d1) - safe_norm(d0)
+        stretch = safe_norm(self.seen(d1, length)) - safe_norm(self.seen(d0, length))
         return -jnp.sum(self.damping / length * stretch**2) / h
 
 
@@ -107,21 +118,23 @@ class Rope(Elastic):
         return jnp.maximum(stretched + self.damping / self.EA * (stretched - before) / h, 0.0)
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        return self._pull(d0, d1, length, h) - length * tension / self.EA
+        return self._pull(self.seen(d0, length), self.seen(d1, length), length, h) - length * tension / self.EA
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d)
         pull = self.EA * (size - length) / length
         if self.damping is not None:
             pull = pull + self.damping / length * dot(d, rate) / size
-        return jnp.where(size > length, jnp.maximum(pull, 0.0), 0.0)
+        return self.kept(jnp.where(size > length, jnp.maximum(pull, 0.0), 0.0))
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
-        return jnp.sum(0.5 * self.EA / length * jnp.maximum(safe_norm(d) - length, 0.0) ** 2)
+        stretch = jnp.maximum(safe_norm(self.seen(d, length)) - length, 0.0)
+        return jnp.sum(0.5 * self.EA / length * stretch**2)
 
     def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         if self.damping is None:
             return jnp.zeros((), d0.dtype)
+        d0, d1 = self.seen(d0, length), self.seen(d1, length)
         elastic = jnp.maximum(safe_norm(d1) - length, 0.0)
         extra = self.EA / length * (self._pull(d0, d1, length, h) - elastic)
         return -jnp.sum(extra * (safe_norm(d1) - safe_norm(d0)))
@@ -136,6 +149,7 @@ class Rope(Elastic):
         `psi(d1) - psi(d0) - T_elastic(d1) (|d1| - |d0|)`, psi the stored energy, which is convex. This is how axial
         ringing that the step cannot resolve, and the snap of a slack link, are lost.
         """
+        d0, d1 = self.seen(d0, length), self.seen(d1, length)
         change = jnp.sum(self.spring(safe_norm(d1), length) * (safe_norm(d1) - safe_norm(d0)))
         return self.energy(d1, length) - self.energy(d0, length) - change
 
@@ -171,7 +185,7 @@ class Tabulated(Rope):
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: the integral of the curve, times the length."""
-        s, beyond, width = self._shares(safe_norm(d), length)
+        s, beyond, width = self._shares(safe_norm(self.seen(d, length)), length)
         rise, a, b, c = self._cubics(width)
         within = width * s**2 * (a / 2 + s * (b / 3 + s * c / 4)) + rise * beyond
         return jnp.sum(length * (jnp.sum(within, axis=-1) + 0.5 * self.slope[:, -1] * beyond[:, -1] ** 2))
@@ -190,18 +204,19 @@ class Tabulated(Rope):
     def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d1)
         slope = jax.jvp(lambda x: self.spring(x, length), (size,), (jnp.ones_like(size),))[1]
-        return (length / self.EA * slope / size)[:, None] * d1
+        return self.kept(length / self.EA * slope / size)[:, None] * d1
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         pull = self.spring(safe_norm(d), length)
-        if self.damping is None:
-            return pull
-        damper = self.damping / length * dot(d, rate) / safe_norm(d)
-        return jnp.where(self._stretched(d, length) > 0.0, jnp.maximum(pull + damper, 0.0), 0.0)
+        if self.damping is not None:
+            damper = self.damping / length * dot(d, rate) / safe_norm(d)
+            pull = jnp.where(self._stretched(d, length) > 0.0, jnp.maximum(pull + damper, 0.0), 0.0)
+        return self.kept(pull)
 
     def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         if self.damping is None:
             return jnp.zeros((), d0.dtype)
+        d0, d1 = self.seen(d0, length), self.seen(d1, length)
         extra = self.EA / length * self._pull(d0, d1, length, h) - self.spring(safe_norm(d1), length)
         return -jnp.sum(extra * (safe_norm(d1) - safe_norm(d0)))
 

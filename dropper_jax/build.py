@@ -10,6 +10,7 @@ from dropper_jax.axial import LAWS, Axial, Tabulated
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
+from dropper_jax.failure import make_failures
 from dropper_jax.force_table import stacked
 from dropper_jax.graph import Graph, Member
 from dropper_jax.lines import Lines, System
@@ -42,6 +43,7 @@ def _line(line: LineSpec, index: dict[str, int], scene: Scene) -> Line:
         inertia=line.inertia,
         diameter=displaced_diameter(line, scene),
         axial=_axial(line),
+        failures=make_failures(scene),
         name=line.name,
         start=index[line.start],
         end=index[line.end],
@@ -59,6 +61,7 @@ def _system(scene: Scene) -> System:
         mass=line.mass,
         diameter=displaced_diameter(line, scene),
         axial=_axial(line),
+        failures=make_failures(scene),
         graph=graph,
     )
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]

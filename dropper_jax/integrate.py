@@ -10,6 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.failure import Parted
 from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State
@@ -30,6 +31,7 @@ class Trajectory(NamedTuple):
         retried: steps taken again by other means since then (k,).
         failed: steps since then that ended above tolerance (k,).
         first_bad: number of the first failed step of the run, -1 while there is none (k,).
+        parted: links that have broken, each (k, m), where the scene has failures.
     """
 
     r: jax.Array
@@ -40,6 +42,7 @@ class Trajectory(NamedTuple):
     retried: jax.Array
     failed: jax.Array
     first_bad: jax.Array
+    parted: Parted | None = None
 
 
 class Progress(NamedTuple):
@@ -78,7 +81,7 @@ def advance(
             carry, (residual, retried, bad) = jax.lax.scan(one, carry, None, length=save_every)
             residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
         s = carry.state
-        return carry, Trajectory(s.r, s.v, s.tension, s.work, residual, retried, bad, carry.first_bad)
+        return carry, Trajectory(s.r, s.v, s.tension, s.work, residual, retried, bad, carry.first_bad, s.parted)
 
     return jax.lax.scan(save, progress, None, length=saves)
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from dropper_jax.axial import Axial, Rigid, Rope
 from dropper_jax.effects.base import Effect, Law, has
 from dropper_jax.effects.wetting import Part, path_parts
+from dropper_jax.failure import Failures, Parted, nothing_parted
 from dropper_jax.fields import component, option, parameter
 from dropper_jax.kinematics import Ends, Kinematics, gather_links, link_differences, stack_nodes
 
@@ -48,6 +49,7 @@ class Line:
         "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
     )
     axial: Axial = Rigid()
+    failures: Failures | None = None
     name: str = option("name", type=str, default="line")
     start: int = option("index of the first point", type=int, default=0)
     end: int = option("index of the last point", type=int, default=1)
@@ -289,6 +291,7 @@ class State:
         law: unknowns of effects with laws of their own; a first guess only.
         work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
         angles: polar and azimuth angles and rates, each (n,), for schemes that keep these instead (else None).
+        parted: links that have broken, where the scene has failures (else None).
     """
 
     r: jax.Array
@@ -299,10 +302,12 @@ class State:
     law: tuple[jax.Array, ...]
     work: jax.Array
     angles: tuple[jax.Array, ...] | None = None
+    parted: Parted | None = None
 
 
 def work_names(model: Model) -> tuple[str, ...]:
-    """What `State.work` counts, in order: non-conservative effects, laws, turning added mass, damping, moving ends."""
+    """What `State.work` counts, in order: non-conservative effects, laws, turning added mass, damping, moving
+    ends, broken links."""
     names = [e.name for e in model.effects if has(e, "force") and not has(e, "potential")]
     names += [e.name for e in model.laws if e.name not in names]
     names += [f"{e.name}_turning" for e in model.effects if has(e, "kinetic")]
@@ -312,6 +317,8 @@ def work_names(model: Model) -> tuple[str, ...]:
         names.append("axial_ringing")
     if model.moving:
         names.append("moving_ends")
+    if model.line.failures is not None:
+        names.append("breaking")
     return tuple(names)
 
 
@@ -326,4 +333,5 @@ def state(model: Model, r: jax.Array, v: jax.Array | None = None, tension: Any =
         acceleration=jnp.zeros_like(r),
         law=tuple(jnp.zeros((law.rows(model), law.components), model.dtype) for law in model.laws),
         work=jnp.zeros(len(work_names(model)), model.dtype),
+        parted=nothing_parted(model),
     )

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.failure import Parted, as_parted
 from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State, state
 from dropper_jax.problem import StepProblem
@@ -62,8 +63,9 @@ def consistent_velocity(model: Model, s: State) -> jax.Array:
     return s.v - solver.apply(solver.factor(problem, u), problem.residual(u)).x
 
 
-def observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> Observed:
+def observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None = None) -> Observed:
     """Report on one instant; energies are those of the scheme's raw velocities, which it conserves."""
+    model = as_parted(model, parted)
     s = state(model, r)
     s = State(s.r, v, s.tension, t, s.acceleration, s.law, s.work)
     ends = model.ends(t)

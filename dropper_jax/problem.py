@@ -50,6 +50,8 @@ class Integrator:
         """Why this integrator cannot run the model, or None."""
         if model.branched and self.implicit and not self.networkable:
             return "it runs single lines only; use energy_momentum, theta_midpoint, rk2 or rk4 for systems of lines"
+        if model.line.failures is not None and not (self.networkable or not self.implicit):
+            return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
         if model.laws and not self.takes_laws:
             name = model.laws[0].name
             return f"effect {name!r} brings a set-valued law, which it does not solve; use energy_momentum"

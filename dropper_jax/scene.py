@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.catalogue import read_toml, scene_names
 from dropper_jax.effects import EFFECTS
 from dropper_jax.errors import SceneError, nearest
+from dropper_jax.failure import FailureSpec
 from dropper_jax.line_types import expand
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.sea.checks import check_water
@@ -34,7 +35,7 @@ from dropper_jax.system_checks import check_ends, check_system, check_system_eff
 __all__ = ["Scene", "load_scene", "scene_names"]
 
 AXIAL = ("law", "EA", "damping", "strain", "tension")
-SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "notes")
+SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,6 +50,7 @@ class Scene:
         run: default time step, duration, integrator, solver and precision.
         sea: the water, or None.
         buoys: upright cylinders at free points.
+        failures: where lines break, at a load or a time.
         notes: what a file that the scene was read from says and the scene does not; warnings of every run.
     """
 
@@ -61,6 +63,7 @@ class Scene:
     run: RunSpec
     sea: SeaSpec | None = None
     buoys: tuple[BuoySpec, ...] = ()
+    failures: tuple[FailureSpec, ...] = ()
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -94,6 +97,9 @@ class Scene:
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
             run=RunSpec.read(table["run"], "run"),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
+            failures=tuple(
+                FailureSpec.read(item, f"failure.{i}", lines) for i, item in enumerate(_list(table, "failure"))
+            ),
             notes=tuple(
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
@@ -134,6 +140,7 @@ class Scene:
             },
             "start": as_table(self.start),
             **({} if self.sea is None else {"sea": self.sea.table()}),
+            **({"failure": [as_table(failure) for failure in self.failures]} if self.failures else {}),
             **({"notes": list(self.notes)} if self.notes else {}),
         }
 
@@ -288,6 +295,7 @@ def _paths(table: Mapping[str, Any]) -> list[str]:
     for section, keys in (("point", _fields(PointSpec)), ("line", line_keys), ("buoy", _fields(BuoySpec))):
         for i, item in enumerate(table.get(section, [])):
             found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
+    found += [f"failure.{i}.{key}" for i in range(len(table.get("failure", []))) for key in _fields(FailureSpec)]
     return found
 
 
@@ -310,7 +318,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
     section, _, rest = field.partition(".")
     if not rest:
         return table, section
-    if section not in ("point", "line", "buoy"):
+    if section not in ("point", "line", "buoy", "failure"):
         *tables, key = rest.split(".")
         parent = table.setdefault(section, {})
     else:
@@ -318,7 +326,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
         label, item = next(
             (label, item)
             for i, item in enumerate(items)
-            for label in (str(i), item["name"])
+            for label in (str(i), item.get("name", str(i)))
             if rest.startswith(label + ".")
         )
         *tables, key = rest[len(label) + 1 :].split(".")

@@ -17,6 +17,7 @@ import numpy as np
 from dropper_jax import statics
 from dropper_jax.build import build_model
 from dropper_jax.errors import SceneError, SimulationError
+from dropper_jax.failure import Parted, breaks, words
 from dropper_jax.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
 from dropper_jax.integrators import make_stepper
 from dropper_jax.model import Model, State, work_names
@@ -32,7 +33,7 @@ PIECES = 20
 
 # One jitted function each for all calls: a second run that differs in values only is not compiled again.
 _advance = jax.jit(advance, static_argnames=("stepper", "saves", "save_every"))
-_observe = jax.jit(jax.vmap(observe, in_axes=(None, 0, 0, 0)))
+_observe = jax.jit(jax.vmap(observe, in_axes=(None, 0, 0, 0, 0)))
 
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
@@ -197,7 +198,9 @@ def _solution(
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
     join = lambda first, rest: np.concatenate([np.asarray(first)[None], rest])  # noqa: E731
     t = np.arange(good + 1) * (every * dt)
-    seen = _observe_all(model, join(start.r, kept.r), join(start.v, kept.v), t)
+    parted = jax.tree.map(join, start.parted, kept.parted)
+    seen = _observe_all(model, join(start.r, kept.r), join(start.v, kept.v), t, parted)
+    broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     work = join(np.zeros(len(work_names(model))), kept.work)
     status, first_bad = "ok", None
@@ -238,7 +241,12 @@ def _solution(
         max_residual=float(np.max(run.residual[: good + 1])),
         max_closure_error=float(np.max(seen.closure)),
         versions=_versions(),
-        warnings=scene.notes + (() if model.sea is None else sea_warnings(scene, model.sea)),
+        broken=broken,
+        warnings=(
+            *scene.notes,
+            *(() if model.sea is None else sea_warnings(scene, model.sea)),
+            *(words(row) for row in broken),
+        ),
     )
 
 
@@ -260,8 +268,9 @@ def _reason(residual: float, stepper: Stepper, limit: float) -> tuple[str, str]:
     return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
 
 
-def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> Observed:
-    return jax.tree.map(np.asarray, _observe(model, jnp.asarray(r), jnp.asarray(v), jnp.asarray(t, model.dtype)))
+def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, parted: Parted | None) -> Observed:
+    times = jnp.asarray(t, model.dtype)
+    return jax.tree.map(np.asarray, _observe(model, jnp.asarray(r), jnp.asarray(v), times, parted))
 
 
 def _versions() -> dict[str, str]:

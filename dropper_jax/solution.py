@@ -75,6 +75,7 @@ class Solution:
         compile_s, run_s: wall time [s].
         versions: of the packages that matter.
         warnings: one line each.
+        broken: what broke, by time: line, link (from 1), time_s, tension_n.
     """
 
     scene: Scene
@@ -99,6 +100,7 @@ class Solution:
     run_s: float = 0.0
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    broken: tuple[dict[str, Any], ...] = ()
 
     @property
     def lines(self) -> tuple[LineSlice, ...]:
@@ -222,6 +224,7 @@ class Solution:
             "final_time_s": self.t[-1],
             "final_positions_m": self.positions[-1],
             "tension_n": self.tension_summary(),
+            "broken": self.broken,
             "estimated_error": self.settings.get("estimated_error"),
             "warnings": self.warnings,
             "versions": self.versions,
@@ -247,7 +250,7 @@ class Solution:
             raise ValueError(f"another format; allowed: format {FORMAT}")
         meta = {key: value for key, value in meta.items() if key != "format"}
         scene = Scene.from_dict(meta.pop("scene"))
-        tuples = {key: tuple(meta.pop(key)) for key in ("work_names", "warnings")}
+        tuples = {key: tuple(meta.pop(key, ())) for key in ("work_names", "warnings", "broken")}
         return cls(scene=scene, **arrays, **tuples, **meta)
 
     def to_xarray(self) -> Any:

@@ -19,6 +19,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from dropper_jax.failure import step_and_part
 from dropper_jax.model import Model, State
 from dropper_jax.newton import refine
 from dropper_jax.solvers import SOLVERS
@@ -30,6 +31,8 @@ def step(
     stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool = True
 ) -> tuple[State, Report]:
     """Advance `s` by `h`. Dead runs (`alive` False: an earlier step failed) are not retried."""
+    if s.parted is not None:
+        return step_and_part(lambda seen, now: step(stepper, seen, now, h, alive), model, s)
     integrator = stepper.integrator
     if not integrator.implicit:
         return _explicit(stepper, model, s, h)

@@ -193,6 +193,18 @@ def test_tables_go_to_moordyn_and_back_and_hang_there_as_here(tmp_path):
         load_scene(tmp_path / "mooring.txt")
 
 
+def test_failures_become_breaks_of_the_links_at_the_point(deck):
+    table = "--- FAILURE ---\nID Point Lines FailTime FailTen\n() () () (s) (N)\n1 2 1 12.5 0\n2 1 1 0 5e4\n"
+    text = FLOAT.replace("---------------------- OUTPUTS", table + "---------------------- OUTPUTS")
+    assert text != FLOAT
+    by_time, by_load = load_scene(deck(text)).failures
+    name = load_scene(deck(FLOAT)).lines[0].name
+    assert (by_time.line, by_time.link, by_time.time, by_time.load) == (name, 10, 12.5, None)
+    assert (by_load.line, by_load.link, by_load.time, by_load.load) == (name, 1, None, 5e4)
+    with pytest.raises(SceneError, match="line 2 does not end at point 1"):
+        load_scene(deck(text.replace("1 2 1 12.5 0", "1 1 2 12.5 0")))
+
+
 def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
     text = CHAIN.replace("-0.8         0 ", "-0.8|50      25.0 ").replace("1e8 ", "1e8|2e8 ")
     text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n1e-4          threshIC")

@@ -11,6 +11,7 @@ from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import add_scene, number, output_file, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
 from dropper_jax.errors import SceneError
+from dropper_jax.failure import words as failure_words
 from dropper_jax.storage import RUN_SUFFIXES, netcdf_packages
 
 if TYPE_CHECKING:
@@ -161,6 +162,7 @@ def text(solution: Solution) -> str:
         ("residual", f"{solution.max_residual:.1e} largest, scaled; closure {solution.max_closure_error:.1e} m"),
         ("energy", f"balance drifts by {solution.energy_drift:.1e} J of a scale of {solution.energy_scale:.3g} J"),
         ("speed", f"{solution.max_speed:.3g} m/s largest"),
+        *(("broken", failure_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
     rows = [("tension [N]", "min", "mean", "max", "final")]

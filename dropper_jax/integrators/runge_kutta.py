@@ -72,9 +72,9 @@ def _powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> ja
     powers += [_turning(model, e, k, a) for e in model.effects if has(e, "kinetic")]
     if line.axial.damping is not None:
         stretching = jnp.sum(k.links * k.link_velocities, axis=-1) / safe_norm(k.links)
-        damper = line.axial.damping / line.length * stretching
+        damper = line.axial.kept(line.axial.damping / line.length * stretching)
         if isinstance(line.axial, Rope):
-            damper = tension - line.axial.spring(safe_norm(k.links), line.length)
+            damper = tension - line.axial.kept(line.axial.spring(safe_norm(k.links), line.length))
         powers.append(-jnp.sum(damper * stretching))
     if isinstance(line.axial, Rope):
         powers.append(jnp.zeros((), k.r.dtype))  # an explicit scheme has no law at the end of a step

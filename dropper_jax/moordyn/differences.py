@@ -74,6 +74,8 @@ def _water(scene: Scene) -> Iterator[str]:
 
 
 def _things(scene: Scene) -> Iterator[str]:
+    for failure in scene.failures:
+        yield f"failure of line {failure.line!r}: not represented; MoorDyn takes lines off points"
     for line in scene.lines:
         if line.axial_law == "tabulated":
             yield f"line {line.name!r}: MoorDyn joins the rows of a table by straight lines and ends at the last one"

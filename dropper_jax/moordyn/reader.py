@@ -17,7 +17,7 @@ from dropper_jax.moordyn.water import read_current, read_waves
 #: Where the file says nothing: its driver does.
 STEP, DURATION = 0.01, 60.0
 #: Sections without a place in a scene.
-WITHOUT = ("failure", "control", "external loads", "syrope ic")
+WITHOUT = ("control", "external loads", "syrope ic")
 
 
 def read_moordyn(path: str | Path) -> dict[str, Any]:
@@ -56,6 +56,7 @@ def read_moordyn(path: str | Path) -> dict[str, Any]:
         "line": lines,
         **({"buoy": ends.buoys} if ends.buoys else {}),
         "effects": _effects(options, path.parent),
+        **({"failure": broken} if (broken := _failures(deck, lines, ends.names, notes)) else {}),
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
         **_sea(deck, options, notes),
     }
@@ -99,6 +100,28 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
                 "links": whole(deck, row, links, "NumSegs"),
             }
         )
+    return found
+
+
+def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
+    """`[[failure]]` entries: the first or last link of each line that comes off a point."""
+    found: list[dict[str, Any]] = []
+    by_upper = {key.upper(): name for key, name in names.items()}
+    numbers = [row.words[0] for row in deck.rows.get("lines", [])]
+    for row in deck.rows.get("failure", []):
+        columns(deck, row, 5, "failure")
+        point = by_upper.get(row.words[1].upper())
+        time, load = (number(deck, row, row.words[i], key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
+        given = {**({"time": time} if time > 0.0 else {}), **({"load": load} if load > 0.0 else {})}
+        for word in row.words[2].split(","):
+            line = lines[numbers.index(word)] if word in numbers else None
+            if line is None or point not in (line["from"], line["to"]):
+                deck.refuse(row.number, f"line {word} does not end at point {row.words[1]}")
+            if given:
+                link = 1 if line["from"] == point else line["links"]
+                found.append({"line": line["name"], "link": link, **given})
+        if load > 0.0 and "," in row.words[2]:
+            notes.append(f"line {row.number}: the lines of a failure come off one by one, each at its own tension")
     return found
 
 

@@ -47,6 +47,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "samples": len(part.t),
         "retried_steps": solution.retried_steps,
         "notes": list(part.notes),
+        "broken": list(solution.broken),
         "tension": line_tensions(part, settings),
         "anchors": anchors(part) or {"skipped": "no point is held"},
         "snap": line_snaps(part, settings),

@@ -1,0 +1,161 @@
+"""Lines that break, against closed forms: free fall after a cut, the step of a load, the energy that is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dropper_jax import SceneError, build, load_scene, simulate
+from dropper_jax.build import build_model
+from dropper_jax.integrate import integrate
+from dropper_jax.integrators import make_stepper
+from dropper_jax.report.build import report_run
+
+G, MASS, LENGTH, EA = 9.81, 100.0, 10.0, 4e4
+
+
+def hanging(links=2, *entries, **more):
+    """A weight on a light line that stretches; `entries` are its failures."""
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "line_type": [{"name": "rope", "mass": 1e-3, "diameter": 0.03, "EA": EA}],
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -LENGTH], "mass": MASS},
+        ],
+        "line": [{"name": "line", "from": "top", "to": "weight", "type": "rope", "length": LENGTH, "links": links}],
+        "effects": {"weight": {"gravity": G}},
+        "failure": [dict(entry) for entry in entries],
+        **more,
+    }
+
+
+@partial(jax.jit, static_argnums=0)
+def run(stepper, model, s, dt):
+    """400 steps; one program for all scenes of two links and one entry without a link."""
+    return integrate(stepper, model, s, dt, 400)
+
+
+@pytest.fixture(scope="module")
+def cut():
+    """The weight at rest, cut off in the link above it at 0.5 s."""
+    return simulate(hanging(2, {"line": "line", "link": 2, "time": 0.5}))
+
+
+def test_a_weight_that_is_cut_off_falls_freely_from_the_end_of_that_step(cut):
+    assert cut.status == "ok", cut.failure
+    weight = cut.point_path("weight")[:, 2]
+    since = np.maximum(cut.t - 0.5, 0.0)
+    np.testing.assert_allclose(weight, weight[0] - 0.5 * G * since**2, rtol=0, atol=1e-9)
+    # momentum: weight times time, no impulse from the line
+    np.testing.assert_allclose(cut.velocities[:, -1, 2], -G * since, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(cut.tension[cut.t > 0.505, 1], 0.0, atol=1e-9)
+
+
+def test_energy_balance_closes_with_the_stretch_of_the_broken_link_as_lost(cut):
+    lost = dict(zip(cut.work_names, cut.work[-1], strict=True))["breaking"]
+    half = MASS + 0.25e-2  # the weight and half a link of 5 m
+    assert lost == pytest.approx(-0.5 * (half * G) ** 2 * 5.0 / EA, rel=1e-6)
+    assert cut.energy_drift < 1e-9 * cut.energy_scale
+
+
+def test_what_broke_is_in_the_summary_the_warnings_and_the_report(cut):
+    (row,) = cut.summary()["broken"]
+    assert (row["line"], row["link"]) == ("line", 2)
+    assert row["time_s"] == pytest.approx(0.5)
+    assert row["tension_n"] == pytest.approx(MASS * G, rel=1e-4)
+    assert any("broke at its link 2 at t = 0.5 s" in text for text in cut.warnings)
+    found = report_run(cut)
+    assert found["broken"] == [row]
+    assert any("broke at its link 2" in note for note in found["notes"])
+
+
+def test_a_line_breaks_at_the_end_of_the_first_step_that_reaches_its_load():
+    # let go unstretched, the weight swings about its rest: T = m g (1 - cos w t), v = -(g/w) sin w t
+    load, dt = 1.5 * MASS * G, 0.001
+    model, s = build(hanging(2, {"line": "line", "load": load}, start={"kind": "points"}))
+    stepper = make_stepper(model)
+    end, path = run(stepper, model, s, dt)
+    whole = replace(model.line.failures, load=jnp.full_like(model.line.failures.load, jnp.inf))
+    _, unbroken = run(stepper, replace(model, lines=(replace(model.line, failures=whole),)), s, dt)
+    step = int(np.argmax(np.max(unbroken.tension, axis=1) >= load))
+    assert float(end.parted.t[0]) == pytest.approx((step + 1) * dt, rel=1e-12)
+    np.testing.assert_array_equal(path.r[: step + 1], unbroken.r[: step + 1])
+    omega = np.sqrt(EA / (LENGTH * MASS))
+    expected = np.arccos(1 - 1.5) / omega
+    assert float(end.parted.t[0]) == pytest.approx(expected, abs=2 * dt)
+    fall = G / omega * np.sin(omega * expected) + G * (400 * dt - expected)
+    assert float(path.v[-1, -1, 2]) == pytest.approx(-fall, rel=1e-2)  # swings are damped a little
+
+
+def test_the_most_loaded_link_breaks_and_only_that_one():
+    # a heavy line hangs on its first link, which bears most; both are over the load in the static pose
+    scene = hanging(2, {"line": "line", "load": 500.0})
+    scene["line_type"][0]["mass"] = 20.0
+    model, s = build(scene)
+    end, path = run(make_stepper(model), model, s, 0.001)
+    assert np.asarray(end.parted.link).tolist() == [0]
+    assert float(end.parted.t[0]) == 0.001
+    # the centre of mass of what is left falls freely, whatever the last link does
+    mass = np.asarray(model.node_mass)
+    centre = np.asarray(path.r[:, :, 2]) @ mass / mass.sum()
+    t = 0.001 * np.arange(400)
+    np.testing.assert_allclose(centre, centre[0] - 0.5 * G * t**2, rtol=0, atol=1e-9)
+
+
+def test_gradient_through_a_cut_at_a_given_time_is_that_of_rest_and_fall():
+    model, s = build(hanging(2, {"line": "line", "link": 2, "time": 0.1}))
+    stepper = make_stepper(model, halvings=0)
+
+    def drop(gravity):
+        heavy = tuple(replace(e, gravity=gravity) if e.name in ("weight", "point_bodies") else e for e in model.effects)
+        end, _ = integrate(stepper, replace(model, effects=heavy), s, 0.01, 60)
+        return end.v[-1, 2]
+
+    # the start does not depend on gravity: before the cut the weight swings about its rest, after it it falls
+    omega = np.sqrt(EA / (LENGTH * MASS))
+    expected = -np.sin(omega * 0.1) / omega - 0.5
+    both = jax.jit(lambda gravity: jax.jvp(drop, (gravity,), (1.0,)))
+    slope = float(both(G)[1])
+    assert slope == pytest.approx(expected, rel=5e-3)  # the scheme's own error; its slope is exact
+    assert slope == pytest.approx(float(both(G + 1e-4)[0] - both(G - 1e-4)[0]) / 2e-4, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"line": "lime", "load": 1.0}, "failure.0.line: 'lime' is not a line; did you mean 'line'?"),
+        ({"line": "line"}, "failure.0.load: missing"),
+        ({"line": "line", "load": 0.0}, "failure.0.load: 0.0 is out of range"),
+        ({"line": "line", "time": 3.0}, "failure.0.link: missing"),
+        ({"line": "line", "time": -3.0, "link": 1}, "failure.0.time: -3.0 is out of range"),
+        ({"line": "line", "link": 3, "load": 5.0}, "failure.0.link: 3 is not a link of 'line'; allowed: 1 to 2"),
+        ({"line": "line", "force": 3.0}, "failure.0.force: unknown"),
+    ],
+)
+def test_a_failure_that_cannot_be_is_named(entry, words):
+    with pytest.raises(SceneError) as caught:
+        load_scene(hanging(2, entry))
+    assert words in str(caught.value)
+
+
+def test_a_failure_survives_the_way_through_plain_values_and_takes_changes():
+    scene = load_scene(hanging(2, {"line": "line", "link": 2, "time": 0.5, "load": 3e3}))
+    assert load_scene(scene.to_dict()) == scene
+    changed = scene.with_values({"failure.0.time": 0.7})
+    assert (changed.failures[0].time, changed.failures[0].load) == (0.7, 3e3)
+    with pytest.raises(SceneError, match="are rigid"):
+        load_scene("dropper-release-a").with_values({}).from_dict(
+            {**load_scene("dropper-release-a").to_dict(), "failure": [{"line": "dropper", "load": 1.0}]}
+        )
+
+
+def test_schemes_without_parting_links_refuse():
+    model = build_model(load_scene(hanging(2, {"line": "line", "load": 5e3})))
+    with pytest.raises(SceneError, match="rattle"):
+        make_stepper(model, "rattle")

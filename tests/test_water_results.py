@@ -52,6 +52,27 @@ def test_growth_over_depth_is_taken_where_the_links_hang():
         with_growth(dj.load_scene(SCENE), [6.0, 2.0], [0.05, 0.01], 1300.0)
 
 
+def test_growth_on_one_line_of_a_system_weighs_on_that_line_alone():
+    points = [{"name": n, "position": [x, 0, -2.0]} for n, x in (("a", 0.0), ("c", 5.0))]
+    points += [{"name": n, "kind": "free", "position": [x, 0, -6.0], "mass": 50.0} for n, x in (("b", 0.0), ("d", 5.0))]
+    kind = {"name": "rope", "mass": 2.0, "diameter": 0.04, "EA": 1e9}
+    line = {"type": "rope", "length": 4.0, "links": 4}
+    growth = {"depth": [2, 6], "thickness": [0.05, 0.01], "density": 1300}
+    lines = [{"name": "bare", "from": "a", "to": "b", **line}]
+    lines += [{"name": "grown", "from": "c", "to": "d", **line, "growth": growth}]
+    scene = {**SCENE, "line_type": [kind], "point": points, "line": lines, "effects": {"weight": {}, "buoyancy": {}}}
+    loaded = dj.load_scene(scene)
+    assert dj.load_scene(loaded.to_dict()) == loaded
+    pose = dj.equilibrium(loaded)
+    # the fixed point takes half of the first link; the layer is that at the links' middles, 2.5 to 5.5 m deep
+    thick = 0.05 - 0.01 * np.array([0.5, 1.5, 2.5, 3.5])
+    outer = np.pi / 4 * (0.04 + 2 * thick) ** 2
+    mass = 2.0 + 1300.0 * (outer - np.pi / 4 * 0.04**2)
+    bare = np.full(4, 2.0 - 1025.0 * np.pi / 4 * 0.04**2)
+    for tension, weight in ((pose.tension[0], bare), (pose.tension[4], mass - 1025.0 * outer)):
+        assert tension == pytest.approx(9.81 * (50.0 + 0.5 * weight[0] + weight[1:].sum()), rel=1e-5)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -98,39 +98,41 @@ def with_growth(
 def overgrown(scene: Scene) -> Scene:
     """The scene with its `[line.growth]` in mass and diameter of the links; a scene without growth as it is."""
     from dropper_jax.simulate import equilibrium
+    from dropper_jax.solution import line_slices
 
-    line = scene.lines[0]
-    if line.growth is None:
+    if all(line.growth is None for line in scene.lines):
         return scene
-    bare = scene.to_dict()
-    del bare["line"][0]["growth"]
-    scene = type(scene).from_dict(bare)
-    z = equilibrium(scene).positions[:, 2]
-    layer, heavy = line.growth.over(-0.5 * (z[1:] + z[:-1]))
-    found = grown(line.length, line.mass, line.diameter, layer, heavy, scene.sea.density, scene.sea.gravity)
-    return scene.with_values({"line.0.mass": found.mass, "line.0.diameter": found.diameter})
+    table = scene.to_dict()
+    for line in table["line"]:
+        line.pop("growth", None)
+    bare = type(scene).from_dict(table)
+    z = equilibrium(bare).positions[:, 2]
+    changes = {}
+    for i, (line, where) in enumerate(zip(scene.lines, line_slices(scene), strict=True)):
+        if line.growth is None:
+            continue
+        nodes = z[where.nodes]
+        layer, heavy = line.growth.over(-0.5 * (nodes[1:] + nodes[:-1]))
+        found = grown(line.length, line.mass, line.diameter, layer, heavy, scene.sea.density, scene.sea.gravity)
+        changes |= {f"line.{i}.mass": found.mass, f"line.{i}.diameter": found.diameter}
+    return bare.with_values(changes)
 
 
 def check_growth(scene: Scene) -> None:
     """Growth needs water and the diameter of the bare rope, and the volume must follow from the diameter."""
-    grown_lines = [i for i, line in enumerate(scene.lines) if line.growth is not None]
-    if not grown_lines:
-        return
-    if scene.branched:
-        raise SceneError(
-            f"line.{grown_lines[0]}.growth: is for scenes of one line; allowed in a system: mass and diameter of the "
-            "grown line in its type"
-        )
-    line = scene.lines[0]
-    if scene.sea is None:
-        raise SceneError("line.0.growth: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
-    if line.diameter is None:
-        raise SceneError("line.0.diameter: missing; line.0.growth needs that of the bare rope, > 0 m")
-    if line.centre_of_mass is not None:
-        raise SceneError(
-            "line.0.growth: is for point masses at the nodes, but the line has compound links; leave it out"
-        )
-    if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
-        raise SceneError(
-            "effects.buoyancy.wet_weight: is that of the bare line, but line.0.growth changes it; leave it out"
-        )
+    for i, line in enumerate(scene.lines):
+        if line.growth is None:
+            continue
+        path = f"line.{i}"
+        if scene.sea is None:
+            raise SceneError(f"{path}.growth: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+        if line.diameter is None:
+            raise SceneError(f"{path}.diameter: missing; {path}.growth needs that of the bare rope, > 0 m")
+        if line.centre_of_mass is not None:
+            raise SceneError(
+                f"{path}.growth: is for point masses at the nodes, but the line has compound links; leave it out"
+            )
+        if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
+            raise SceneError(
+                f"effects.buoyancy.wet_weight: is that of the bare line, but {path}.growth changes it; leave it out"
+            )

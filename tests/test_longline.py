@@ -20,6 +20,7 @@ from dropper_jax.errors import SceneError
 from dropper_jax.fields import component, parameter
 from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
+from dropper_jax.model import state
 from dropper_jax.modes import natural_modes
 from dropper_jax.statics import settle
 from dropper_jax.stepping import step
@@ -363,6 +364,38 @@ def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences
 
     assert float(anchor(jnp.ones(4))) == pytest.approx(1535.0, rel=0.015)  # the paper's adapted MoorDyn
     assert_differences_agree(anchor, jax.jit(jax.jacfwd(anchor))(jnp.ones(4)))
+
+
+def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags():
+    # every node slides one way throughout, so no switch moves: T = mu times the weight behind, in a steady state
+    mu, speed, EA, mass, length, links = 0.5, 0.2, 1e5, 10.0, 8.0, 4
+    motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [100.0 * speed, 0.0, 0.0]]}
+    kind = {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0}
+    scene = on_the_bed(links, length, kind, seabed_friction={"kinetic": mu}, end_motion=motion)
+    scene["point"][0]["kind"] = "free"
+    model = build_model(load_scene(scene))
+    path = model.graph.paths[0][:-1]  # from the free end on
+    weight = np.asarray(model.node_mass)[path] * G
+    tension = mu * np.cumsum(weight)
+    r = np.zeros((links, 3))
+    r[path, 0] = length - np.cumsum((length / links * (1 + tension / EA))[::-1])[::-1]
+    r[path, 2] = -10.0 - weight / (1e6 * 0.04 * np.array([0.5, 1.0, 1.0, 1.0]) * length / links)
+    v = np.zeros((links, 3))
+    v[:, 0] = speed
+    s, stepper = state(model, r, v, tension=tension), make_stepper(model, halvings=0)
+
+    def lead(mu):
+        rough = (replace(e, kinetic=mu) if e.name == "seabed_friction" else e for e in model.effects)
+        path = integrate(stepper, replace(model, effects=tuple(rough)), s, 0.01, 200)[1]
+        return jnp.mean(path.tension[:, -1]), jnp.min(path.v[:, :, 0])
+
+    both = jax.jit(lambda mu: jax.jvp(lead, (mu,), (1.0,)))
+    (value, slowest), (slope, _) = both(mu)
+    assert slowest > 0.99 * speed
+    assert float(value) == pytest.approx(mu * weight.sum(), rel=1e-3)
+    assert float(slope) == pytest.approx(weight.sum(), rel=2e-3)  # the lead link is a little inclined
+    ahead, behind = both(mu + 1e-4)[0][0], both(mu - 1e-4)[0][0]
+    assert float(slope) == pytest.approx(float(ahead - behind) / 2e-4, rel=1e-6)
 
 
 # --- design -------------------------------------------------------------------------------------------------------

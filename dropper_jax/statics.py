@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from dropper_jax.bed_statics import laid_out
 from dropper_jax.catenary import catenary_guess
 from dropper_jax.effects.base import Law
 from dropper_jax.errors import SceneError
@@ -107,6 +108,12 @@ def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilib
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+    friction = full.effect("seabed_friction")
+    if not message and friction is not None and friction.statics == "outward":
+        held, rounding = laid_out(model, s, friction.kinetic)
+        tolerance = max(tolerance, rounding)
+        s, residual = find_rest(held, s, loads, tolerance)
+        message = "" if residual <= tolerance else unsettled(held, s, loads, residual)
     return _result(full, s, residual, message)
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from dropper_jax.effects.base import Law
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, parameter
+from dropper_jax.fields import component, option, parameter
 from dropper_jax.kinematics import Kinematics
 
 #: Speed below which a node that begins a step counts as at rest [m/s]: rounding, not creep.
@@ -34,6 +34,11 @@ class SeabedFriction(Law):
     node_local: ClassVar[bool] = True
     kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
     static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, optional=True)
+    statics: str = option(
+        "friction in static poses: none, or that of lines pulled outward from their first point",
+        choices=("none", "outward"),
+        default="none",
+    )
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: Any) -> None:

@@ -1,6 +1,8 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
-    python benchmarks/moordyn.py [--only conventions|cases|steps|speed]    (needs the extra `moordyn`; about 15 minutes)
+    python benchmarks/moordyn.py [--only conventions|cases|steps|schemes|speed]
+
+Needs the extra `moordyn`; takes about 15 minutes, a few more with the explicit schemes.
 
 Writes results/moordyn.json and results/moordyn-case-1.png beside this file and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
@@ -25,6 +27,7 @@ from importlib import metadata  # noqa: E402
 from pathlib import Path  # noqa: E402
 from typing import Any  # noqa: E402
 
+from explicit_schemes import schemes  # noqa: E402
 from machine import describe  # noqa: E402
 from moordyn_conventions import conventions  # noqa: E402
 from moordyn_runs import Ours, Rows, theirs  # noqa: E402
@@ -151,7 +154,7 @@ def picture(here: Rows, there: Rows, path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("conventions", "cases", "steps", "speed")
+    parts = ("conventions", "cases", "steps", "schemes", "speed")
     parser.add_argument("--only", choices=parts, help="measure this part, keep the others")
     only = parser.parse_args().only
     RESULTS.mkdir(exist_ok=True)
@@ -184,6 +187,11 @@ def main() -> int:
     if only in (None, "steps"):
         found["step_sizes"] = [row for ratio in RATIOS for row in step_sizes(ratio)]
         keep()
+    if only in (None, "schemes"):
+        found["schemes"] = []
+        for row in schemes(case):
+            found["schemes"].append(row)
+            keep()
     if only in (None, "speed"):
         found["speed"] = []
         for row in speed(case):

@@ -18,6 +18,8 @@ from dropper_jax.statics import equilibrium
 
 #: Anchor tension [N] of the adapted MoorDyn (Table 7, maximum: what it settles at).
 PAPER = 1535.0
+#: Numbers of links for the chain that reaches above the water.
+FINER = (24, 96)
 
 
 @component
@@ -54,10 +56,26 @@ def static_tension(scene: Scene, buoys: type[SparBuoys] = SparBuoys) -> float:
     return float(pose.tension[0]) if pose.status == "ok" else float("nan")
 
 
+def _with_links(table: dict[str, Any], links: int) -> Scene:
+    """The scene of these plain values with another number of links of the same line."""
+    line = dict(table["line"][0])
+    share = line["links"] / links
+    axial = {**line["axial"], "damping": line["axial"]["damping"] * share}
+    line |= {"links": links, "length": line["length"] * share, "mass": line["mass"] * share, "axial": axial}
+    effects = {name: {key: _one(value) for key, value in values.items()} for name, values in table["effects"].items()}
+    return Scene.from_dict({**table, "line": [line], "effects": effects})
+
+
+def _one(value: Any) -> Any:
+    """One number of a list of equal ones, which then serves any number of links."""
+    return value[0] if isinstance(value, list) else value
+
+
 def conventions() -> list[dict[str, Any]]:
     """Rows of the table, printed as they come."""
     scene = load_scene("paper-case-4")
     on_diameter = np.asarray(scene.effects["morison_drag"]["cdt"]) / np.pi
+    centre = scene.with_values({"buoy.0.attachment": 0.5 * scene.buoys[0].height})
     variants = {
         "chain at the base, current over the draught, axial drag on pi D": lambda: static_tension(scene),
         "buoy feels the current at the surface": lambda: static_tension(scene, SurfaceCurrent),
@@ -65,10 +83,13 @@ def conventions() -> list[dict[str, Any]]:
         "axial drag of the chain on D": lambda: static_tension(
             scene.with_values({"effects.morison_drag.cdt": on_diameter})
         ),
-        "chain at half the buoy's height": lambda: static_tension(
-            scene.with_values({"buoy.0.attachment": 0.5 * scene.buoys[0].height})
-        ),
+        "chain at half the buoy's height": lambda: static_tension(centre),
     }
+    # the point is then above the water: how much of the last link is wet depends on the number of links
+    table = centre.to_dict()
+    for links in FINER:
+        fine = _with_links(table, links)
+        variants[f"the same, {links} links"] = lambda fine=fine: static_tension(fine)
     rows = []
     print(f"case 4, static tension at the anchor (the paper's adapted MoorDyn: {PAPER:g} N)")
     for name, tension in variants.items():

@@ -46,10 +46,14 @@ class Integrator:
     #: Where in the step the reported tension belongs: 0.5 for step averages, 1.0 for values at the new time.
     tension_time: ClassVar[float] = 1.0
 
+    def suited(self, model: Model) -> Integrator:
+        """The form of this scheme for the model; most have one for all."""
+        return self
+
     def refuse(self, model: Model) -> str | None:
         """Why this integrator cannot run the model, or None."""
         if model.branched and self.implicit and not self.networkable:
-            return "it runs single lines only; use energy_momentum, theta_midpoint, rk2 or rk4 for systems of lines"
+            return "it runs single lines only; use energy_momentum, theta_midpoint, rk2, rk4 or semi_implicit_euler"
         if model.line.failures is not None and not (self.networkable or not self.implicit):
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
         if model.laws and not self.takes_laws:

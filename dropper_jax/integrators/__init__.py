@@ -65,6 +65,7 @@ def make_stepper(
         scheme = cls() if gamma is None else cls(gamma=float(gamma))
     except ValueError as error:
         raise SceneError(str(error)) from None
+    scheme = scheme.suited(model)
     reason = scheme.refuse(model)
     if reason:
         raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")

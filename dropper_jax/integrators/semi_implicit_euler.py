@@ -3,6 +3,10 @@
     M (v1 - v0)/h = F(r0, v0, t0) + G(r0)' T,    r1 = r0 + h v1,    constraint at r1
 
 (The thesis prints explicit Euler in (2.36)-(2.37) where this is meant; erratum.)
+
+On lines that stretch, tensions follow from lengths and nothing has to be solved (the paper's section on its schemes):
+
+    M (v1 - v0)/h = F(r0, v0, t0) + tensions at (r0, v0),    r1 = r0 + h v1
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ import jax.numpy as jnp
 
 from dropper_jax.effects.base import has
 from dropper_jax.integrators.rattle import end_power, point_mass_links_only
+from dropper_jax.integrators.runge_kutta import RungeKutta, combine, rates
 from dropper_jax.model import Model, State
 from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem
 from dropper_jax.solvers.condensed import CondensedParts
@@ -31,11 +36,26 @@ class SemiImplicitEuler(Integrator):
     iterations: ClassVar[int] = 4
     condensed_iterations: ClassVar[int] = 4
 
+    def suited(self, model: Model) -> Integrator:
+        return ElasticSemiImplicitEuler() if model.line.axial.elastic else self
+
     def refuse(self, model: Model) -> str | None:
         return point_mass_links_only(self, model)
 
     def problem(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
         return SemiImplicitProblem(model, s, h)
+
+
+@dataclass(frozen=True)
+class ElasticSemiImplicitEuler(RungeKutta):
+    """The same for lines that stretch: explicit, first order, stable for `h omega < 2` without damping."""
+
+    name: ClassVar[str] = SemiImplicitEuler.name
+    order: ClassVar[int] = 1
+
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        (_, a, power), _ = rates(model, s.r, s.v, s.t, bool(s.work.size))
+        return combine(model, s, h, (s.v + h * a, a, power))
 
 
 class SemiImplicitProblem(StepProblem):

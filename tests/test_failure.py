@@ -12,11 +12,15 @@ import pytest
 
 from dropper_jax import SceneError, build, load_scene, simulate
 from dropper_jax.build import build_model
+from dropper_jax.failure import step_and_part
 from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
+from dropper_jax.model import state
 from dropper_jax.report.build import report_run
 
 G, MASS, LENGTH, EA = 9.81, 100.0, 10.0, 4e4
+OMEGA = np.sqrt(EA / (LENGTH * MASS))
+HEAVY = ("weight", "point_bodies")  # effects that know gravity
 
 
 def hanging(links=2, *entries, **more):
@@ -36,9 +40,16 @@ def hanging(links=2, *entries, **more):
 
 
 @partial(jax.jit, static_argnums=0)
-def run(stepper, model, s, dt):
-    """400 steps; one program for all scenes of two links and one entry without a link."""
-    return integrate(stepper, model, s, dt, 400)
+def run(stepper, model, s, dt, gravity):
+    """400 steps: end, path, and slope of the weight's last velocity to gravity; one program for all runs."""
+
+    def fall(gravity):
+        heavy = tuple(replace(e, gravity=gravity) if e.name in HEAVY else e for e in model.effects)
+        end, path = integrate(stepper, replace(model, effects=heavy), s, dt, 400)
+        return end.v[-1, 2], (end, path)
+
+    _, slope, (end, path) = jax.jvp(fall, (gravity,), (1.0,), has_aux=True)
+    return end, path, slope
 
 
 @pytest.fixture(scope="module")
@@ -75,55 +86,58 @@ def test_what_broke_is_in_the_summary_the_warnings_and_the_report(cut):
     assert any("broke at its link 2" in note for note in found["notes"])
 
 
-def test_a_line_breaks_at_the_end_of_the_first_step_that_reaches_its_load():
-    # let go unstretched, the weight swings about its rest: T = m g (1 - cos w t), v = -(g/w) sin w t
+@pytest.fixture(scope="module")
+def swinging():
+    """Weight let go unstretched, which swings about its rest; model whose one entry takes any load and time."""
+    model, s = build(hanging(2, {"line": "line", "link": 2, "load": 1.0}, start={"kind": "points"}))
+    return model, s, make_stepper(model, halvings=0)
+
+
+def failing(model, load=jnp.inf, time=jnp.inf):
+    """The model with another load and time of its entry."""
+    whole = model.line.failures
+    other = replace(whole, load=jnp.where(jnp.isfinite(whole.load), load, jnp.inf), time=jnp.full(1, time))
+    return replace(model, lines=(replace(model.line, failures=other),))
+
+
+def test_a_line_breaks_at_the_end_of_the_first_step_that_reaches_its_load(swinging):
+    # T = m g (1 - cos w t), v = -(g/w) sin w t
+    model, s, stepper = swinging
     load, dt = 1.5 * MASS * G, 0.001
-    model, s = build(hanging(2, {"line": "line", "load": load}, start={"kind": "points"}))
-    stepper = make_stepper(model)
-    end, path = run(stepper, model, s, dt)
-    whole = replace(model.line.failures, load=jnp.full_like(model.line.failures.load, jnp.inf))
-    _, unbroken = run(stepper, replace(model, lines=(replace(model.line, failures=whole),)), s, dt)
-    step = int(np.argmax(np.max(unbroken.tension, axis=1) >= load))
+    end, path, _ = run(stepper, failing(model, load=load), s, dt, G)
+    _, unbroken, _ = run(stepper, failing(model), s, dt, G)
+    step = int(np.argmax(unbroken.tension[:, 1] >= load))
     assert float(end.parted.t[0]) == pytest.approx((step + 1) * dt, rel=1e-12)
     np.testing.assert_array_equal(path.r[: step + 1], unbroken.r[: step + 1])
-    omega = np.sqrt(EA / (LENGTH * MASS))
-    expected = np.arccos(1 - 1.5) / omega
+    expected = np.arccos(1 - 1.5) / OMEGA
     assert float(end.parted.t[0]) == pytest.approx(expected, abs=2 * dt)
-    fall = G / omega * np.sin(omega * expected) + G * (400 * dt - expected)
+    fall = G / OMEGA * np.sin(OMEGA * expected) + G * (400 * dt - expected)
     assert float(path.v[-1, -1, 2]) == pytest.approx(-fall, rel=1e-2)  # swings are damped a little
 
 
-def test_the_most_loaded_link_breaks_and_only_that_one():
-    # a heavy line hangs on its first link, which bears most; both are over the load in the static pose
-    scene = hanging(2, {"line": "line", "load": 500.0})
-    scene["line_type"][0]["mass"] = 20.0
-    model, s = build(scene)
-    end, path = run(make_stepper(model), model, s, 0.001)
-    assert np.asarray(end.parted.link).tolist() == [0]
-    assert float(end.parted.t[0]) == 0.001
-    # the centre of mass of what is left falls freely, whatever the last link does
-    mass = np.asarray(model.node_mass)
-    centre = np.asarray(path.r[:, :, 2]) @ mass / mass.sum()
-    t = 0.001 * np.arange(400)
-    np.testing.assert_allclose(centre, centre[0] - 0.5 * G * t**2, rtol=0, atol=1e-9)
+def test_gradient_through_a_cut_at_a_given_time_is_that_of_swing_and_fall(swinging):
+    model, s, stepper = swinging
+    cut = failing(model, time=0.1)
+    slope = float(run(stepper, cut, s, 0.001, G)[2])
+    # v = -(g/w) sin w t until the cut, -g t from there on
+    assert slope == pytest.approx(-np.sin(OMEGA * 0.1) / OMEGA - 0.3, rel=5e-3)  # the scheme's own error
+    ahead, behind = (run(stepper, cut, s, 0.001, G + d)[0].v[-1, 2] for d in (1e-4, -1e-4))
+    assert slope == pytest.approx(float(ahead - behind) / 2e-4, rel=1e-6)
 
 
-def test_gradient_through_a_cut_at_a_given_time_is_that_of_rest_and_fall():
-    model, s = build(hanging(2, {"line": "line", "link": 2, "time": 0.1}))
-    stepper = make_stepper(model, halvings=0)
+def test_the_link_nearest_to_its_load_breaks_and_only_that_one():
+    model = build_model(load_scene(hanging(4, {"line": "line", "load": 500.0})))
+    s = replace(state(model, np.zeros((4, 3))), work=jnp.zeros(0))
 
-    def drop(gravity):
-        heavy = tuple(replace(e, gravity=gravity) if e.name in ("weight", "point_bodies") else e for e in model.effects)
-        end, _ = integrate(stepper, replace(model, effects=heavy), s, 0.01, 60)
-        return end.v[-1, 2]
+    def step_of(tension):
+        return lambda seen, now: (replace(now, tension=jnp.asarray(tension), t=now.t + 0.5), seen.line.axial.intact)
 
-    # the start does not depend on gravity: before the cut the weight swings about its rest, after it it falls
-    omega = np.sqrt(EA / (LENGTH * MASS))
-    expected = -np.sin(omega * 0.1) / omega - 0.5
-    both = jax.jit(lambda gravity: jax.jvp(drop, (gravity,), (1.0,)))
-    slope = float(both(G)[1])
-    assert slope == pytest.approx(expected, rel=5e-3)  # the scheme's own error; its slope is exact
-    assert slope == pytest.approx(float(both(G + 1e-4)[0] - both(G - 1e-4)[0]) / 2e-4, rel=1e-6)
+    parted = []
+    for tension in ([400.0, 499.9, 300.0, 0.0], [510.0, 501.0, 530.0, 500.0], [900.0, 900.0, 0.0, 900.0]):
+        s, intact = step_and_part(step_of(tension), model, s)
+        parted.append((int(s.parted.link[0]), float(s.parted.t[0]), float(s.parted.tension[0])))
+    assert parted == [(-1, 0.0, 0.0), (2, 1.0, 530.0), (2, 1.0, 530.0)]
+    np.testing.assert_array_equal(intact, [1.0, 1.0, 0.0, 1.0])  # as the third step sees it
 
 
 @pytest.mark.parametrize(

@@ -113,5 +113,5 @@ def _released(base: Scene) -> dict[str, Any]:
             change = (energy - float(first.kinetic + first.potential)) / float(first.kinetic)
             row = {"scheme": name, "dt_s": dt, "end": float(change[-1]), "largest": float(np.max(np.abs(change)))}
             rows.append(row)
-            print(f"  released, {name:20s} dt {dt:.0e} s: {row['end']:+.1e}, at most {row['largest']:.1e}", flush=True)
+            print(f"  released, {name:20s} dt {dt:.1e} s: {row['end']:+.1e}, at most {row['largest']:.1e}", flush=True)
     return {"released": rows}

@@ -12,6 +12,7 @@ import pytest
 
 from dropper_jax import SceneError, build, load_scene, simulate
 from dropper_jax.build import build_model
+from dropper_jax.cli.run import text
 from dropper_jax.failure import step_and_part
 from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
@@ -80,7 +81,8 @@ def test_what_broke_is_in_the_summary_the_warnings_and_the_report(cut):
     assert (row["line"], row["link"]) == ("line", 2)
     assert row["time_s"] == pytest.approx(0.5)
     assert row["tension_n"] == pytest.approx(MASS * G, rel=1e-4)
-    assert any("broke at its link 2 at t = 0.5 s" in text for text in cut.warnings)
+    assert any("broke at its link 2 at t = 0.5 s" in line for line in cut.warnings)
+    assert "broke at its link 2" in text(cut)
     found = report_run(cut)
     assert found["broken"] == [row]
     assert any("broke at its link 2" in note for note in found["notes"])

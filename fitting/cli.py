@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import SET_HELP, add_json, number, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
@@ -39,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--iterations", type=int, default=40, help="most iterations over separate windows (default: 40)"
     )
+    parser.add_argument("--static-start", action="store_true", help="every run is let go at t = 0 as [start] says")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -68,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
         unit=args.unit,
         huber=args.huber,
         iterations=args.iterations,
+        static_start=args.static_start,
         compare_models=args.compare_models,
         progress=progress(args.quiet),
     )
@@ -136,6 +140,13 @@ def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
     return rows
 
 
+def step_text(result: FitResult) -> str:
+    """The step, and how far it moves the estimates."""
+    bias = result.solution.step_bias
+    moves = "" if bias is None else f", moves the estimates by {np.max(np.abs(bias), initial=0):.2g} standard errors"
+    return f"{result.windows.dt / result.windows.substeps:.3g} s{moves}"
+
+
 def summary(result: FitResult) -> list[tuple[str, str]]:
     """What else is said of a fit."""
     gap = result.solution.gap_weight
@@ -143,6 +154,7 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
     pairs = [
         ("windows", f"{result.windows.count} of {result.windows.length:.3g} s, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
+        ("time step", step_text(result)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),
         ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),

@@ -18,8 +18,9 @@ from dropper_jax import build
 from fitting.gauss_newton import Solution, fit_windows
 from fitting.heldout import fit_starts
 from fitting.parameters import missing_effects, resolve
+from fitting.simulator import Simulator
 from fitting.uncertainty import lag_one
-from fitting.windows import Simulator, Starts, Windows, cut, first_starts
+from fitting.windows import Starts, Windows, cut, first_starts
 
 if TYPE_CHECKING:
     from fitting.fit import Prepared, Progress
@@ -135,9 +136,12 @@ def _family(prepared: Prepared, others: list[str], dry: bool) -> tuple[Simulator
     added = {**missing_effects(scene, names), **{key: value for key, value in clean.items() if links > 2}}
     scene = scene.with_values(added) if added else scene
     model, _ = build(scene)
-    parameters = resolve(model, [*others, *names])
+    release = prepared.simulator.release
+    release = None if release is None else replace(release)  # its poses are of one model
+    same = {p.name: p for p in prepared.parameters if p.name in others}
+    parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
     owner = [next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters]
-    return Simulator(model, parameters), owner
+    return Simulator(model, parameters, release=release), owner
 
 
 def _one(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,14 @@ from fitting.heldout import check_spans, fitted_spans, only
 from fitting.naming import default_free, full_names
 from fitting.parameters import Parameter, missing_effects, resolve
 from fitting.planar import check_planar
+from fitting.refinement import refine
+from fitting.release import release_of
 from fitting.result import FitResult
 from fitting.shooting import fit_shooting
+from fitting.simulator import Simulator, choose_stepper
 from fitting.summary import summarise
 from fitting.traces import Convention, Trace, convention, noise, read_trace
-from fitting.windows import Simulator, Starts, Windows, choose_stepper, cut, first_starts, time_step
+from fitting.windows import Starts, Windows, cut, first_starts, time_step
 
 METHODS = ("windows", "shooting", "gradient")
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
@@ -79,6 +83,7 @@ def fit(
     huber: float | None = None,
     continuity: str = "estimate",
     iterations: int = 40,
+    static_start: bool = False,
     compare_models: bool = False,
     progress: Progress | None = None,
     **settings: Any,
@@ -99,6 +104,8 @@ def fit(
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
         iterations: most Gauss-Newton iterations over separate windows.
+        static_start: every run begins as the scene's `[start]` says, let go at t = 0 of its clock; free names such as
+            `release.time` and `release.force` imply it.
         compare_models: also fit the ladder of damping laws.
         progress: called with (fraction, text).
         **settings: of the gradient method: see `gradient.fit_gradient`.
@@ -124,6 +131,7 @@ def fit(
         window=window,
         dt=dt,
         asked=asked,
+        static_start=static_start,
         progress=say,
     )
     solution, windows = estimate(prepared, method, huber, continuity, iterations, say, settings)
@@ -150,6 +158,7 @@ def prepare(
     window: float | None = None,
     dt: float | None = None,
     asked: Convention = Convention(),  # noqa: B008 - frozen
+    static_start: bool = False,
     simulator: Simulator | None = None,
     progress: Progress | None = None,
 ) -> Prepared:
@@ -168,12 +177,14 @@ def prepare(
     check_planar(model, state)
     read = [settle_convention(trace, model, asked) for trace in _as_traces(traces, model.line.links)]
     runs, notes = [trace for trace, _ in read], [note for _, more in read for note in more]
-    parameters = resolve(model, names, start, bounds, priors)
+    release = release_of(scene, state, names, len(runs), static_start)
+    parameters = resolve(model, names, start, bounds, priors, release=release)
     held_out = check_spans(runs, held_out)
     spans = fitted_spans(runs, until, held_out)
     span = max(high - low for _, low, high in spans)
     period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
-    simulator = simulator or Simulator(model, parameters, choose_stepper(model))
+    simulator = simulator or Simulator(model, parameters, choose_stepper(model), release)
+    simulator.parameters = parameters
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     # what is held out touches nothing, not even the noise or the first guess of a start
     seen = [only(trace, [(low, high) for run, low, high in spans if run == i]) for i, trace in enumerate(runs)]
@@ -184,6 +195,9 @@ def prepare(
     def windowed(length: float) -> tuple[Windows, Starts, float]:
         say(0.02, f"windows of {length:.3g} s: compiling")
         windows = cut(runs, length, dt, sigma, spans)
+        if release is not None:
+            windows = release.mark(windows, runs)
+            simulator.parameters = release.bounded(simulator.parameters, windows)
         starts = first_starts(model, seen, windows, SMOOTH_PART * period)
         evaluation = simulator(values, starts, windows)
         _check_effective(parameters, evaluation.jacobian, simulator.freedoms)
@@ -193,6 +207,9 @@ def prepare(
     shorter = chaos.shorter_window(length, rate)
     if window is None and shorter < length:
         windows, starts, rate = windowed(shorter)
+    if release is not None:
+        values = release.guess(simulator, windows, starts, values)
+        parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
     return Prepared(
         scene=scene,
         traces=runs,
@@ -260,8 +277,11 @@ def estimate(
         frozen=frozen,
         progress=lambda fraction, text: say(0.05 + share * fraction, text),
     )
-    if method == "windows" or solution.status != "ok":
+    if solution.status != "ok":
         return solution, windows
+    fine = partial(refine, simulator, huber=huber, frozen=frozen, progress=lambda _, text: say(0.95, text))
+    if method == "windows":
+        return fine(windows, solution)
     windows, solution = renoise(windows, solution, simulator.freedoms)
     joined = fit_shooting(
         simulator,
@@ -272,12 +292,12 @@ def estimate(
         frozen=frozen,
         progress=lambda fraction, text: say(0.55 + 0.4 * fraction, text),
     )
-    return joined, windows
+    return fine(windows, joined) if joined.status == "ok" else (joined, windows)
 
 
 def renoise(windows: Windows, solution: Solution, freedoms: int) -> tuple[Windows, Solution]:
     """Windows whose noise is the fit's own residual deviation, and the solution in these units."""
-    dof = max(1, windows.samples - windows.count * freedoms - len(solution.values))
+    dof = max(1, windows.samples - windows.free_starts * freedoms - len(solution.values))
     factor = float(np.sqrt(solution.chi2 / dof))
     if factor <= 0:
         return windows, solution

@@ -14,11 +14,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
 from fitting.parameters import Parameter
-from fitting.windows import Evaluation, Simulator, Starts, Windows
+from fitting.simulator import Evaluation, Simulator
+from fitting.windows import Starts, Windows
 
 #: Converged when the next step would move the parameters by less than this part of their standard errors (squared).
 STEP_TOLERANCE = 1e-4
@@ -27,6 +28,9 @@ DECREASE_TOLERANCE = 1e-2
 #: The same for the step that is left where no step lowers the cost any more: dry friction's switches make the cost
 #: rough (measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, steps of 0.015 to 0.083 standard errors left).
 ROUGH_TOLERANCE = 1e-2
+#: Added to the diagonal of a scaled information matrix, the first that makes it positive definite: eliminating starts
+#: that a stuck joint leaves undetermined costs digits.
+FLOORS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 #: Damping beyond which no step is worth trying.
 LARGEST_DAMPING = 1e8
 #: Largest angle [rad] and rate [rad/s] by which one step may move a start.
@@ -49,6 +53,7 @@ class Solution:
         iterations: evaluations made.
         history: one line per iteration: cost, values.
         gap_weight: deviation allowed between windows, in units of their scale; None where they are free.
+        step_bias: what the time step moves the parameters (k,) by, in standard errors, to first order.
     """
 
     values: np.ndarray
@@ -65,6 +70,7 @@ class Solution:
     history: list[dict] = field(default_factory=list)
     gap_weight: float | None = None
     evidence: float | None = None
+    step_bias: np.ndarray | None = None
 
     @property
     def chi2(self) -> float:
@@ -115,6 +121,8 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
     r = root * evaluation.residual.reshape(count, -1)
     jacobian = root[..., None] * evaluation.jacobian.reshape(count, r.shape[1], -1)
     square = np.swapaxes(jacobian, 1, 2) @ jacobian
+    held = ~jacobian[..., :m2].any(axis=(1, 2))  # a released window has no start of its own to move
+    square[:, :m2, :m2] += held[:, None, None] * np.eye(m2)
     slope = np.einsum("kij,ki->kj", jacobian, r)
     return Normal(
         square[:, :m2, :m2], square[:, :m2, m2:], square[:, m2:, m2:].sum(0), slope[:, :m2], slope[:, m2:].sum(0)
@@ -132,14 +140,23 @@ class Step(NamedTuple):
     eliminated: np.ndarray
 
 
+def _root(scaled: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor of a matrix with diagonal 1; parameters that cannot be told apart leave a rank short."""
+    for floor in FLOORS:
+        try:
+            return cholesky(scaled + floor * np.eye(len(scaled)), lower=True)
+        except LinAlgError:
+            continue
+    return np.eye(len(scaled))
+
+
 def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The dp (k,) in [low, high] that minimises `gradient . dp + dp' information dp/2`; exact, by active sets."""
     if not len(gradient):
         return gradient
     size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information * np.outer(size, size)
-    scaled = scaled + 1e-12 * np.eye(len(size))  # parameters that cannot be told apart leave a rank short
-    lower = cholesky(scaled, lower=True)
+    lower = _root(scaled)
     target = -solve_triangular(lower, gradient * size, lower=True)
     free = cho_solve((lower, True), -gradient * size) * size
     if ((free >= low) & (free <= high)).all():

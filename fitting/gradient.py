@@ -27,7 +27,8 @@ from fitting.gauss_newton import (
     normal_blocks,
     prior_terms,
 )
-from fitting.windows import Evaluation, Simulator, Starts, Windows
+from fitting.simulator import Evaluation, Simulator
+from fitting.windows import Starts, Windows
 
 OPTIMIZERS, LOSSES = ("lbfgs", "adam"), ("angles", "spectrum")
 #: Inner Gauss-Newton steps on the starts before each gradient; they follow the parameters from call to call.

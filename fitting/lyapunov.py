@@ -6,7 +6,8 @@ import numpy as np
 
 from fitting.planar import chart
 from fitting.shooting import GAP_SCALE
-from fitting.windows import Evaluation, Simulator, Windows
+from fitting.simulator import Evaluation, Simulator
+from fitting.windows import Windows
 
 #: Most growth exp(lambda T) of an error over a fit window, and over a held-out one, whose start must still be found.
 FIT_GROWTH, HELD_GROWTH = 2.0, 6.0
@@ -27,6 +28,9 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     move = move * scale[None, None, :] / scale[None, :, None]
     frame, total, time = np.eye(m2), 0.0, 0.0
     for k, matrix in enumerate(move):
+        if windows.released[k]:  # has no start of its own to err in
+            frame = np.eye(m2)
+            continue
         if not np.isfinite(matrix).all():
             continue
         frame = np.eye(m2) if not windows.follows[k] else frame

@@ -47,7 +47,7 @@ def full_names(scene: Any, names: Sequence[str], option: str = "free") -> list[s
 def _full(scene: Any, name: str, option: str) -> str:
     if not name:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
-    if name.count(".") >= 2 or name == "camera.offset":
+    if name.count(".") >= 2 or name == "camera.offset" or name.startswith("release."):
         return name
     stem, _, entry = name.partition(".")
     known = [p for p in paths(build(scene)[0]) if not p.startswith("line.") or p.split(".")[1].isdecimal()]

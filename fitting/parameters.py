@@ -1,8 +1,9 @@
 """Free parameters: numbers of a model's pytree by path, with bounds taken from the fields' declarations.
 
 Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
-`camera.offset`, a rotation of the camera that adds to every measured angle. A field with one value per link frees
-one parameter per entry. Bounds stay in raw parameters (no exponential), so that a damping of exactly 0 is reachable.
+`camera.offset`, a rotation of the camera that adds to every measured angle, `release.time` and `release.force` (see
+`release`). A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no
+exponential), so that a damping of exactly 0 is reachable.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ CAMERA = "camera.offset"
 #: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.
 OPEN_BOUND = 1e-3
 #: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
-SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, CAMERA: 1e-2}
+SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Parameter:
 
     Attributes:
         name: its path.
-        where: section (`points`, `lines`, `effects`, `camera`), index, field, entry (None: the whole field).
+        where: section (`points`, `lines`, `effects`, `camera`, `release`), index, field, entry (None: the whole field).
         value: start value.
         low, high: bounds, both reachable.
         unit: as printed.
@@ -61,6 +62,7 @@ def resolve(
     bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     option: str = "free",
+    release: Any = None,
 ) -> tuple[Parameter, ...]:
     """The free parameters of these paths.
 
@@ -70,13 +72,15 @@ def resolve(
         bounds: (low, high) by path, inside the declared range; None keeps the declared one.
         priors: (mean, standard deviation) by path.
         option: what a mistake in `names` is called after.
+        release: the `Release` whose `release.*` names count too.
 
     Raises:
         SceneError: a path that does not exist (with the nearest), or bounds without room.
     """
     found: list[Parameter] = []
     for name in names:
-        found += _expand(model, name, option)
+        released = release is not None and name.startswith("release.")
+        found += release.parameters(name, option) if released else _expand(model, name, option)
     twice = [p.name for i, p in enumerate(found) if p.name in [q.name for q in found[:i]]]
     if twice:
         raise SceneError(f"{option}: {twice[0]!r} is given twice; allowed: every parameter once")
@@ -173,7 +177,7 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
     """The model with these values (k,) in place; differentiable."""
     for i, p in enumerate(parameters):
         section, index, field, entry = p.where
-        if section == "camera":
+        if section in ("camera", "release"):
             continue
         items = list(getattr(model, section))
         old = getattr(items[index], field)

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from fitting.gauss_newton import Solution, fit_windows
-from fitting.windows import Simulator, Windows
+from fitting.simulator import Simulator
+from fitting.windows import Windows
 
 
 @dataclass(frozen=True)

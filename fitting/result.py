@@ -9,9 +9,10 @@ import numpy as np
 
 from fitting.gauss_newton import Solution
 from fitting.parameters import Parameter
+from fitting.simulator import Simulator
 from fitting.traces import Trace
 from fitting.uncertainty import Uncertainty
-from fitting.windows import Simulator, Windows
+from fitting.windows import Windows
 
 SCHEMA = 1
 
@@ -73,7 +74,7 @@ class FitResult:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON."""
-        u = self.uncertainty
+        u, bias = self.uncertainty, self.solution.step_bias
         rows = zip(self.parameters, self.values, u.std_error, u.low, u.high, u.at_bound, strict=True)
         found = {
             "schema": SCHEMA,
@@ -98,6 +99,8 @@ class FitResult:
             "iterations": int(self.iterations),
             "seconds": {key: number(value) for key, value in self.seconds.items()},
             "window_s": number(self.windows.length),
+            "step_s": number(self.windows.dt / self.windows.substeps),
+            "step_bias_std_errors": None if bias is None else [number(x) for x in bias],
             "gap_weight": number(self.solution.gap_weight),
             "lyapunov_per_s": number(self.lyapunov),
             "warnings": list(self.warnings),

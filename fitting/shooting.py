@@ -10,6 +10,7 @@ the evidence, or the gaps are closed exactly by augmented Lagrangian multipliers
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from fitting.block_tridiagonal import Factor
 from fitting.gauss_newton import (
     DECREASE_TOLERANCE,
     LARGEST_DAMPING,
+    ROUGH_TOLERANCE,
     STEP_TOLERANCE,
     Normal,
     Solution,
@@ -31,7 +33,8 @@ from fitting.gauss_newton import (
     prior_terms,
 )
 from fitting.planar import chart, wrap
-from fitting.windows import Evaluation, Simulator, Windows
+from fitting.simulator import Evaluation, Simulator
+from fitting.windows import Windows
 
 #: Sizes of a gap in angle [rad] and rate [rad/s] that weight 1 allows.
 GAP_SCALE = (0.1, 1.0)
@@ -41,6 +44,8 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 EVIDENCE_DROP = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
 EXACT_WEIGHT, EXACT_ROUNDS = 1e-3, 4
+#: Most evaluations when a joined solution goes on with finer steps.
+CONTINUED = 12
 
 
 class Gaps(NamedTuple):
@@ -198,6 +203,24 @@ def fit_shooting(
     return best
 
 
+def joined_step(
+    simulator: Simulator, windows: Windows, point: Solution, huber: float | None, low: np.ndarray, high: np.ndarray
+) -> _Step | None:
+    """The full step at a solution's gap weight, moves of the parameters within low and high (k,); None: singular."""
+    level = _Level(simulator, windows, point.gap_weight, huber, np.zeros((1, 1)))
+    prior = prior_terms(simulator.parameters, point.values)
+    return _try(level.system(point.evaluation, point.values), 0.0, prior, low, high)
+
+
+def continue_shooting(
+    simulator: Simulator, windows: Windows, point: Solution, huber: float | None, frozen: np.ndarray | None
+) -> Solution:
+    """Go on from a joined solution at its gap weight, with its evaluation on other windows, such as of finer steps."""
+    low, high = _limits(simulator, point.values, frozen)
+    level = _Level(simulator, windows, point.gap_weight, huber, np.zeros((1, 1)))
+    return replace(_descend(level, point, low, high, CONTINUED, 0), evidence=point.evidence)
+
+
 def _loosest(found: list[Solution]) -> Solution:
     """The loosest weight whose evidence is near the best: below it, the noise cannot tell weights apart."""
     most = max(p.evidence for p in found)
@@ -245,7 +268,7 @@ def _descend(
     while True:
         prior = prior_terms(simulator.parameters, values)
         system = level.system(evaluation, values)
-        step = _try(system, 0.0, prior, low - values, high - values)
+        step, moved = _try(system, 0.0, prior, low - values, high - values), np.inf
         if step is not None:
             unit = max(2 * data_cost(evaluation.residual, level.huber) / max(windows.samples, 1), 1e-12)
             moved = float(step.dp @ step.information @ step.dp) / unit
@@ -271,6 +294,9 @@ def _descend(
                 break
             damping = max(10 * damping, 1e-3)
         if not accepted:
+            if moved < ROUGH_TOLERANCE:
+                status = "ok"
+                message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
             break
     zero = np.zeros(len(values))
     final = _try(level.system(evaluation, values), 0.0, prior_terms(simulator.parameters, values), zero, zero)

@@ -63,6 +63,7 @@ def degrees_of_freedom(solution: Solution, windows: Windows, parameters: int, fr
     """Samples less what was fitted; joined windows share one start per run."""
     joined = solution.gap_weight is not None
     starts = int((~windows.follows).sum()) if joined else windows.count
+    starts -= int(windows.released.sum())
     return max(1, windows.samples - starts * freedoms - parameters)
 
 
@@ -102,8 +103,7 @@ def uncertainty(
     k = len(parameters)
     frozen = np.zeros(k, bool) if frozen is None else frozen
     free = np.flatnonzero(~frozen)
-    dof = degrees_of_freedom(solution, windows, len(free), freedoms)
-    noise2 = solution.chi2 / dof
+    noise2 = solution.chi2 / degrees_of_freedom(solution, windows, len(free), freedoms)
     inner = _inverse(solution.information[np.ix_(free, free)])
     white = noise2 * inner
     residual = solution.weights * solution.evaluation.residual

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fitting.gauss_newton import Solution
+from fitting.refinement import LARGEST_BIAS
 from fitting.uncertainty import CORRELATION_FLOOR, Uncertainty
 
 if TYPE_CHECKING:
@@ -44,6 +45,10 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         found.append(
             f"chi-square per degree of freedom is {chi2:.3g}: the estimated noise does not explain the residuals"
         )
+    if solution.step_bias is not None:
+        for name, bias in zip(names, solution.step_bias, strict=True):
+            if abs(bias) > LARGEST_BIAS:
+                found.append(f"the time step moves {name} by {bias:+.2g} standard errors; a smaller dt mends it")
     failed = int(solution.evaluation.failed.sum())
     if failed:
         found.append(f"{failed} steps of the final simulation are above the solver's tolerance")

@@ -19,7 +19,9 @@ from fitting.comparison import Law, compare, with_bic
 from fitting.fit import estimate, prepare, summarise
 from fitting.gauss_newton import fit_windows
 from fitting.gradient import ProjectedLoss
+from fitting.refinement import LARGEST_BIAS, step_bias
 from fitting.traces import Convention, Trace
+from fitting.uncertainty import uncertainty
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
 CENTRE, INERTIA = np.array([0.2, 0.11]), np.array([7e-4, 4e-4])
@@ -51,10 +53,10 @@ def swing(phi0, duration=DURATION, quadratic=QUADRATIC):
     return t, found.y[:2].T
 
 
-def seen(motion, seed):
+def seen(motion, seed, size=NOISE):
     """The motion as a noisy trace."""
     t, phi = motion
-    noise = NOISE * np.random.default_rng(seed).standard_normal(phi.shape)
+    noise = size * np.random.default_rng(seed).standard_normal(phi.shape)
     return Trace("rods", t, phi + noise, convention=Convention("down", 1, "rad"))
 
 
@@ -185,6 +187,35 @@ def test_bic_counts_the_same_samples_for_every_law(ready, motion):
     count = noise.size / 3
     expected = count * np.log(np.sum((noise + slow) ** 2) / np.sum(noise**2)) - np.log(count)
     assert poor.bic - good.bic == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("method", ["windows", "shooting"])
+def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(ready, motion, method):
+    """A hundredth of the noise: the default step, of second order here, moves the estimate by many standard errors."""
+    prepared = ready(seen(motion, 0, NOISE / 100))
+    coarse = fit_windows(prepared.simulator, prepared.windows, prepared.values, prepared.starts)
+    told, _, _ = step_bias(prepared.simulator, prepared.windows, coarse)
+    solution, windows = estimate(prepared, method)
+    result = summarise(prepared, method, solution, windows)
+    error = result.uncertainty.std_error
+    assert result.status == "ok"
+    assert abs(coarse.values[0] - TRUTH[0]) > 5 * error[0]
+    assert np.all(np.abs(result.values - TRUTH) < 3 * error)
+    assert windows.substeps >= 4
+    assert np.all(np.abs(solution.step_bias) < LARGEST_BIAS)
+    if method == "windows":  # the bias that half the step foretold is the one that a much finer step takes away
+        own = uncertainty(coarse, prepared.windows, prepared.parameters, prepared.simulator.freedoms).std_error
+        assert told[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
+
+
+def test_a_step_that_stays_too_coarse_is_warned_of(ready, motion):
+    prepared = ready(seen(motion, 0, NOISE / 100))
+    coarse = fit_windows(prepared.simulator, prepared.windows, prepared.values, prepared.starts)
+    coarse.step_bias = np.array([0.4, -0.1])
+    warnings = summarise(prepared, "windows", coarse, prepared.windows).warnings
+    assert [w for w in warnings if "the time step moves" in w] == [
+        f"the time step moves {FREE[0]} by +0.4 standard errors; a smaller dt mends it"
+    ]
 
 
 class Rough:

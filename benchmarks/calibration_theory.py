@@ -9,13 +9,14 @@ so that fits of the same draws tell chance from bias: what is left after the lin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fitting.fit import SMOOTH_PART
 from fitting.gauss_newton import fit_windows
+from fitting.shooting import SCHEDULE, joined_step
 from fitting.synthetic import Camera, observe
 from fitting.windows import Windows, cut, first_starts
 
@@ -29,6 +30,7 @@ class Linear:
         covariance: C (k, k).
         windows: of the noise-free angles.
         own: error (k,) in standard errors that the simulator's step makes without noise.
+        joined: covariance (k, k) of windows joined with next to no gap, one run that is never interrupted.
     """
 
     twin: Any
@@ -37,6 +39,12 @@ class Linear:
     covariance: np.ndarray
     windows: Windows
     own: np.ndarray
+    joined: np.ndarray
+
+    @property
+    def joined_std_error(self) -> np.ndarray:
+        """Cramer and Rao's bound (k,) of joined windows."""
+        return np.sqrt(np.diag(self.joined))
 
     @property
     def std_error(self) -> np.ndarray:
@@ -58,15 +66,17 @@ def linearise(twin: Any, noise: float) -> Linear:
     clean = _trace(twin, 0.0, 0)
     guess = first_starts(simulator.model_at(twin.truth), [clean], windows, SMOOTH_PART * prepared.period)
     frozen = np.ones(len(twin.truth), bool)
-    starts = fit_windows(simulator, windows, twin.truth, guess, frozen=frozen).starts
-    evaluation = simulator(twin.truth, starts, windows)
+    found = fit_windows(simulator, windows, twin.truth, guess, frozen=frozen)
+    evaluation = found.evaluation
     jacobian = evaluation.jacobian.reshape(windows.count, -1, m2 + len(twin.truth))
     z, p = jacobian[..., :m2], jacobian[..., m2:]
     turn = np.swapaxes(z, 1, 2)
     slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
     covariance = np.linalg.inv(slope.T @ slope)
     own = -covariance @ (slope.T @ evaluation.residual.ravel()) / np.sqrt(np.diag(covariance))
-    return Linear(twin, noise, slope, covariance, windows, own)
+    free = np.full(len(twin.truth), np.inf)
+    joined = joined_step(simulator, windows, replace(found, gap_weight=SCHEDULE[-1]), None, -free, free)
+    return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information))
 
 
 def _trace(twin: Any, noise: float, seed: int) -> Any:

@@ -135,9 +135,18 @@ def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
     u = result.uncertainty
     rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
     for i, p in enumerate(result.parameters):
-        numbers = (result.values[i], u.std_error[i], u.low[i], u.high[i])
-        rows.append((p.name, *(f"{x:.5g}" for x in numbers), p.unit, "at bound" if u.at_bound[i] else ""))
+        digits = significant(result.values[i], u.std_error[i])
+        ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
+        row = (f"{result.values[i]:.{digits}g}", f"{u.std_error[i]:.2g}", *ends)
+        rows.append((p.name, *row, p.unit, "at bound" if u.at_bound[i] else ""))
     return rows
+
+
+def significant(value: float, error: float) -> int:
+    """Digits that show a value down to the second digit of its error."""
+    if not (error > 0 and np.isfinite(error) and value != 0):
+        return 5
+    return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(error)) + 2, 3, 12))
 
 
 def step_text(result: FitResult) -> str:

@@ -25,9 +25,10 @@ from fitting.windows import Starts, Windows
 STEP_TOLERANCE = 1e-4
 #: and would lower chi-square by less than this.
 DECREASE_TOLERANCE = 1e-2
-#: The same for the step that is left where no step lowers the cost any more: dry friction's switches make the cost
-#: rough (measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, steps of 0.015 to 0.083 standard errors left).
-ROUGH_TOLERANCE = 1e-2
+#: The same for the step that is left where it does not lower the cost: dry friction's switches make the cost rough
+#: (measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, steps of 0.015 to 0.083 standard errors left; three
+#: links with dry joints: 0.12). As far off as the time step may move the estimate, 0.3 standard errors.
+ROUGH_TOLERANCE = 0.3**2
 #: Added to the diagonal of a scaled information matrix, the first that makes it positive definite: eliminating starts
 #: that a stuck joint leaves undetermined costs digits.
 FLOORS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
@@ -276,6 +277,8 @@ def fit_windows(
             if trial_cost < cost:
                 damping = max(damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
                 values, evaluation, cost, accepted = trial_values, trial, trial_cost, True
+                break
+            if moved < ROUGH_TOLERANCE:  # this near, a smooth cost would have fallen
                 break
             damping = max(10 * damping, 1e-3)
         if not accepted:

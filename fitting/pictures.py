@@ -4,23 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import matplotlib.style
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.plots import style
+from fitting.gauss_newton import Solution
 from fitting.result import FitResult
+from fitting.windows import Windows
 
 #: Most links drawn in one picture; the others are left out, and the title says so.
 MOST = 8
 
 
+#: Samples missing in a row that interrupt a line.
+GAP = 5
+
+
 def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured and simulated angles (m, n) [rad] and which are known, of one run's windows in order."""
-    w, e = result.windows, result.solution.evaluation
+    return _in_order(result.windows, result.solution, run)
+
+
+def _in_order(w: Windows, solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    e = solution.evaluation
     mine = w.run == run
     known = (w.weight[mine] > 0).reshape(-1, w.theta.shape[2])
     used = known.any(axis=1)
@@ -29,6 +42,17 @@ def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     simulated = e.theta[mine].reshape(-1, w.theta.shape[2])[used]
     simulated = simulated - 2 * np.pi * np.round((simulated - measured) / (2 * np.pi))
     return t, np.where(known[used], measured, np.nan), simulated, known[used]
+
+
+def stretches(t: np.ndarray) -> list[slice]:
+    """Parts of the times (m,) without a gap, so that no line is drawn through what was not fitted."""
+    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
+    return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
+
+
+def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str, **looks: Any) -> None:
+    for i, part in enumerate(stretches(t)):
+        axes.plot(t[part], x[part], label=label if i == 0 else None, **looks)
 
 
 def _styled(draw: Callable[..., Figure]) -> Callable[..., Path]:
@@ -53,21 +77,26 @@ def _rows(result: FitResult, what: str, height: float = 1.3) -> tuple[Figure, np
 @_styled
 def traces(result: FitResult, run: int) -> Figure:
     """Measured angles and the fit, per link [rad from the horizontal]."""
-    figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit")
+    figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
     t, measured, simulated, _ = fitted(result, run)
+    # each stretch starts from its own angles, its parameters are those of the fit
+    held = [_in_order(h.windows, h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
     for j in range(links):
-        axes[j].plot(t, measured[:, j], ".", ms=1.5, color=style.FAINT, label="measured")
-        axes[j].plot(t, simulated[:, j], lw=0.8, color=style.FIRST, label="fit")
+        _line(axes[j], t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
+        for i, (t1, _, predicted, _) in enumerate(held):
+            _line(axes[j], t1, predicted[:, j], None if i else "held out, predicted", lw=1.6, color=style.SECOND)
+        for i, (t1, seen) in enumerate([(t, measured), *((h[0], h[1]) for h in held)]):
+            axes[j].plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
         axes[j].set_ylabel(f"link {j + 1}")
-    axes[0].legend(loc="upper right", ncols=2, markerscale=4)
-    style.time_axis(axes[-1], t)
+    axes[0].legend(loc="upper right", ncols=3, markerscale=4)
+    style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
     return figure
 
 
 @_styled
 def residuals(result: FitResult, run: int) -> Figure:
     """Measured less fitted angles, per link [rad]; the band is twice their deviation."""
-    figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals", 1.0)
+    figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals [rad]", 1.0)
     t, measured, simulated, _ = fitted(result, run)
     rest = measured - simulated
     deviation = np.nanstd(rest)
@@ -81,9 +110,11 @@ def residuals(result: FitResult, run: int) -> Figure:
 
 @_styled
 def spectra(result: FitResult, run: int) -> Figure:
-    """Amplitude spectra of measured and fitted angles, per link [rad]."""
-    figure, axes, links = _rows(result, f"{result.traces[run].name}: amplitude spectra")
+    """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
+    figure, axes, links = _rows(result, f"{result.traces[run].name}: amplitude spectra [rad]")
     t, measured, simulated, _ = fitted(result, run)
+    longest = max(stretches(t), key=lambda part: part.stop - part.start)
+    t, measured, simulated = t[longest], measured[longest], simulated[longest]
     grid = np.linspace(t[0], t[-1], len(t))
     for j in range(links):
         known = np.isfinite(measured[:, j])
@@ -107,9 +138,13 @@ def phase_space(result: FitResult, run: int) -> Figure:
     figure = style.new_figure(2.6 * columns + 0.6, 2.5 * -(-links // columns) + 0.5)
     axes = figure.subplots(-(-links // columns), columns, squeeze=False).ravel()
     for j in range(links):
-        for x, colour in ((measured[:, j], style.FAINT), (simulated[:, j], style.FIRST)):
-            axes[j].plot(x, np.gradient(x, t), lw=0.5, color=colour)
+        for x, colour, label in ((measured[:, j], style.SECOND, "measured"), (simulated[:, j], style.FIRST, "fit")):
+            for i, part in enumerate(p for p in stretches(t) if p.stop - p.start > 2):
+                rate = np.gradient(x[part], t[part])
+                axes[j].plot(x[part], rate, lw=0.6, color=colour, label=None if i else label)
         axes[j].set_title(f"link {j + 1}")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
+    figure.suptitle(f"{result.traces[run].name}: phase space", fontsize=12, fontweight="bold", x=0.01, ha="left")
     for extra in axes[links:]:
         extra.set_visible(False)
     figure.supxlabel("angle [rad]", fontsize=9)

@@ -292,6 +292,8 @@ def _descend(
                 starts = closed_starts(evaluation)
                 history.append({"cost": cost, "values": values.tolist(), "gap_weight": level.weight})
                 break
+            if moved < ROUGH_TOLERANCE:  # this near, a smooth cost would have fallen
+                break
             damping = max(10 * damping, 1e-3)
         if not accepted:
             if moved < ROUGH_TOLERANCE:

@@ -28,6 +28,7 @@ RESULTS = Path(__file__).parent / "results"
 DOWN = convention("down", 1, "rad")
 #: Windows of the law comparison [s]: many enough for a standard error of the score.
 LAW_WINDOW = 2.6
+LAWS = "laws_on_windows_before_the_held_out_part"
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def scene_of(case: Case):  # noqa: ANN201
     return scene.with_values({f"effects.joint_friction.{key}": [1e-4] * 3 for key in ("viscous", "dry")})
 
 
-def run(case: Case, folder: Path) -> dict:
+def run(name: str, case: Case, folder: Path) -> dict:
     """Fit, score, compare laws."""
     trace = read_trace(folder / case.file)
     trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
@@ -110,11 +111,23 @@ def run(case: Case, folder: Path) -> dict:
     if case.long:
         long = score_held_out(replace(prepared, held_out=(case.long,), lyapunov=0.0), result.values, case.long)
         found["long_prediction"] = {"span_s": list(case.long), "rms_rad": long.rms}
+    save(name, {**found, LAWS: earlier(name)})  # the laws take longest: the fit is there if they are interrupted
     # the laws are compared on windows before the held-out part: choosing one must not use it either
     shorter = prepare(trace, scene_of(case), list(case.free), until=case.until, window=LAW_WINDOW, dt=0.004, asked=DOWN)
     laws = compare(shorter)
-    found["laws_on_windows_before_the_held_out_part"] = [law.to_json() for law in laws]
+    found[LAWS] = [law.to_json() for law in laws]
     return found
+
+
+def save(name: str, found: dict) -> None:
+    """Write the results of one rig."""
+    atomic_write(RESULTS / f"measured_{name}_pendulum.json", json.dumps(found, indent=1) + "\n")
+
+
+def earlier(name: str) -> list:
+    """The comparison of laws of the run before."""
+    path = RESULTS / f"measured_{name}_pendulum.json"
+    return json.loads(path.read_text())[LAWS] if path.exists() else []
 
 
 def main() -> None:
@@ -123,10 +136,10 @@ def main() -> None:
         sys.exit("error: DROPPER_MEASURED_DATA names no folder; allowed: the folder with the measured CSV files")
     RESULTS.mkdir(exist_ok=True)
     for name in sys.argv[1:] or CASES:
-        found = run(CASES[name], Path(named))
-        atomic_write(RESULTS / f"measured_{name}_pendulum.json", json.dumps(found, indent=1) + "\n")
+        found = run(name, CASES[name], Path(named))
+        save(name, found)
         print(name, "held out", np.round(found["held_out_rad"], 5), "ratio", round(found["ratio_of_means"], 3))
-        for law in found["laws_on_windows_before_the_held_out_part"]:
+        for law in found[LAWS]:
             print(
                 f"  {law['name']:34s} {law['held_out']:.5f} rad  BIC {law['bic']:.0f}  {'<-' if law['chosen'] else ''}"
             )

@@ -122,7 +122,7 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
     r = root * evaluation.residual.reshape(count, -1)
     jacobian = root[..., None] * evaluation.jacobian.reshape(count, r.shape[1], -1)
     square = np.swapaxes(jacobian, 1, 2) @ jacobian
-    held = ~jacobian[..., :m2].any(axis=(1, 2))  # a released window has no start of its own to move
+    held = ~jacobian[..., :m2].any(axis=(1, 2))  # a released window; or one without a derivative
     square[:, :m2, :m2] += held[:, None, None] * np.eye(m2)
     slope = np.einsum("kij,ki->kj", jacobian, r)
     return Normal(

@@ -51,7 +51,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
                 found.append(f"the time step moves {name} by {bias:+.2g} standard errors; a smaller dt mends it")
     failed = int(solution.evaluation.failed.sum())
     if failed:
-        found.append(f"{failed} steps of the final simulation are above the solver's tolerance")
+        found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
     if solution.status != "ok":
         found.append(f"not converged: {solution.message}; the best point found is reported")
     elif solution.message:

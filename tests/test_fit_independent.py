@@ -20,6 +20,7 @@ from fitting.fit import estimate, prepare, summarise
 from fitting.gauss_newton import fit_windows
 from fitting.gradient import ProjectedLoss
 from fitting.refinement import LARGEST_BIAS, step_bias
+from fitting.simulator import trusted
 from fitting.traces import Convention, Trace
 from fitting.uncertainty import uncertainty
 
@@ -102,6 +103,7 @@ def ten(ready, motion):
 
 def test_damping_of_another_simulators_traces_is_found_without_bias(ten):
     assert all(result.status == "ok" for result in ten)
+    assert all(result.seconds["run"] > 0 for result in ten)  # what another fit compiled is no part of its time
     z = np.array([(result.values - TRUTH) / result.uncertainty.std_error for result in ten])
     assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.6)
     assert np.all(np.abs(np.mean(z, axis=0)) < 3 / np.sqrt(10))
@@ -218,6 +220,20 @@ def test_a_step_that_stays_too_coarse_is_warned_of(ready, motion):
     ]
 
 
+def test_one_window_without_a_derivative_does_not_hold_the_parameters(ready, motion, ten):
+    """A joint at its switch gave 1e20 for one window: its part is left out and told, the others decide."""
+    simulator, windows, best = ready(seen(motion, 0)).simulator, ready(seen(motion, 0)).windows, ten[0].solution
+    sound = simulator(best.values, best.starts, windows)
+    broken = sound._replace(jacobian=sound.jacobian.copy())
+    broken.jacobian[3, 5:] *= 1e18
+    found = trusted(broken)
+    assert not found.jacobian[3].any()
+    assert not found.end_jacobian[3].any()
+    assert found.failed.tolist() == [k == 3 for k in range(windows.count)]
+    np.testing.assert_array_equal(found.jacobian[:3], sound.jacobian[:3])
+    assert trusted(sound) is sound
+
+
 class Rough:
     """A simulator that makes every point but the first worse: what a cost with jumps looks like where it is lowest."""
 
@@ -234,14 +250,14 @@ class Rough:
         return found._replace(residual=found.residual + jump * (windows.weight > 0))
 
 
-@pytest.mark.parametrize(("size", "status"), [(0.3, "ok"), (2.0, "not_converged")])
+@pytest.mark.parametrize(("size", "status"), [(0.3, "ok"), (8.0, "not_converged")])
 def test_where_no_step_lowers_the_cost_a_fit_says_how_far_its_minimum_is(ready, motion, ten, size, status):
-    """A tenth of a standard error is converged; the windows' own optimum tells how far the point really is."""
+    """0.3 standard errors are converged; the windows' own optimum tells how far the point really is."""
     prepared, best = ready(seen(motion, 0)), ten[0]
     found = fit_windows(
         Rough(prepared.simulator, size), prepared.windows, best.values, best.solution.starts, iterations=30
     )
     left = float(re.search(r"is (\S+) standard errors away", found.message).group(1))
     assert found.status == status
-    assert (left < 0.1) == (status == "ok")
+    assert (left < 0.3) == (status == "ok")
     np.testing.assert_array_equal(found.values, best.values)

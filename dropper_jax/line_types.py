@@ -113,6 +113,8 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     table = dict(table)
     types = _types(table.pop("line_type", []))
     lines = table.get("line", [])
+    if not all(isinstance(part, list | tuple) for part in (lines, table.get("point", []))):
+        return table  # refused by name later
     if not any(isinstance(line, Mapping) and {"type", "sections", "attach"} & set(line) for line in lines):
         if types:
             raise SceneError("line_type: no line uses a type; allowed: lines with `type` or `sections`")

@@ -329,12 +329,12 @@ def _tridiagonal(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.A
     rows = diagonal.shape[0]
     if b.shape[1] != 1 or diagonal.ndim != 2 or rows > UNROLLED_ROWS:
         return None
-    inverse = 1.0 / diagonal[0]
-    ahead, y = [upper[0] * inverse], [b[0, 0] * inverse]
+    # divided, not multiplied by an inverse: the compiler keeps quotients, and does products again wherever they are used
+    ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]
     for i in range(1, rows):
-        inverse = 1.0 / (diagonal[i] - lower[i] * ahead[-1])
-        ahead.append(upper[i] * inverse)
-        y.append((b[i, 0] - lower[i] * y[-1]) * inverse)
+        pivot = diagonal[i] - lower[i] * ahead[-1]
+        ahead.append(upper[i] / pivot)
+        y.append((b[i, 0] - lower[i] * y[-1]) / pivot)
     x = [y[-1]]
     for i in range(rows - 2, -1, -1):
         x.append(y[i] - ahead[i] * x[-1])

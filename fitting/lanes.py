@@ -329,7 +329,7 @@ def _tridiagonal(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.A
     rows = diagonal.shape[0]
     if b.shape[1] != 1 or diagonal.ndim != 2 or rows > UNROLLED_ROWS:
         return None
-    # divided, not multiplied by an inverse: the compiler keeps quotients, and does products again wherever they are used
+    # divided, not multiplied by an inverse: the compiler keeps quotients, and does products anew wherever they are used
     ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]
     for i in range(1, rows):
         pivot = diagonal[i] - lower[i] * ahead[-1]

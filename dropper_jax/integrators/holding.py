@@ -50,8 +50,8 @@ def stop_held_joints(
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the price of a few operations
     plain = jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h))
-    u, factor, over = jax.lax.cond(some, _solve, partial(_nothing, zero), *plain)
-    rows = ravel_pytree(_rows(model, held, after, z, h, over, u))[0]
+    u, factor, over, aim = jax.lax.cond(some, _solve, partial(_nothing, zero), *plain)
+    rows = ravel_pytree(_rows(model, held, after, z, h, over, aim, u))[0]
     flat, unravel = ravel_pytree(u)
     return _falling(model, after, unravel(flat - lu_solve(factor, rows)).x)
 
@@ -66,43 +66,36 @@ def stop_held_nodes(
     return v1, model.kinetic_energy(after.with_velocity(v1)) - model.kinetic_energy(after)
 
 
-def _nothing(zero: Unknowns, model: Model, held: Any, *_: Any) -> tuple[Unknowns, Any, Any]:
+def _nothing(zero: Unknowns, model: Model, held: Any, *_: Any) -> tuple[Unknowns, Any, Any, Any]:
     flat = ravel_pytree(zero)[0]
-    return zero, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held)
+    return zero, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held), zero.z
 
 
-def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> tuple[Unknowns, Any, Any]:
-    """Unknowns, factors of their matrix, and the joints whose impulse is on its bound."""
+def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> tuple[Unknowns, Any, Any, Any]:
+    """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and which way theirs point."""
     after = model.kinematics(r, v, t)
     zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
     flat, unravel = ravel_pytree(zero)
 
     def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
-        x, _, over = carry
-        plain = lambda x: ravel_pytree(_rows(model, held, after, z, h, over, unravel(x)))[0]  # noqa: E731
+        x, _, over, aim = carry
+        plain = lambda x: ravel_pytree(_rows(model, held, after, z, h, over, aim, unravel(x)))[0]  # noqa: E731
         factor = lu_factor(jax.jacfwd(plain)(x))
         x = x - lu_solve(factor, plain(x))
-        found = zip(model.laws, held, over, unravel(x).z, z, strict=True)
-        over = tuple(one & (o | _beyond(law, p, q, h)) for law, one, o, p, q in found)
-        return (x, factor, over), None
+        found = tuple(zip(model.laws, held, over, unravel(x).z, z, strict=True))
+        beyond = tuple(one & ~o & _beyond(law, p, q, h) for law, one, o, p, q in found)
+        # twice as far out, so that its nearest allowed torque is on the bound whatever rounding does
+        aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
+        return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
 
     start = (flat, *_nothing(zero, model, held)[1:])
-    x, factor, over = jax.lax.scan(correct, start, None, length=PASSES)[0]
-    return unravel(x), factor, over
+    x, factor, over, aim = jax.lax.scan(correct, start, None, length=PASSES)[0]
+    return unravel(x), factor, over, aim
 
 
 def _bounded(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     """The impulse nearest to p that keeps `h q + p`, friction's impulse over the whole step, within its bound."""
     return h * law.admissible(p / h + q) - h * q
-
-
-def _on_bound(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
-    """The impulse nearest to p that puts `h q + p` on its bound, from inside too.
-
-    An impulse that is on its bound already is inside by rounding as often as not, and `p - _bounded(p)` would be a
-    row of zeros there. Twice as far out has the same nearest point.
-    """
-    return h * law.admissible(2.0 * (p / h + q)) - h * q
 
 
 def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
@@ -114,8 +107,14 @@ def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     return jnp.max(jnp.abs(p - _bounded(law, p, q, h)), axis=-1, keepdims=True) > 1e-9 * size
 
 
-def _rows(model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over: Any, u: Unknowns) -> Unknowns:
-    """Rows of the system above for velocity changes, impulses of tensions and of joints."""
+def _rows(
+    model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over: Any, aim: Any, u: Unknowns
+) -> Unknowns:
+    """Rows of the system above for velocity changes, impulses of tensions and of joints.
+
+    An impulse over its bound stays on it and points where it did then: all points of the bound would do as well, so
+    that a row that left the direction open would be singular.
+    """
     line = model.line
     scale = jnp.mean(line.mass * line.length**2)
     moved = after.with_velocity(after.v + u.x)
@@ -128,7 +127,7 @@ def _rows(model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, change)
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
     rest = tuple(scale * law.rates(moved) + SHARING * p for law, p in zip(model.laws, u.z, strict=True))
-    bound = tuple(p - _on_bound(law, p, q, h) for law, p, q in zip(model.laws, u.z, z, strict=True))
+    bound = tuple(p - h * (law.admissible(a) - q) for law, p, q, a in zip(model.laws, u.z, z, aim, strict=True))
     joints = tuple(
         jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)
     )

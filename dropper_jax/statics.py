@@ -31,7 +31,7 @@ from dropper_jax.static_problem import (
 )
 from dropper_jax.static_stability import leave, stable
 from dropper_jax.system import Unknowns
-from dropper_jax.system_statics import find_rest, guess, system_tolerance, unsettled
+from dropper_jax.system_statics import find_rest, find_softened, guess, system_tolerance, unsettled
 
 #: Smallest share of the loads that continuation tries to add before it gives up.
 SMALLEST_INCREMENT = 1.0 / 1024
@@ -107,6 +107,9 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
 def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
+    if not residual <= tolerance:
+        softly = find_softened(model, guess(model, t), loads, tolerance)
+        s, residual = (s, residual) if residual <= softly[1] else softly
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     friction = full.effect("seabed_friction")
     if not message and friction is not None and friction.statics == "outward":

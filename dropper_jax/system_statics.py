@@ -27,6 +27,8 @@ from dropper_jax.system import Unknowns
 
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
+#: Rounds that may pass without a pose better than the guess.
+HOPELESS = 200
 #: Largest move of a node in one round, in mean link lengths.
 REACH = 1.0
 #: Shares of a correction that are tried.
@@ -149,10 +151,10 @@ def find_rest(model: System, s: State, loads: jax.Array, tolerance: float) -> tu
     rows, tension = _unbalanced(model, s, loads)
     s = state(model, s.r, tension=tension, t=s.t)
     residual = float(jnp.max(jnp.abs(rows))) / scale
-    best = (s, residual)
+    first, best = s, (s, residual)
     kappa, reach = scale / length, jnp.asarray(REACH * length, model.dtype)
     reached = 0
-    for _ in range(ROUNDS):
+    for count in range(ROUNDS):
         s, residual, share = _round(model, s, loads, jnp.asarray(kappa, model.dtype), reach)
         residual, share = float(residual), float(share)
         kappa *= FALL if share == 1.0 else KEEP if share >= 0.25 else RISE
@@ -160,7 +162,7 @@ def find_rest(model: System, s: State, loads: jax.Array, tolerance: float) -> tu
         if residual < best[1]:
             best = (s, residual)
         reached = reached + 1 if residual <= tolerance else 0
-        if not np.isfinite(residual) or reached > 1:
+        if not np.isfinite(residual) or reached > 1 or (count > HOPELESS and best[0] is first):
             break
     return best
 

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
     parser.add_argument(
-        "--free", metavar="NAMES", help="parameters, such as b_l,b_q or line.0.inertia (default: damping)"
+        "--free", metavar="NAMES", help="parameters, such as b_l,line.0.inertia,release.time (default: damping)"
     )
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")

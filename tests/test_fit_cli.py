@@ -88,6 +88,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
     ("more", "words"),
     [
         (["--free", "b_x"], "'b_x' does not exist"),
+        (["--free", "b_l,release.force"], "lets no node go"),
         (["--window", "100"], "longer than the trace"),
         (["--held-out", "3-5"], "is not lo:hi"),
         (["--held-out", "30:40"], "holds no samples"),

@@ -135,7 +135,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
     t, measured, simulated, _ = fitted(result, run)
     links = min(measured.shape[1], MOST)
     columns = min(links, 4)
-    figure = style.new_figure(2.6 * columns + 0.6, 2.5 * -(-links // columns) + 0.5)
+    figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
     axes = figure.subplots(-(-links // columns), columns, squeeze=False).ravel()
     for j in range(links):
         for x, colour, label in ((measured[:, j], style.SECOND, "measured"), (simulated[:, j], style.FIRST, "fit")):

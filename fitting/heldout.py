@@ -87,7 +87,7 @@ def score_held_out(prepared: Prepared, values: np.ndarray, span: tuple[float, fl
             pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + trace.interval)))
     length = min(end - begin for _, begin, end in pieces) if whole else prepared.windows.length
     windows = cut(prepared.traces, length, dt, prepared.sigma, pieces)
-    windows = windows.padded(*_shape(prepared))
+    windows = replace(windows.padded(*_shape(prepared)), substeps=prepared.windows.substeps)
     solution = fit_starts(prepared, windows, values)
     known = windows.weight > 0
     raw = np.where(known, solution.evaluation.residual / np.where(known, windows.weight, 1.0), 0.0)

@@ -24,7 +24,8 @@ def summarise(prepared: Prepared, method: str, solution: Solution, windows: Wind
     """The result of a solution: errors, held-out scores, warnings."""
     simulator = prepared.simulator
     rate = chaos.lyapunov(simulator, windows, solution.evaluation, solution.values)
-    prepared = replace(prepared, lyapunov=rate)
+    # held-out stretches are simulated as finely as the fit was
+    prepared = replace(prepared, lyapunov=rate, windows=replace(prepared.windows, substeps=windows.substeps))
     u = uncertainty(solution, windows, prepared.parameters, simulator.freedoms)
     known = windows.weight > 0
     raw = np.where(known, solution.evaluation.residual / np.where(known, windows.weight, 1.0), 0.0)

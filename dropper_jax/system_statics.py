@@ -28,7 +28,7 @@ from dropper_jax.system import Unknowns
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
 #: Rounds that may pass without a pose better than the guess.
-HOPELESS = 200
+HOPELESS = 500
 #: Largest move of a node in one round, in mean link lengths.
 REACH = 1.0
 #: Shares of a correction that are tried.

@@ -82,6 +82,8 @@ def make_stepper(
     iterations = settings.pop("iterations", None)
     if iterations is None:
         iterations = scheme.condensed_iterations if chosen == "condensed" else scheme.iterations
+        if settings.get("extra") == 0:  # nobody comes after them
+            iterations = max(iterations, scheme.iterations)
     if model.laws:  # more of the same iterations settle nothing: which joints are held must be found out (`follow`)
         settings.setdefault("extra", 0)
     return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)

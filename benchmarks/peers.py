@@ -43,6 +43,7 @@ OURS = [
     Scheme("rattle", dtype="float32"),
     Scheme("energy_momentum"),
     Scheme("energy_momentum_4"),
+    Scheme("rattle_4"),
     Scheme("thesis_angles", 0.51, "dense"),
 ]
 DTS = [2.0**-k for k in range(4, 13)]

@@ -98,12 +98,28 @@ def north_sea(found: dict[str, Any]) -> str:
     return markdown(rows)
 
 
+def peers(found: dict[str, Any]) -> str:
+    """How many times faster than others at equal or smaller error, where that is least and where it is most."""
+    rows = [("line", "against", "wanted", "least", "most", "reached everywhere")]
+    for scene in found["scenes"]:
+        for goal in scene["goals"]:
+            least, most = (
+                f"{goal[end]['ratio']:.2g} at {goal[end]['error_m']:.0e} m ({goal[end]['ours'].split(',')[0]} against "
+                f"{goal[end]['peer'].split(',')[0]})"
+                for end in ("least", "largest")
+            )
+            held = "yes" if goal["met"] else "**no**"
+            rows.append((scene["scene"], goal["goal"], f"{goal['wanted']:g}", least, most, held))
+    return markdown(rows)
+
+
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 TABLES = {
     "stability": ("stability", stability),
     "thesis": ("stability", thesis),
     "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),
     "north_sea": ("north_sea", north_sea),
+    "peers": ("peers", peers),
 }
 
 

@@ -180,7 +180,9 @@ def peers(result: dict[str, Any], path: str | Path) -> Path:
     """RMS position error against wall time per simulated second, ours filled, the others open, log-log."""
     figure = style.new_figure(9.0, 5.8)
     axes = figure.subplots()
-    rows = [row for row in result["rows"] if row["status"] == "ok"]
+    # below this the reference's own error is compared; a run at its own step even shows none
+    floor = result["reference"]["error_estimate_rad"]
+    rows = [row for row in result["rows"] if row["status"] == "ok" and row["rms_angle_error_rad"] > floor]
     for i, label in enumerate(dict.fromkeys(row["label"] for row in rows)):
         part = sorted((r for r in rows if r["label"] == label), key=lambda r: r["dt"])
         look = _look(i)

@@ -101,6 +101,10 @@ class Elastic:
         return -jnp.sum(self.damping / length * stretch**2) / h
 
 
+#: How much a guessed stretch counts beside a guessed tension for whether a link is taut, any number in (0, 1].
+STRETCH_COUNTS = 1e-3
+
+
 @component
 class Rope(Elastic):
     """Elastic link that goes slack: `T = max(0, EA e + BA (e - e0)/h)`, e the stretch per length, 0 where slack.
@@ -118,7 +122,17 @@ class Rope(Elastic):
         return jnp.maximum(stretched + self.damping / self.EA * (stretched - before) / h, 0.0)
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        return self._pull(self.seen(d0, length), self.seen(d1, length), length, h) - length * tension / self.EA
+        """The law of a taut link where the link counts as taut, else `-L T/EA`, (n,) [m].
+
+        It counts as taut by its tension rather than by its stretch (primal-dual active set): a guess of the step is
+        off by far more than links stretch, its tensions are good. Solutions are those of `_pull = L T/EA`.
+        """
+        d0, d1, held = self.seen(d0, length), self.seen(d1, length), length * tension / self.EA
+        pull = safe_norm(d1) - length
+        if self.damping is not None:
+            pull = pull + self.damping / self.EA * (pull - jnp.maximum(safe_norm(d0) - length, 0.0)) / h
+        taut = held + STRETCH_COUNTS * (pull - held) > 0.0
+        return jnp.where(taut, pull, 0.0) - held
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d)
@@ -200,6 +214,9 @@ class Tabulated(Rope):
             rate = (self._stretched(d1, length) - self._stretched(d0, length)) / h
             pull = jnp.maximum(pull + self.damping / length * rate, 0.0)
         return length / self.EA * pull
+
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        return self._pull(self.seen(d0, length), self.seen(d1, length), length, h) - length * tension / self.EA
 
     def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d1)

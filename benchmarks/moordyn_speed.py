@@ -92,9 +92,7 @@ def compare(name: str, scene: Scene, wanted: float, calls: float, **options: Any
         limit = there["errors"]
         good = [r for r in rows if limit and r["errors"] and all(r["errors"][key] <= limit[key] for key in keys)]
         best = min(good, key=lambda r: r["cpu_per_s"]) if good else None
-        found[measure] = (
-            {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]} if best else None
-        )
+        found[measure] = {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]} if best else None
         words = f"{found[measure]['ratio']:.2f}, ours at {best['dt_s']:g} s" if best else "no run of ours is as exact"
         print(f"  goal {wanted:g} times, {measure}: {words}", flush=True)
     return found

@@ -14,6 +14,7 @@ from dropper_jax.catalogue import read_toml, scene_names
 from dropper_jax.effects import EFFECTS
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.failure import FailureSpec
+from dropper_jax.integrators import check_names
 from dropper_jax.line_types import expand
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.sea.checks import check_water
@@ -104,6 +105,7 @@ class Scene:
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
         )
+        check_names(scene.run.integrator, scene.run.solver)
         if branched:
             check_system_effects(scene)
         for effect, values in scene.effects.items():

@@ -54,10 +54,7 @@ def make_stepper(
     `settings` override fields of `Stepper` (iterations, tolerance, extra, halvings, track_work). `auto` takes the
     condensed solver where it applies, else dense for few unknowns, else banded.
     """
-    if integrator not in INTEGRATORS:
-        raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
-    if solver != "auto" and solver not in SOLVERS:
-        raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
+    check_names(integrator, solver)
     cls = INTEGRATORS[integrator]
     if gamma is not None and "gamma" not in cls.__dataclass_fields__:
         raise SceneError(f"run.gamma: {gamma} is given, but integrator {integrator!r} has no such weight; leave it out")
@@ -89,6 +86,14 @@ def make_stepper(
     return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)
 
 
+def check_names(integrator: str, solver: str) -> None:
+    """Refuse names that are none."""
+    if integrator not in INTEGRATORS:
+        raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
+    if solver != "auto" and solver not in SOLVERS:
+        raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
+
+
 def _choose(model: Model, scheme: Any) -> str:
     return "condensed" if SOLVERS["condensed"].refuse(model, scheme) is None else _exact(model, scheme)
 
@@ -101,4 +106,4 @@ def _exact(model: Model, scheme: Any) -> str:
     return "banded"
 
 
-__all__ = ["INTEGRATORS", "make_stepper"]
+__all__ = ["INTEGRATORS", "check_names", "make_stepper"]

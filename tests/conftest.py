@@ -197,3 +197,20 @@ def longline(made):
         return made(scene, np.concatenate(nodes, axis=1), pull, **changes)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def one_line():
+    """`one_line(length, links, start, end, kind, effects, ...)`: a line of one type between two fixed points."""
+
+    def make(length, links, start, end, kind, effects, **more):
+        return {
+            "run": {"dt": 0.02, "duration": 1.0},
+            "line_type": [{"name": "rope", **kind}],
+            "point": [{"name": "a", "position": start}, {"name": "b", "position": end}],
+            "line": [{"name": "line", "from": "a", "to": "b", "type": "rope", "length": length, "links": links}],
+            "effects": effects,
+            **more,
+        }
+
+    return make

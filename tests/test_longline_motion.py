@@ -177,7 +177,8 @@ def test_gradients_of_the_mean_tension_of_a_driven_chain_agree_with_differences(
     def mean_tension(factors):
         return jnp.mean(integrate(stepper, scaled(model, factors), s, 0.02, 100)[1].tension)
 
-    forward = jax.jit(jax.jacfwd(mean_tension))(jnp.ones(4))
+    forward, reverse = (jax.jit(way(mean_tension))(jnp.ones(4)) for way in (jax.jacfwd, jax.grad))
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9)
     assert_differences_agree(jax.jit(mean_tension), forward)
 
 

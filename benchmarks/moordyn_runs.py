@@ -19,7 +19,7 @@ import numpy as np
 
 from dropper_jax import Scene, step
 from dropper_jax.integrate import begin
-from dropper_jax.integrators import make_stepper
+from dropper_jax.integrators import stepper_of
 from dropper_jax.model import Model, State
 from dropper_jax.moordyn.writer import write_moordyn
 from dropper_jax.sea.make import make_sea
@@ -113,7 +113,7 @@ class Ours:
     @classmethod
     def of(cls, scene: Scene) -> Ours:
         model, start = build(scene)
-        return cls(make_stepper(model, track_work=False), model, start)
+        return cls(stepper_of(model, scene.run, track_work=False), model, start)
 
     def run(self, every: int, duration: float, repeats: int = 1) -> Rows:
         """Steps of SAMPLE / every [s]; the least times of the repeats count, compilation apart."""

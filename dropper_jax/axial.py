@@ -89,6 +89,22 @@ class Elastic:
             pull = pull + self.damping / length * dot(d, rate) / size
         return self.kept(pull)
 
+    def instant(
+        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
+    ) -> jax.Array:
+        """The law at one instant within a step, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s].
+
+        `since` [s] is how long ago the step began, for laws that change where a link tautens.
+        """
+        d, stretching = self._stretching(d, rate, length)
+        law = safe_norm(d) - length - length * tension / self.EA
+        return law if self.damping is None else law + self.damping / self.EA * stretching
+
+    def _stretching(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Link vectors as the law sees them, and rates of length (n,) [m/s]."""
+        stretching = self.kept(dot(d, rate) / safe_norm(d))
+        return self.seen(d, length), stretching
+
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
         return jnp.sum(0.5 * self.EA / length * (safe_norm(self.seen(d, length)) - length) ** 2)
@@ -99,6 +115,12 @@ class Elastic:
             return jnp.zeros((), d0.dtype)
         stretch = safe_norm(self.seen(d1, length)) - safe_norm(self.seen(d0, length))
         return -jnp.sum(self.damping / length * stretch**2) / h
+
+
+def _taut_or_slack(pull: jax.Array, held: jax.Array) -> jax.Array:
+    """`max(pull, 0) = held` by active sets: rows of pull, and of a tension in terms of elongation, both (n,) [m]."""
+    taut = held + STRETCH_COUNTS * (pull - held) > 0.0
+    return jnp.where(taut, pull, 0.0) - held
 
 
 #: How much a guessed stretch counts beside a guessed tension for whether a link is taut, any number in (0, 1].
@@ -127,12 +149,21 @@ class Rope(Elastic):
         It counts as taut by its tension rather than by its stretch (primal-dual active set): a guess of the step is
         off by far more than links stretch, its tensions are good. Solutions are those of `_pull = L T/EA`.
         """
-        d0, d1, held = self.seen(d0, length), self.seen(d1, length), length * tension / self.EA
+        d0, d1 = self.seen(d0, length), self.seen(d1, length)
         pull = safe_norm(d1) - length
         if self.damping is not None:
             pull = pull + self.damping / self.EA * (pull - jnp.maximum(safe_norm(d0) - length, 0.0)) / h
-        taut = held + STRETCH_COUNTS * (pull - held) > 0.0
-        return jnp.where(taut, pull, 0.0) - held
+        return _taut_or_slack(pull, length * tension / self.EA)
+
+    def instant(
+        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
+    ) -> jax.Array:
+        """The same at one instant. A link that tautened a moment ago has stretched by what it is longer, no more."""
+        d, stretching = self._stretching(d, rate, length)
+        pull = safe_norm(d) - length
+        if self.damping is not None:
+            pull = pull + self.damping / self.EA * jnp.minimum(stretching, jnp.maximum(pull, 0.0) / since)
+        return _taut_or_slack(pull, length * tension / self.EA)
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d)
@@ -166,6 +197,38 @@ class Rope(Elastic):
         d0, d1 = self.seen(d0, length), self.seen(d1, length)
         change = jnp.sum(self.spring(safe_norm(d1), length) * (safe_norm(d1) - safe_norm(d0)))
         return self.energy(d1, length) - self.energy(d0, length) - change
+
+
+@component
+class DampedRope(Rope):
+    """Rope whose damper works on when it is slack, and may push: `T = max(0, EA e) + BA e'`, as in MoorDyn.
+
+    For comparisons: slack lines then calm down fast, where those of a `Rope` chatter.
+    """
+
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        size = safe_norm(self.seen(d1, length))
+        return self._row(size, (size - safe_norm(self.seen(d0, length))) / h, tension, length)
+
+    def instant(
+        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
+    ) -> jax.Array:
+        d, stretching = self._stretching(d, rate, length)
+        return self._row(safe_norm(d), stretching, tension, length)
+
+    def _row(self, size: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        held = length * tension / self.EA
+        if self.damping is not None:
+            held = held - self.damping / self.EA * stretching
+        return _taut_or_slack(size - length, held)
+
+    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+        d, stretching = self._stretching(d, rate, length)
+        pull = self.spring(safe_norm(d), length)
+        return pull if self.damping is None else pull + self.damping / length * stretching
+
+    def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        return Elastic.damping_work(self, d0, d1, length, h)
 
 
 @component
@@ -218,6 +281,16 @@ class Tabulated(Rope):
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         return self._pull(self.seen(d0, length), self.seen(d1, length), length, h) - length * tension / self.EA
 
+    def instant(
+        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
+    ) -> jax.Array:
+        d, stretching = self._stretching(d, rate, length)
+        pull = self.spring(safe_norm(d), length)
+        if self.damping is not None:
+            stretching = jnp.minimum(stretching, self._stretched(d, length) / since)
+            pull = jnp.maximum(pull + self.damping / length * stretching, 0.0)
+        return length / self.EA * (pull - tension)
+
     def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d1)
         slope = jax.jvp(lambda x: self.spring(x, length), (size,), (jnp.ones_like(size),))[1]
@@ -238,5 +311,5 @@ class Tabulated(Rope):
         return -jnp.sum(extra * (safe_norm(d1) - safe_norm(d0)))
 
 
-Axial = Rigid | Elastic | Rope | Tabulated
-LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "tabulated": Tabulated}
+Axial = Rigid | Elastic | Rope | DampedRope | Tabulated
+LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}

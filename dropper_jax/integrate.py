@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.failure import Parted
-from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.kinematics import safe_norm
 from dropper_jax.model import Model, State
 from dropper_jax.stepping import FULL_STEP, Stepper, step
@@ -55,8 +54,7 @@ class Progress(NamedTuple):
 
 def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     """The carry of a run that starts from `s`."""
-    if isinstance(stepper.integrator, ThesisAngles) and s.angles is None:
-        s = stepper.integrator.begin(model, s)
+    s = stepper.integrator.begin(model, s)
     if not stepper.track_work:
         s = replace(s, work=jnp.zeros(0, model.dtype))
     return Progress(s, jnp.zeros((), jnp.int32), jnp.full((), -1, jnp.int32))

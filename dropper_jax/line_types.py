@@ -38,7 +38,7 @@ class LineType:
     EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
     strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
     tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
-    law: str = option("axial law", choices=("rope", "elastic", "tabulated"), default="rope")
+    law: str = option("axial law", choices=("rope", "damped_rope", "elastic", "tabulated"), default="rope")
     damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
     damping_ratio: float | None = parameter(
         "internal damping over critical, per link", unit="-", low=0.0, optional=True

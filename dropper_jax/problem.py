@@ -61,6 +61,10 @@ class Integrator:
             return f"effect {name!r} brings a set-valued law, which it does not solve; use energy_momentum"
         return None
 
+    def begin(self, model: Model, s: State) -> State:
+        """The state with what this scheme carries beyond places and velocities."""
+        return s
+
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
         raise NotImplementedError
 

@@ -330,6 +330,9 @@ class RunSpec:
     gamma: float | None = parameter(
         "weight of the new time in the theta schemes", unit="-", low=0.0, high=1.0, optional=True
     )
+    rho_infinity: float | None = parameter(
+        "what a step of generalized_alpha leaves of the fastest vibrations", unit="-", low=0.0, high=1.0, optional=True
+    )
     save_every: int = _count("steps between saved states", default=1)
 
     @classmethod

@@ -19,7 +19,7 @@ from dropper_jax.build import build_model
 from dropper_jax.errors import SceneError, SimulationError
 from dropper_jax.failure import Parted, breaks, words
 from dropper_jax.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
-from dropper_jax.integrators import make_stepper
+from dropper_jax.integrators import stepper_of
 from dropper_jax.model import Model, State, work_names
 from dropper_jax.observe import Observed, observe
 from dropper_jax.scene import Scene, load_scene
@@ -62,6 +62,7 @@ def simulate(
     integrator: str | None = None,
     solver: str | None = None,
     gamma: float | None = None,
+    rho_infinity: float | None = None,
     dtype: str | None = None,
     save_every: int | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -74,7 +75,7 @@ def simulate(
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`.
         dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
-        integrator, solver, gamma: see `make_stepper`.
+        integrator, solver, gamma, rho_infinity: see `make_stepper`.
         dtype: `float64` or `float32`.
         save_every: steps between saved times.
         progress: called with the fraction done and a line of text.
@@ -93,6 +94,7 @@ def simulate(
         "integrator": integrator,
         "solver": solver,
         "gamma": gamma,
+        "rho_infinity": rho_infinity,
         "dtype": dtype,
         "save_every": save_every,
     }
@@ -108,7 +110,7 @@ def simulate(
     say(0.0, "finding the start")
     model, start = build(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-    stepper = make_stepper(model, run.integrator, run.solver, run.gamma, **renamed)
+    stepper = stepper_of(model, run, **renamed)
     steps = _whole_steps(run.duration, run.dt, run.save_every)
     begun = time.perf_counter()
     compiled, chunk = _compile(stepper, model, start, steps // run.save_every, run.save_every)
@@ -215,7 +217,7 @@ def _solution(
         "duration": scene.run.duration,
         "steps": steps,
         "dtype": scene.run.dtype,
-        "gamma": getattr(stepper.integrator, "gamma", None),
+        **{key: getattr(stepper.integrator, key, None) for key in ("gamma", "rho_infinity")},
         "residual_tolerance": stepper.limit(model),
         "iterations": stepper.iterations,
         "save_every": every,

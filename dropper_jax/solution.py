@@ -58,8 +58,8 @@ class Solution:
 
     Attributes:
         scene: what was simulated.
-        settings: integrator, solver, dt, duration, steps, dtype, gamma, residual_tolerance, save_every; with a
-            tolerance also `estimated_error` {rms_angle_rad, until_s}.
+        settings: integrator, solver, dt, duration, steps, dtype, gamma, rho_infinity, residual_tolerance,
+            save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}.
         t: saved times (k,) [s].
         positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
             of all lines, line after line (points where lines join stand once per line), see `lines`.
@@ -202,7 +202,8 @@ class Solution:
 
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
-        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "residual_tolerance", "save_every")
+        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "rho_infinity")
+        keys += ("residual_tolerance", "save_every")
         found = {
             "schema": SCHEMA,
             "status": self.status,

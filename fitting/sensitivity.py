@@ -16,10 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax import build, from_angles, integrate, load_scene, make_stepper, settle
+from dropper_jax import build, from_angles, integrate, load_scene, settle
 from dropper_jax.analysis.lyapunov import horizon, lyapunov
 from dropper_jax.errors import SceneError
 from dropper_jax.integrate import Trajectory
+from dropper_jax.integrators import stepper_of
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics import nodal_loads
 from fitting.lanes import lanes
@@ -60,9 +61,8 @@ class Study:
 
     @cached_property
     def stepper(self) -> Any:
-        run = self.scene.run
         more = {} if self.retries else {"extra": 0, "halvings": 0}
-        return make_stepper(self.model, run.integrator, run.solver, run.gamma, track_work=False, **more)
+        return stepper_of(self.model, self.scene.run, track_work=False, **more)
 
     @property
     def saves(self) -> int:

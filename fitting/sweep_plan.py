@@ -16,9 +16,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from dropper_jax import Scene, build, load_scene, make_stepper
+from dropper_jax import Scene, build, load_scene
 from dropper_jax.build import build_model
 from dropper_jax.errors import SceneError, nearest
+from dropper_jax.integrators import stepper_of
 from dropper_jax.model import Model, State
 from dropper_jax.stepping import Stepper
 from fitting.naming import DAMPING, full_names
@@ -96,10 +97,7 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        run = self.scene.run
-        return make_stepper(
-            self.base[0], run.integrator, run.solver, run.gamma, **{"track_work": False, **dict(self.settings)}
-        )
+        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""

@@ -182,6 +182,7 @@ def elastic(chain):
         ("rk2", (800, 1600, 3200), 2.0, 1e-4),
         ("semi_implicit_euler", (4000, 8000, 16000), 1.0, 2e-3),
         ("energy_momentum", (4000, 8000, 16000), 1.0, 1e-3),
+        ("generalized_alpha", (400, 800, 1600), 2.0, 1e-5),
     ],
 )
 def test_elastic_loop_follows_newtons_equations_with_the_order_of_its_scheme(

@@ -21,7 +21,7 @@ name = "run"
 help = "simulate a scene"
 
 #: Options that stand for a value of the scene.
-OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "gamma")
+OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "gamma", "rho_infinity")
 PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}
 #: Further pictures of a scene with water.
 WATER_PICTURES = {
@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=number, help="simulated time [s]")
     parser.add_argument("--dtype", help="float64 or float32")
     parser.add_argument("--gamma", type=number, help="weight of the new time in the theta schemes, 0 to 1")
+    parser.add_argument(
+        "--rho-infinity", type=number, help="what a step of generalized_alpha leaves of the fastest vibrations, 0 to 1"
+    )
     parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
     parser.add_argument(
         "--tables",

@@ -7,6 +7,7 @@ from typing import Any
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
+from dropper_jax.integrators.generalized_alpha import GeneralizedAlpha
 from dropper_jax.integrators.rattle import Rattle
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.integrators.rk2 import RK2
@@ -16,6 +17,7 @@ from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.integrators.theta import Theta
 from dropper_jax.integrators.theta_midpoint import ThetaMidpoint
 from dropper_jax.model import Model
+from dropper_jax.sections import RunSpec
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping import Stepper
 
@@ -31,6 +33,7 @@ INTEGRATORS = {
         RK4,
         EnergyMomentum4,
         Rattle4,
+        GeneralizedAlpha,
         ThesisAngles,
     )
 }
@@ -47,6 +50,7 @@ def make_stepper(
     integrator: str = "energy_momentum",
     solver: str = "auto",
     gamma: float | None = None,
+    rho_infinity: float | None = None,
     **settings: Any,
 ) -> Stepper:
     """Choose integrator and solver for a model, refusing pairings that make no sense with their reason.
@@ -56,10 +60,14 @@ def make_stepper(
     """
     check_names(integrator, solver)
     cls = INTEGRATORS[integrator]
-    if gamma is not None and "gamma" not in cls.__dataclass_fields__:
-        raise SceneError(f"run.gamma: {gamma} is given, but integrator {integrator!r} has no such weight; leave it out")
+    given = {"gamma": gamma, "rho_infinity": rho_infinity}
+    weights = {key: float(value) for key, value in given.items() if value is not None}
+    for key, value in weights.items():
+        if key not in cls.__dataclass_fields__:
+            why = f"is given, but integrator {integrator!r} has no such weight; leave it out"
+            raise SceneError(f"run.{key}: {value} {why}")
     try:
-        scheme = cls() if gamma is None else cls(gamma=float(gamma))
+        scheme = cls(**weights)
     except ValueError as error:
         raise SceneError(str(error)) from None
     scheme = scheme.suited(model)
@@ -86,6 +94,11 @@ def make_stepper(
     return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)
 
 
+def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
+    """The stepper of a scene's `[run]`."""
+    return make_stepper(model, run.integrator, run.solver, run.gamma, run.rho_infinity, **settings)
+
+
 def check_names(integrator: str, solver: str) -> None:
     """Refuse names that are none."""
     if integrator not in INTEGRATORS:
@@ -106,4 +119,4 @@ def _exact(model: Model, scheme: Any) -> str:
     return "banded"
 
 
-__all__ = ["INTEGRATORS", "check_names", "make_stepper"]
+__all__ = ["INTEGRATORS", "check_names", "make_stepper", "stepper_of"]

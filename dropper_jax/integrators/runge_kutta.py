@@ -26,10 +26,15 @@ class RungeKutta(Integrator):
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
-        coupled = model.line.compound or any(e.reach > 0 for e in model.effects if has(e, "inertia"))
-        if coupled and any(has(e, "inertia") for e in model.effects):
+        if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"
         return super().refuse(model)
+
+
+def couples_inertia(model: Model) -> bool:
+    """Whether added mass couples neighbouring nodes, so that accelerations need more than each node's own mass."""
+    added = [e for e in model.effects if has(e, "inertia")]
+    return bool(added) and (model.line.compound or any(e.reach > 0 for e in added))
 
 
 Rates = tuple[jax.Array, jax.Array, jax.Array]
@@ -42,12 +47,13 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     k = model.kinematics(r, v, t, k.ends, prepared=model.prepare(k))
     tension = line.axial.tension(k.links, k.link_velocities, line.length)
     force = model.force(k) + model.pull(tension, k.tangents)
-    a = _accelerations(model, k, force, t)
-    power = _powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
+    a = accelerations(model, k, force, t)
+    power = powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
 
-def _accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
+def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
+    """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
     line, free = model.line, model.free_nodes
     if any(has(e, "inertia") for e in model.effects):  # each node has a mass matrix of its own
         blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
@@ -64,7 +70,7 @@ def _accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) 
     return tridiagonal_solve(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
 
 
-def _powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> jax.Array:
+def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> jax.Array:
     """Power (k,) [W] of what `work_names` lists."""
     line = model.line
     effects = [e for e in model.effects if has(e, "force") and not has(e, "potential")]

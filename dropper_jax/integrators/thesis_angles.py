@@ -52,6 +52,8 @@ class ThesisAngles(Integrator):
 
     def begin(self, model: Model, s: State) -> State:
         """The state with the angles that its positions and velocities mean."""
+        if s.angles is not None:
+            return s
         ends = model.ends(s.t)
         return replace(s, angles=angles_of_links(model.links(s.r, ends), _link_rates(model, s.v)))
 

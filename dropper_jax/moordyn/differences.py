@@ -79,7 +79,7 @@ def _things(scene: Scene) -> Iterator[str]:
     for line in scene.lines:
         if line.axial_law == "tabulated":
             yield f"line {line.name!r}: MoorDyn joins the rows of a table by straight lines and ends at the last one"
-        elif line.axial_law != "rope":
+        elif line.axial_law not in ("rope", "damped_rope"):
             yield f"line {line.name!r}: axial law {line.axial_law!r} is not represented; MoorDyn's lines do not push"
         if line.breaking_load is not None:
             yield f"line {line.name!r}: breaking load is not represented"

@@ -17,7 +17,7 @@ from dropper_jax.effects.base import Effect
 from dropper_jax.errors import SceneError
 from dropper_jax.fields import component, parameter
 from dropper_jax.integrate import Progress, advance, begin
-from dropper_jax.integrators import make_stepper
+from dropper_jax.integrators import make_stepper, stepper_of
 from dropper_jax.model import Model, State, state
 from dropper_jax.scene import Scene
 from dropper_jax.simulate import build
@@ -50,7 +50,7 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
     """
     model, s = build(scene)
     run = scene.run
-    make = partial(make_stepper, integrator=run.integrator, gamma=run.gamma)
+    make = partial(make_stepper, integrator=run.integrator, gamma=run.gamma, rho_infinity=run.rho_infinity)
     variants = [
         _Variant(name, shrunk, make(shrunk, solver=_solver(run, shrunk)), s, run.dt, steps)
         for name, shrunk in _variants(model)
@@ -76,7 +76,7 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
 def _solver(run: Any, model: Model) -> str:
     """The scene's solver; a smaller model may be served by another, which `auto` finds."""
     try:
-        make_stepper(model, run.integrator, run.solver, run.gamma)
+        stepper_of(model, run)
     except SceneError:
         return "auto"
     return run.solver
@@ -147,10 +147,11 @@ def proof(scene: Scene) -> dict[str, Any]:
     table = scene.to_dict()
     never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
     model, s = build(scene)
+    weights = scene.run.gamma, scene.run.rho_infinity
     taken = without(model, optional)
-    removed = _text(make_stepper(taken, scene.run.integrator, "auto", scene.run.gamma), taken, s, scene.run.dt)
+    removed = _text(make_stepper(taken, scene.run.integrator, "auto", *weights), taken, s, scene.run.dt)
     plain = build_model(never)
-    never_had = _text(make_stepper(plain, scene.run.integrator, "auto", scene.run.gamma), plain, s, scene.run.dt)
+    never_had = _text(make_stepper(plain, scene.run.integrator, "auto", *weights), plain, s, scene.run.dt)
     return {
         "removed_is_never_had": removed == never_had,
         "new_effect_changes_nothing": base == again,
@@ -163,7 +164,7 @@ def program(scene: Scene) -> str:
     """The program of one step of a scene, as handed to the compiler, as text."""
     model, s = build(scene)
     run = scene.run
-    return _text(make_stepper(model, run.integrator, run.solver, run.gamma), model, s, run.dt)
+    return _text(stepper_of(model, run), model, s, run.dt)
 
 
 def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:

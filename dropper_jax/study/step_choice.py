@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.analysis.lyapunov import horizon, lyapunov
 from dropper_jax.errors import SceneError
-from dropper_jax.integrators import make_stepper
+from dropper_jax.integrators import make_stepper, stepper_of
 from dropper_jax.model import Model, State
 from dropper_jax.scene import Scene
 from dropper_jax.simulate import build
@@ -86,7 +86,7 @@ class _Pilot:
     def __init__(self, scene: Scene):
         run = scene.run
         self.model, self.start = build(scene)
-        self.stepper: Stepper = make_stepper(self.model, run.integrator, run.solver, run.gamma, track_work=False)
+        self.stepper: Stepper = stepper_of(self.model, run, track_work=False)
         self.base = run.dt
         self.until = _until(self.model, self.start, run.duration, run.dt)
         self.links: dict[int, np.ndarray | None] = {}

@@ -1,0 +1,150 @@
+"""Generalised-alpha: what it leaves of vibrations, its start and derivatives, the damper of slack lines, refusals."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax import SceneError, load_scene
+from dropper_jax.build import build_model
+from dropper_jax.integrate import integrate
+from dropper_jax.integrators import make_stepper
+
+G = 9.81
+LENGTH, MASS = 0.5, 0.4
+
+
+@pytest.fixture(scope="module")
+def ring(march, chain):
+    """Tensions over steps of a mass that rings on a vertical elastic link, over the weight, per unit of the first."""
+
+    def make(integrator, EA, dt, steps, **weights):
+        rest = -LENGTH * (1 + MASS * G / EA)
+        nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, rest * (1 + 1e-8)]]
+        scene = chain([LENGTH], [MASS], {"kind": "positions", "positions": nodes}, axial={"law": "elastic", "EA": EA})
+        model, s = dj.build(scene)
+        stepper = make_stepper(model, integrator, **weights)
+        _, path = jax.jit(lambda m, s: integrate(stepper, m, s, dt, steps))(model, s)
+        swing = np.asarray(path.tension[:, 0]) - MASS * G
+        return swing / (EA * 1e-8)
+
+    return make
+
+
+@pytest.mark.parametrize(("rho", "begin", "end"), [(0.5, 10, 20), (0.9, 60, 120)])
+def test_unresolved_ringing_shrinks_to_rho_at_every_step(ring, rho, begin, end):
+    # h omega = 100; the double root -rho of Chung and Hulbert leaves (a + b k) rho^k
+    dt = 1e-2
+    swing = np.abs(ring("generalized_alpha", LENGTH * MASS * (100.0 / dt) ** 2, dt, end, rho_infinity=rho))
+    first, last = np.max(swing[begin - 4 : begin]), np.max(swing[end - 4 : end])
+    assert (last / first) ** (1 / (end - begin)) == pytest.approx(rho, rel=0.08)
+
+
+def test_with_rho_0_unresolved_ringing_is_gone_after_six_steps(ring):
+    dt = 1e-2
+    swing = np.abs(ring("generalized_alpha", LENGTH * MASS * (100.0 / dt) ** 2, dt, 10, rho_infinity=0.0))
+    assert swing[1] > 0.1
+    assert np.max(swing[6:]) < 1e-6
+
+
+def test_resolved_ringing_is_kept_where_the_law_at_the_end_of_the_step_loses_it(ring):
+    # 5 periods of 31 steps each, h omega = 0.2; that law takes (h omega)^2/4 of the amplitude at every step
+    dt = 1e-2
+    EA = LENGTH * MASS * (0.2 / dt) ** 2
+    swing = {name: np.abs(ring(name, EA, dt, 157)) for name in ("generalized_alpha", "energy_momentum")}
+    last = {name: np.max(values[-32:]) for name, values in swing.items()}
+    assert last["generalized_alpha"] == pytest.approx(1.0, abs=0.05)
+    assert last["energy_momentum"] == pytest.approx(np.exp(-(0.2**2) / 4 * 126), rel=0.1)
+
+
+def hanging(one_line, law="rope", **more):
+    """A line of six links between points 1 m below its length apart, its top driven gently."""
+    kind = {"mass": 2.0, "diameter": 0.03, "EA": 4e4, "damping_ratio": 0.1, "law": law, "cdn": 1.2, "cdt": 0.1}
+    scene = one_line(12.0, 6, [0.0, 0.0, -9.0], [8.0, 0.0, -1.0], kind, {"weight": {}, **more})
+    scene["sea"] = {"depth": 12.0}
+    return scene
+
+
+def driven(one_line, law="rope"):
+    drive = {"point": "b", "amplitude": [0.3, 0.0, 0.2], "period": 3.0}
+    return hanging(one_line, law, morison_drag={}, buoyancy={}, end_motion=drive)
+
+
+def test_a_static_pose_stays(one_line):
+    scene = load_scene(hanging(one_line)).with_values({"run.integrator": "generalized_alpha"})
+    run = dj.simulate(scene, dt=0.05, duration=5.0)
+    assert run.status == "ok"
+    assert np.max(np.abs(run.positions - run.positions[0])) < 1e-9
+    assert np.max(np.abs(run.tension - run.tension[0])) < 1e-5
+
+
+def test_gradients_of_a_driven_line_agree_with_differences_forward_and_reverse(one_line):
+    model, s = dj.build(driven(one_line))
+    stepper = make_stepper(model, "generalized_alpha", track_work=False)
+
+    @jax.jit
+    def mean_square(factor, model=model, s=s):
+        line = model.line
+        axial = line.axial.__class__(EA=line.axial.EA * factor, damping=line.axial.damping)
+        changed = model.__class__(**{**model.__dict__, "lines": (line.__class__(**{**line.__dict__, "axial": axial}),)})
+        return jnp.mean(integrate(stepper, changed, s, 0.02, 60)[1].tension[:, -1] ** 2)
+
+    forward = float(jax.jit(jax.jacfwd(mean_square))(1.0))
+    reverse = float(jax.jit(jax.grad(mean_square))(1.0))
+    assert forward == pytest.approx(reverse, rel=1e-9)
+    coarse, fine = ((float(mean_square(1.0 + e)) - float(mean_square(1.0 - e))) / (2 * e) for e in (1e-3, 5e-4))
+    assert forward == pytest.approx((4 * fine - coarse) / 3, rel=1e-5)
+
+
+def test_the_damper_of_a_slack_line_brakes_in_one_law_and_not_in_the_other(chain):
+    # a slack link along z without weight: m v' = -BA/L v for the damped rope, free flight for the other
+    BA, v0 = 0.8, 0.3
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, -0.6 * LENGTH]]
+    start = {"kind": "positions", "positions": nodes, "velocities": [[0.0, 0.0, 0.0], [0.0, 0.0, v0]]}
+    found = {}
+    for law in ("rope", "damped_rope"):
+        axial = {"law": law, "EA": 100.0, "damping": BA}
+        scene = load_scene(chain([LENGTH], [MASS], start, effects={}, axial=axial))
+        for integrator, order in (("energy_momentum", 1), ("generalized_alpha", 2), ("rk4", 4)):
+            run = dj.simulate(scene.with_values({"run.integrator": integrator}), dt=1e-3, duration=0.2)
+            found[law, integrator] = run.velocities[-1, -1, 2], order
+    decay = np.exp(-BA / LENGTH / MASS * 0.2)
+    for (law, _), (v, order) in found.items():
+        expected = v0 if law == "rope" else v0 * decay
+        assert v == pytest.approx(expected, rel={1: 5e-3, 2: 1e-5, 4: 1e-9}[order])
+
+
+@pytest.mark.parametrize("law", ["rope", "damped_rope"])
+def test_both_rope_laws_are_those_of_the_explicit_scheme(one_line, law):
+    scene = load_scene(driven(one_line, law)).with_values({"run.dt": 2e-3, "run.duration": 1.5})
+    runs = [dj.simulate(scene, integrator=name) for name in ("generalized_alpha", "rk4")]
+    assert [run.status for run in runs] == ["ok", "ok"]
+    a, b = (np.interp(np.arange(0.1, 1.4, 0.1), run.t_tension, run.tension[:, -1]) for run in runs)
+    assert np.max(np.abs(a - b)) < 5e-3 * np.max(b)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (
+            {"run.integrator": "generalized_alpha", "run.rho_infinity": 1.2},
+            "run.rho_infinity.*1.2 is out of range; allowed: a number 0 to 1",
+        ),
+        ({"run.integrator": "rk4", "run.rho_infinity": 0.5}, "run.rho_infinity.*no such weight"),
+        ({"run.integrator": "generalized_alpha", "run.gamma": 0.5}, "run.gamma.*no such weight"),
+    ],
+)
+def test_weights_that_make_no_sense_are_named(one_line, values, words):
+    with pytest.raises(SceneError, match=words):
+        dj.simulate(load_scene(hanging(one_line)).with_values(values), duration=0.1)
+
+
+def test_rigid_lines_and_friction_on_the_bed_are_refused_with_what_to_take(one_line):
+    with pytest.raises(SceneError, match=r"generalized_alpha.*axial\.law"):
+        make_stepper(build_model(load_scene("conical-pendulum")), "generalized_alpha")
+    bed = {"seabed": {"depth": 12.0, "stiffness": 1e5}, "seabed_friction": {"kinetic": 0.5}}
+    with pytest.raises(SceneError, match=r"set-valued law.*energy_momentum"):
+        make_stepper(build_model(load_scene(hanging(one_line, **bed))), "generalized_alpha")

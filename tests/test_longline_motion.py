@@ -119,8 +119,10 @@ class Pull(Effect):
 # --- energy and gradients -----------------------------------------------------------------------------------------
 
 
-def test_a_falling_chain_in_water_at_rest_never_gains_energy(one_line):
+@pytest.mark.parametrize("law", ["rope", "damped_rope"])
+def test_a_falling_chain_in_water_at_rest_never_gains_energy(one_line, law):
     kind = {
+        "law": law,
         "mass": 10.91,
         "diameter": 0.042,
         "EA": 1e6,

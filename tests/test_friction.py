@@ -181,3 +181,14 @@ def test_joints_stopped_on_their_bounds_are_solved_whatever_the_rounding(chain):
     impulse = np.stack([np.cross(link[0], change.sum(1))[:, 1] + second, second], axis=1)
     assert np.all(np.abs(h * z + impulse) <= h * tau * (1 + 1e-9))
     assert np.mean(np.abs(h * z + impulse) > h * tau * (1 - 1e-9)) > 0.1
+
+
+def test_a_composition_that_steps_backwards_refuses_dry_friction(chain):
+    """Its middle step would turn friction into a drive: it lost 2.3 times what `energy_momentum` does."""
+    model, _ = dj.build(chain([0.5], [0.4], angles([0.9]), effects={"weight": {}, "joint_friction": {"dry": 0.01}}))
+    with pytest.raises(ValueError, match=r"energy_momentum_4.*'joint_friction' brings a set-valued law"):
+        dj.make_stepper(model, "energy_momentum_4")
+    viscous, _ = dj.build(
+        chain([0.5], [0.4], angles([0.9]), effects={"weight": {}, "joint_friction": {"viscous": 0.1}})
+    )
+    assert dj.make_stepper(viscous, "energy_momentum_4").integrator.order == 4

@@ -33,7 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
     parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
-    parser.add_argument("--dt", type=number, help="time step [s] (default: 1/75 of the shortest link's period)")
+    parser.add_argument(
+        "--dt",
+        type=number,
+        help="time step [s], at most the samples' interval (default: 1/75 of the shortest link's period)",
+    )
     parser.add_argument("--zero", help="where the traces' angles are zero: horizontal or down")
     parser.add_argument("--sign", help="1 or -1")
     parser.add_argument("--unit", help="rad or deg")

@@ -28,7 +28,7 @@ from fitting.shooting import fit_shooting
 from fitting.simulator import Simulator, choose_stepper
 from fitting.summary import summarise
 from fitting.traces import Convention, Trace, convention, noise, read_trace
-from fitting.windows import Starts, Windows, cut, first_starts, time_step
+from fitting.windows import Starts, Windows, check_step, cut, first_starts, time_step
 
 METHODS = ("windows", "shooting", "gradient")
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
@@ -99,7 +99,8 @@ def fit(
         until: samples from this time [s] on are not fitted.
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
         window: length [s]; default from the Lyapunov exponent.
-        dt: time step [s]; default 1/75 of the shortest link's period.
+        dt: time step [s], at most the samples' interval; a shorter one that divides it is taken. Default: 1/75 of the
+            shortest link's period, or 1/300 for second order.
         zero, sign, unit: how the traces count angles; default as the files say, else guessed from the scene.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
@@ -177,6 +178,8 @@ def prepare(
     check_planar(model, state)
     read = [settle_convention(trace, model, asked) for trace in _as_traces(traces, model.line.links)]
     runs, notes = [trace for trace, _ in read], [note for _, more in read for note in more]
+    if dt is not None:
+        check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
     parameters = resolve(model, names, start, bounds, priors, release=release)
     held_out = check_spans(runs, held_out)

@@ -95,6 +95,17 @@ class Windows:
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
 
 
+def check_step(traces: Sequence[Trace], dt: float) -> None:
+    """Refuse a step that a caller asks for and that is longer than the samples are apart.
+
+    Between steps angles are interpolated, but a step that passes over samples is a mistyped one: the default is shorter
+    than any motion that a camera follows.
+    """
+    longest = max(trace.interval for trace in traces)
+    if not dt <= longest * (1 + 1e-6):
+        raise SceneError(f"dt: {dt:g} s is longer than the samples are apart; allowed: at most {longest:.4g} s")
+
+
 def time_step(traces: Sequence[Trace], wanted: float) -> float:
     """The step [s] nearest below `wanted` that divides the sampling interval, where sampling is uniform."""
     intervals = {round(trace.interval, 12) for trace in traces}

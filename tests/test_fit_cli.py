@@ -90,6 +90,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
         (["--free", "b_x"], "'b_x' does not exist"),
         (["--free", "b_l,release.force"], "lets no node go"),
         (["--window", "100"], "longer than the trace"),
+        (["--dt", "3"], "dt: 3 s is longer than the samples are apart; allowed: at most 0.03333 s"),
         (["--held-out", "3-5"], "is not lo:hi"),
         (["--held-out", "30:40"], "holds no samples"),
         (["--zero", "up"], "allowed: horizontal, down"),

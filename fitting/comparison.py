@@ -112,9 +112,12 @@ def _split(prepared: Prepared) -> tuple[Windows, Windows]:
         ]
         if pieces:
             return windows, cut(prepared.traces, windows.length, windows.dt, prepared.sigma, pieces)
-    kept = np.arange(windows.count) % SCORED == SCORED - 1
+    # a released window is fitted: it alone tells when its run was let go, and its own start cannot be found again
+    own = np.flatnonzero(~windows.released)
+    kept = np.zeros(windows.count, bool)
+    kept[own[SCORED - 1 :: SCORED]] = True
     if not kept.any():
-        kept[-1] = windows.count > 1
+        kept[own[-1:]] = windows.count > 1
     return windows.pick(~kept), windows.pick(kept if kept.any() else ~kept)
 
 

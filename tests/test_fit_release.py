@@ -10,6 +10,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.errors import SceneError
+from fitting.comparison import _split, compare
 from fitting.fit import estimate, prepare, summarise
 from fitting.synthetic import Camera, observe, simulate_truth
 from fitting.traces import Trace
@@ -101,6 +102,29 @@ def test_a_known_release_needs_no_free_parameter(motion):
     assert result.status == "ok"
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.15)
     assert abs(result.values[0] - TRUTH[0]) < 3.5 * result.uncertainty.std_error[0]
+
+
+def test_laws_are_compared_with_the_release_free_in_each(ready):
+    """The law that made the trace wins, and finds the same release as the fit."""
+    laws = compare(ready, ("none", "linear"))
+    assert [law.name for law in laws if law.chosen] == ["linear"]
+    assert laws[0].rms > 1.5 * laws[1].rms
+    assert [law.free for law in laws] == [3, 4]
+    found = laws[1].values
+    assert found["release.time.0"] == pytest.approx(TRUTH[2], abs=1e-3)
+    assert found["release.force.0.2.x"] == pytest.approx(TRUTH[3], rel=5e-3)
+    assert found[NAMES[0]] == pytest.approx(TRUTH[0], rel=0.1)
+
+
+def test_the_laws_are_not_judged_on_windows_that_the_model_begins(ready):
+    """Of two runs with four windows each the second begins in the window that would be the fifth's turn."""
+    windows = ready.windows
+    released = np.arange(windows.count) % 4 == 0
+    fitted, scored = _split(replace(ready, windows=replace(windows, released=released)))
+    assert fitted.released.sum() == released.sum()
+    assert scored.count == 1
+    assert not scored.released.any()
+    assert set(fitted.begin) | set(scored.begin) == set(windows.begin)
 
 
 @pytest.mark.parametrize(

@@ -79,11 +79,15 @@ def _solved_jvp(stepper: Stepper, primals: tuple[Any, ...], tangents: tuple[Any,
     filled = [jnp.zeros_like(x) if _is_zero(dot) else dot for x, dot in zip(jax.tree.leaves(s), ds, strict=True)]
     given = _At([dmodel[i] for i in moving], jax.tree.unflatten(jax.tree.structure(s), filled), _nonzero(dh))
     at = _At([leaves[i] for i in moving], s, [h] if given.h else [])
+    zeros = jnp.zeros_like(residual), jnp.zeros(level.shape, jax.dtypes.float0)
+    if not stepper.reverse:
+        frozen = leaves, h, jax.tree.map(_refusing.bind, u), level
+        ds1 = _forward(stepper, tree, moving, frozen, at, given)
+        return (s1, residual, level), (ds1, *zeros)
     frozen = leaves, h, u, level
     forward = partial(_forward, stepper, tree, moving, frozen, at)
     backward = partial(_backward, stepper, tree, moving, frozen, at)
     ds1 = _linear(forward, backward, given, s1, (frozen, at))
-    zeros = jnp.zeros_like(residual), jnp.zeros(level.shape, jax.dtypes.float0)
     return (s1, residual, level), (ds1, *zeros)
 
 

@@ -46,11 +46,15 @@ def stop_held_joints(
     """
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
     some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
-    zero = Unknowns(jnp.zeros_like(after.v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
+    # most steps hold no joint, and then none of this is run
+    stopped = partial(_stopped, model, held, z, after.with_velocity(after.v), h)
+    return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
+
+
+def _stopped(model: Model, held: Any, z: Any, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the price of a few operations
-    plain = jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h))
-    u, factor, over, aim = jax.lax.cond(some, _solve, partial(_nothing, zero), *plain)
+    u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
     rows = ravel_pytree(_rows(model, held, after, z, h, over, aim, u))[0]
     flat, unravel = ravel_pytree(u)
     return _falling(model, after, unravel(flat - lu_solve(factor, rows)).x)
@@ -66,11 +70,7 @@ def stop_held_nodes(
     return v1, model.kinetic_energy(after.with_velocity(v1)) - model.kinetic_energy(after)
 
 
-def _nothing(zero: Unknowns, model: Model, held: Any, *_: Any) -> tuple[Unknowns, Any, Any, Any]:
-    flat = ravel_pytree(zero)[0]
-    return zero, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held), zero.z
-
-
+@jax.jit  # traced once, not at each of the half dozen places of a differentiated step
 def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> tuple[Unknowns, Any, Any, Any]:
     """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and which way theirs point."""
     after = model.kinematics(r, v, t)
@@ -88,7 +88,8 @@ def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> t
         aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
         return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
 
-    start = (flat, *_nothing(zero, model, held)[1:])
+    none = lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), tuple(jnp.zeros_like(one) for one in held), zero.z
+    start = (flat, *none)
     x, factor, over, aim = jax.lax.scan(correct, start, None, length=PASSES)[0]
     return unravel(x), factor, over, aim
 

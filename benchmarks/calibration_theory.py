@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.fit import SMOOTH_PART
 from fitting.gauss_newton import fit_windows
+from fitting.preparation import SMOOTH_PART
 from fitting.shooting import SCHEDULE, joined_step
 from fitting.synthetic import Camera, observe
 from fitting.windows import Windows, cut, first_starts

@@ -23,7 +23,7 @@ from fitting.uncertainty import lag_one
 from fitting.windows import Starts, Windows, cut, first_starts
 
 if TYPE_CHECKING:
-    from fitting.fit import Prepared, Progress
+    from fitting.preparation import Prepared, Progress
 
 #: Every damping coefficient that a law may use.
 PARTS = {

@@ -16,17 +16,8 @@ import numpy as np
 import optax
 
 from dropper_jax.errors import SceneError, nearest
-from fitting.gauss_newton import (
-    Solution,
-    closed_starts,
-    data_cost,
-    eliminate,
-    fit_windows,
-    huber_weights,
-    move,
-    normal_blocks,
-    prior_terms,
-)
+from fitting.gauss_newton import Solution, closed_starts, fit_windows, move
+from fitting.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
 from fitting.simulator import Evaluation, Simulator
 from fitting.windows import Starts, Windows
 

@@ -16,7 +16,7 @@ from fitting.traces import Trace
 from fitting.windows import Windows, cut, first_starts
 
 if TYPE_CHECKING:
-    from fitting.fit import Prepared
+    from fitting.preparation import Prepared
 
 #: Parts of a held-out window whose angles are used one after another to find its start.
 GROWING = (0.2, 0.5, 1.0)

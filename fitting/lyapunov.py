@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fitting.gaps import GAP_SCALE
 from fitting.planar import chart
-from fitting.shooting import GAP_SCALE
 from fitting.simulator import Evaluation, Simulator
 from fitting.windows import Windows
 

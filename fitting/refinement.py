@@ -17,7 +17,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from fitting.gauss_newton import Solution, eliminate, fit_windows, normal_blocks, prior_terms
+from fitting.gauss_newton import Solution, fit_windows
+from fitting.normal_equations import eliminate, normal_blocks, prior_terms
 from fitting.shooting import continue_shooting, joined_step
 from fitting.simulator import Simulator
 from fitting.uncertainty import uncertainty

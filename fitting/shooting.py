@@ -11,33 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from fitting.block_tridiagonal import Factor
+from fitting.gaps import Joined, JoinedStep, eliminate_joined, gaps, join
 from fitting.gauss_newton import (
     DECREASE_TOLERANCE,
     LARGEST_DAMPING,
     ROUGH_TOLERANCE,
     STEP_TOLERANCE,
-    Normal,
     Solution,
-    bounded_step,
     closed_starts,
-    data_cost,
-    huber_weights,
     move,
-    normal_blocks,
-    prior_terms,
 )
-from fitting.planar import chart, wrap
+from fitting.normal_equations import data_cost, huber_weights, normal_blocks, prior_terms
 from fitting.simulator import Evaluation, Simulator
 from fitting.windows import Windows
 
-#: Sizes of a gap in angle [rad] and rate [rad/s] that weight 1 allows.
-GAP_SCALE = (0.1, 1.0)
 #: Gap weights, one after another. Longer jumps lose the optimum's neighbourhood (measured on the lab dropper).
 SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 #: Differences of log evidence below this say nothing: of such weights the loosest is taken, with the widest errors.
@@ -46,92 +37,6 @@ EVIDENCE_DROP = 5.0
 EXACT_WEIGHT, EXACT_ROUNDS = 1e-3, 4
 #: Most evaluations when a joined solution goes on with finer steps.
 CONTINUED = 12
-
-
-class Gaps(NamedTuple):
-    """Gaps after windows `left` (g,) in the chart of the next: values (g, m2), derivatives by both windows' z and p."""
-
-    left: np.ndarray
-    value: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    shared: np.ndarray
-
-
-def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> Gaps:
-    """Scaled gaps between windows that follow each other."""
-    left = np.flatnonzero(windows.follows) - 1
-    right = left + 1
-    n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
-    basis = chart(simulator.model_at(values), evaluation.start[right, :n])
-    m = basis.shape[2]
-    rows = np.zeros((len(left), m2, 2 * n))
-    rows[:, :m, :n] = np.swapaxes(basis, 1, 2) / GAP_SCALE[0]
-    rows[:, m:, n:] = np.swapaxes(basis, 1, 2) / GAP_SCALE[1]
-    difference = evaluation.end[left] - evaluation.start[right]
-    difference[:, :n] = np.asarray(wrap(difference[:, :n]))
-    end, start = rows @ evaluation.end_jacobian[left], rows @ evaluation.start_jacobian[right]
-    return Gaps(
-        left,
-        np.einsum("gij,gj->gi", rows, difference),
-        end[..., :m2],
-        -start[..., :m2],
-        end[..., m2:] - start[..., m2:],
-    )
-
-
-class _System(NamedTuple):
-    """Normal equations with gaps: diagonal and neighbouring blocks, border B, C, and slopes."""
-
-    normal: Normal
-    below: np.ndarray
-
-
-def _join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> _System:
-    A, B, gz = normal.A.copy(), normal.B.copy(), normal.gz.copy()
-    below = np.zeros((len(A) - 1, *A.shape[1:]))
-    value, before, after, shared = ((x / weight) for x in (g.value + offset, g.before, g.after, g.shared))
-    turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
-    right = g.left + 1
-    A[g.left] += turn(before) @ before
-    A[right] += turn(after) @ after
-    below[g.left] += turn(after) @ before
-    B[g.left] += turn(before) @ shared
-    B[right] += turn(after) @ shared
-    gz[g.left] += np.einsum("gij,gi->gj", before, value)
-    gz[right] += np.einsum("gij,gi->gj", after, value)
-    C = normal.C + (turn(shared) @ shared).sum(0)
-    gp = normal.gp + np.einsum("gij,gi->j", shared, value)
-    return _System(Normal(A, B, C, gz, gp), below)
-
-
-class _Step(NamedTuple):
-    dp: np.ndarray
-    dz: np.ndarray
-    predicted: float
-    information: np.ndarray
-    gradient: np.ndarray
-    eliminated: np.ndarray
-    log_determinant: float
-
-
-def _eliminate(system: _System, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> _Step:
-    normal = system.normal
-    diagonal = np.einsum("kii->ki", normal.A)
-    A = normal.A + (damping * diagonal + 1e-13 * diagonal.max())[:, :, None] * np.eye(diagonal.shape[1])
-    factor = Factor(A, system.below)
-    solved = factor.solve(np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    AB, Ag = solved[..., :-1], solved[..., -1]
-    information = normal.C + np.diag(prior[2]) - np.einsum("kij,kil->jl", normal.B, AB)
-    information = 0.5 * (information + information.T)
-    gradient = normal.gp + prior[1] - np.einsum("kij,ki->j", normal.B, Ag)
-    damped = information + damping * np.diag(np.diag(information))
-    dp = bounded_step(damped, gradient, low, high)
-    dz = -(Ag + AB @ dp)
-    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior[1]) @ dp)
-    # at the exact minimum of the damped model: decrease = -(slope)/2, plus what the damping holds back
-    held = damping * (float(np.sum(diagonal * dz**2)) + float(np.diag(information) @ dp**2))
-    return _Step(dp, dz, -0.5 * slope + 0.5 * held, information, gradient, -AB, factor.log_determinant)
 
 
 class _Level:
@@ -147,10 +52,10 @@ class _Level:
         value = gaps(self.simulator, self.windows, evaluation, values).value + self.offset
         return total + 0.5 * float(np.sum((value / self.weight) ** 2))
 
-    def system(self, evaluation: Evaluation, values: np.ndarray) -> _System:
+    def system(self, evaluation: Evaluation, values: np.ndarray) -> Joined:
         weights = huber_weights(evaluation.residual, self.huber)
         normal = normal_blocks(evaluation, weights, self.simulator.freedoms)
-        return _join(normal, gaps(self.simulator, self.windows, evaluation, values), self.weight, self.offset)
+        return join(normal, gaps(self.simulator, self.windows, evaluation, values), self.weight, self.offset)
 
 
 def fit_shooting(
@@ -205,7 +110,7 @@ def fit_shooting(
 
 def joined_step(
     simulator: Simulator, windows: Windows, point: Solution, huber: float | None, low: np.ndarray, high: np.ndarray
-) -> _Step | None:
+) -> JoinedStep | None:
     """The full step at a solution's gap weight, moves of the parameters within low and high (k,); None: singular."""
     level = _Level(simulator, windows, point.gap_weight, huber, np.zeros((1, 1)))
     prior = prior_terms(simulator.parameters, point.values)
@@ -250,7 +155,7 @@ def _evidence(level: _Level, point: Solution, gap_count: int) -> float:
     zero = np.zeros(len(point.values))
     system = level.system(point.evaluation, point.values)
     try:
-        step = _eliminate(system, 0.0, prior_terms(level.simulator.parameters, point.values), zero, zero)
+        step = eliminate_joined(system, 0.0, prior_terms(level.simulator.parameters, point.values), zero, zero)
     except LinAlgError:
         return -np.inf
     cost = level.cost(point.evaluation, point.values)
@@ -319,8 +224,8 @@ def _descend(
     )
 
 
-def _try(system: _System, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> _Step | None:
+def _try(system: Joined, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> JoinedStep | None:
     try:
-        return _eliminate(system, damping, prior, low, high)
+        return eliminate_joined(system, damping, prior, low, high)
     except LinAlgError:
         return None

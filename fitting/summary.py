@@ -17,7 +17,7 @@ from fitting.warn import warnings_of
 from fitting.windows import Windows
 
 if TYPE_CHECKING:
-    from fitting.fit import Prepared
+    from fitting.preparation import Prepared
 
 
 def summarise(prepared: Prepared, method: str, solution: Solution, windows: Windows) -> FitResult:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from fitting.gauss_newton import Solution, solve_spd
+from fitting.gauss_newton import Solution
+from fitting.normal_equations import solve_spd
 from fitting.parameters import Parameter
 from fitting.windows import Windows
 

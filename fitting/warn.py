@@ -11,7 +11,7 @@ from fitting.refinement import LARGEST_BIAS
 from fitting.uncertainty import CORRELATION_FLOOR, Uncertainty
 
 if TYPE_CHECKING:
-    from fitting.fit import Prepared
+    from fitting.preparation import Prepared
 
 #: Correlation of two estimates from which on they are called hard to tell apart.
 HARD = 0.98

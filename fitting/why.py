@@ -9,8 +9,9 @@ import matplotlib.style
 import numpy as np
 
 from dropper_jax.plots import style
-from fitting.fit import Prepared, estimate
+from fitting.fit import estimate
 from fitting.gauss_newton import Solution, fit_windows
+from fitting.preparation import Prepared
 from fitting.windows import Starts, cut
 
 

@@ -12,7 +12,8 @@ import dropper_jax as dj
 from dropper_jax.errors import SceneError
 from fitting import planar
 from fitting.fit import estimate, prepare, summarise
-from fitting.gauss_newton import bounded_step, closed_starts
+from fitting.gauss_newton import closed_starts
+from fitting.normal_equations import bounded_step
 from fitting.parameters import apply, resolve
 from fitting.profile import profile
 from fitting.synthetic import Camera, observe, simulate_truth

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.scene import Scene, load_scene
 from dropper_jax.simulate import equilibrium
-from dropper_jax.solution import line_slices
+from dropper_jax.slices import line_slices, whole_lines
 
 #: Relative change of the value at which the search ends.
 PRECISION = 1e-9
@@ -86,11 +86,14 @@ def _measure(scene: Scene, target: str) -> Any:
     picks = {"first": lambda t: t[0], "last": lambda t: t[-1], "max": np.max}
     if kind != "tension" or part not in picks:
         raise SceneError(f"target: {target!r} is unknown; allowed: tension.LINE.first, .last or .max, depth.POINT")
-    names = [n.name for n in scene.lines]
-    if line not in names:
-        raise SceneError(f"target: {line!r} is not a line; {nearest(line, names)}")
-    where = names.index(line)
-    return lambda changed, pose: picks[part](pose.tension[line_slices(changed)[where].links])
+    if line not in _links(scene):
+        raise SceneError(f"target: {line!r} is not a line; {nearest(line, _links(scene))}")
+    return lambda changed, pose: picks[part](pose.tension[_links(changed)[line]])
+
+
+def _links(scene: Scene) -> dict[str, slice]:
+    """Where the links of each line stand, by the name of the line or of one of its pieces."""
+    return {where.name: where.links for where in (*line_slices(scene), *whole_lines(scene))}
 
 
 def _point_height(scene: Scene, pose: Any, name: str) -> float:

@@ -57,6 +57,12 @@ class FailureSpec:
         """
         spec = cls(**read_fields(cls, table, path, {}))
         names = [line.name for line in lines]
+        pieces = [line.name for line in lines if line.piece_of == spec.line]
+        if pieces and spec.line not in names:
+            raise SceneError(
+                f"{path}.line: {spec.line!r} is cut by its attached points; allowed: one of its pieces, "
+                f"{pieces[0]} to {pieces[-1]}"
+            )
         if spec.line not in names:
             raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
         line = lines[names.index(spec.line)]

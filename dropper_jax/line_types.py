@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ from dropper_jax.fields import option, parameter
 from dropper_jax.force_table import ForceTable, tables_of
 from dropper_jax.schema import check_keys, plain, read_fields, read_integer, read_list, read_number, read_table, refuse
 
+#: Attached points nearer than this part of the line's length would leave a piece without length.
+SAME = 1e-9
 LENGTH = {"low": 0.0, "open_low": True, "unit": "m"}
 #: Effect and key that take a coefficient of the line types where the scene leaves it out.
 COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
@@ -202,6 +205,11 @@ def _split(
             )
         stops.append((at, str(item.get("point", f"{line.get('name', 'line')}-at-{at:g}"))))
     stops.sort()
+    for (at, name), (further, other) in pairwise(stops):
+        if further - at <= SAME * total:
+            raise SceneError(
+                f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point at one place"
+            )
     places = {p.get("name"): p.get("position") for p in points if isinstance(p, Mapping)}
     start, end = places.get(line.get("from")), places.get(line.get("to"))
     for at, name in stops:
@@ -212,7 +220,8 @@ def _split(
     cuts = [0.0, *(at for at, _ in stops), total]
     found = []
     for i, (first, last) in enumerate(zip(names[:-1], names[1:], strict=True)):
-        piece = {**copy.copy(line), "name": f"{line.get('name', 'line')}-{i + 1}", "from": first, "to": last}
+        name = line.get("name", "line")
+        piece = {**copy.copy(line), "name": f"{name}-{i + 1}", "piece_of": name, "from": first, "to": last}
         found.append((piece, _between(sections, cuts[i], cuts[i + 1])))
     return found
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from dropper_jax.catalogue import read_toml, scene_names
 from dropper_jax.effects import EFFECTS
-from dropper_jax.errors import SceneError, nearest
+from dropper_jax.errors import SceneError
 from dropper_jax.failure import FailureSpec
 from dropper_jax.integrators import check_names
 from dropper_jax.line_types import expand
+from dropper_jax.scene_paths import put
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.sea.checks import check_water
-from dropper_jax.sea.growth import GrowthSpec, check_growth
+from dropper_jax.sea.growth import check_growth
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sections import (
     POSE_TOLERANCE,
@@ -32,10 +33,10 @@ from dropper_jax.sections import (
     joined,
 )
 from dropper_jax.system_checks import check_ends, check_system, check_system_effects
+from dropper_jax.written import Written
 
 __all__ = ["Scene", "load_scene", "scene_names"]
 
-AXIAL = ("law", "EA", "damping", "strain", "tension")
 SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes")
 
 
@@ -53,6 +54,7 @@ class Scene:
         buoys: upright cylinders at free points.
         failures: where lines break, at a load or a time.
         notes: what a file that the scene was read from says and the scene does not; warnings of every run.
+        written: line types, sections and attached points as they were written; None without any.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Scene:
     buoys: tuple[BuoySpec, ...] = ()
     failures: tuple[FailureSpec, ...] = ()
     notes: tuple[str, ...] = ()
+    written: Written | None = None
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
@@ -74,7 +77,8 @@ class Scene:
         Raises:
             SceneError: one line with the path, the value and what is allowed.
         """
-        table = expand(read_table(table, "scene"))
+        given = read_table(table, "scene")
+        table = expand(given)
         check_keys(table, SECTIONS, "")
         points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
         lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
@@ -104,6 +108,7 @@ class Scene:
             notes=tuple(
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
+            written=Written.of(given, table),
         )
         check_names(scene.run.integrator, scene.run.solver)
         if branched:
@@ -146,18 +151,27 @@ class Scene:
             **({"notes": list(self.notes)} if self.notes else {}),
         }
 
+    def as_written(self) -> dict[str, Any]:
+        """Plain values as `to_dict`, with line types, sections and attached points as they were written."""
+        return self.to_dict() if self.written is None else self.written.table(self.to_dict())
+
     def with_values(self, values: Mapping[str, Any]) -> Scene:
         """The scene with some values changed, all at once, validated again.
 
         Args:
             values: by path, such as `effects.linear_damping.b_l`, `line.0.mass` or `point.right.position.0`; lines
-                and points go by number or name. An effect that the scene lacks is added by its first value.
+                and points go by number or name. Of lines with types, keys mean what they mean in the file:
+                `line.leg.length` is that of the whole line, `line_type.chain.EA` that of all lines of the type. An
+                effect that the scene lacks is added by its first value.
         """
         table = self.to_dict()
+        values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
         if "sea.packaged" in values:  # another sea takes the place of this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
+        if self.written is not None:
+            return Scene.from_dict(self.written.changed(table, values))
         for path, value in values.items():
-            _set(table, path, copy.deepcopy(plain(value)))
+            put(table, path, value)
         return Scene.from_dict(table)
 
     def point(self, name: str) -> PointSpec:
@@ -279,68 +293,3 @@ def _check_pose(scene: Scene) -> None:
 
 def _place(position: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.9g}" for x in position) + ")"
-
-
-def _fields(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
-    return [(keys or {}).get(f.name, f.name) for f in dataclasses.fields(cls) if "kind" in f.metadata]
-
-
-def _paths(table: Mapping[str, Any]) -> list[str]:
-    """All paths that a value of this scene may have, list entries aside."""
-    found = ["name", "description"]
-    found += [f"run.{key}" for key in _fields(RunSpec)]
-    found += [f"start.{key}" for key in _fields(StartSpec)]
-    found += SeaSpec.paths()
-    found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in _fields(cls)]
-    line_keys = [*_fields(LineSpec, LineSpec.KEYS), *(f"axial.{key}" for key in AXIAL)]
-    line_keys += [f"growth.{key}" for key in _fields(GrowthSpec)]
-    for section, keys in (("point", _fields(PointSpec)), ("line", line_keys), ("buoy", _fields(BuoySpec))):
-        for i, item in enumerate(table.get(section, [])):
-            found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
-    found += [f"failure.{i}.{key}" for i in range(len(table.get("failure", []))) for key in _fields(FailureSpec)]
-    return found
-
-
-def _set(table: dict[str, Any], path: str, value: Any) -> None:
-    """Put a value at a path of plain values; numbers at the end of the path are entries of a list."""
-    known = _paths(table)
-    field = next((p for p in sorted(known, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
-    entries = [] if field is None else path[len(field) :].strip(".").split(".")
-    entries = [] if entries == [""] else entries
-    if field is None or not all(entry.isdecimal() for entry in entries):
-        raise SceneError(f"{path}: unknown path; {nearest(path, known)}")
-    parent, key = _parent(table, field)
-    for entry in entries:
-        parent, key, path = _entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(entry), path)
-    parent[key] = value
-
-
-def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
-    """The table that holds a known field, and the field's key in it; tables that are missing are made."""
-    section, _, rest = field.partition(".")
-    if not rest:
-        return table, section
-    if section not in ("point", "line", "buoy", "failure"):
-        *tables, key = rest.split(".")
-        parent = table.setdefault(section, {})
-    else:
-        items = table[section]
-        label, item = next(
-            (label, item)
-            for i, item in enumerate(items)
-            for label in (str(i), item.get("name", str(i)))
-            if rest.startswith(label + ".")
-        )
-        *tables, key = rest[len(label) + 1 :].split(".")
-        parent = item
-    for name in tables:
-        parent = parent.setdefault(name, {})
-    return parent, key
-
-
-def _entry(items: Any, index: int, path: str) -> tuple[list[Any], int, str]:
-    if not isinstance(items, list):
-        raise SceneError(f"{path}: has no entries, it is {items!r}; allowed: the path without a number at its end")
-    if index >= len(items):
-        raise SceneError(f"{path}: entry {index} does not exist; allowed: 0 to {len(items) - 1}")
-    return items, index, path

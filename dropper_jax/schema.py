@@ -198,3 +198,19 @@ def _needed(field: dataclasses.Field) -> str:
     """Meaning, unit and range of a missing field."""
     words = limits(field.metadata) or _in_unit(field.metadata)
     return field.metadata["meaning"] + (f", {words}" if words else "")
+
+
+def count(meaning: str, **kwargs: Any) -> Any:
+    """Declare a whole number of at least 1."""
+    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": 1}, **kwargs)
+
+
+def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
+    """Names in a table of all declared fields; `keys` where they differ from the attribute."""
+    return [(keys or {}).get(f.name, f.name) for f in dataclasses.fields(cls) if "kind" in f.metadata]
+
+
+def as_table(spec: Any, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The given values of a section as plain values; what is None is left out."""
+    found = {f.name: plain(getattr(spec, f.name)) for f in dataclasses.fields(spec) if "kind" in f.metadata}
+    return {(keys or {}).get(name, name): value for name, value in found.items() if value is not None}

@@ -8,13 +8,14 @@ import math
 import zipfile
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.io import atomic_write
 from dropper_jax.scene import Scene
+from dropper_jax.slices import LineSlice, line_slices, whole_lines
 
 #: Version of the JSON object that commands print.
 SCHEMA = 1
@@ -32,24 +33,6 @@ ARRAYS = (
     "work",
     "step_status",
 )
-
-
-class LineSlice(NamedTuple):
-    """Where one line of a scene stands in a solution's arrays: its nodes, both ends included, and its links."""
-
-    name: str
-    nodes: slice
-    links: slice
-
-
-def line_slices(scene: Scene) -> tuple[LineSlice, ...]:
-    """Where the lines of a scene stand in arrays of all nodes and of all links."""
-    found, node, link = [], 0, 0
-    for line in scene.lines:
-        nodes = slice(node, node + line.links + 1)
-        found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
-        node, link = nodes.stop, link + line.links
-    return tuple(found)
 
 
 @dataclasses.dataclass
@@ -190,15 +173,11 @@ class Solution:
     def tension_summary(self) -> dict[str, dict[str, float]]:
         """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean."""
         parts = {"first": self.tension[:, :1], "last": self.tension[:, -1:], "all": self.tension}
-        return {
-            name: {
-                "min": float(np.min(part)),
-                "mean": float(np.mean(part)),
-                "max": float(np.max(part)),
-                "final": float(np.mean(part[-1])),
-            }
-            for name, part in parts.items()
-        }
+        return {name: _extent(part) for name, part in parts.items()}
+
+    def line_tensions(self) -> dict[str, dict[str, float]]:
+        """The same of every line of the scene, pieces between attached points together."""
+        return {line.name: _extent(self.tension[:, line.links]) for line in whole_lines(self.scene)}
 
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
@@ -225,6 +204,7 @@ class Solution:
             "final_time_s": self.t[-1],
             "final_positions_m": self.positions[-1],
             "tension_n": self.tension_summary(),
+            **({"tension_of_lines_n": self.line_tensions()} if self.scene.branched else {}),
             "broken": self.broken,
             "estimated_error": self.settings.get("estimated_error"),
             "warnings": self.warnings,
@@ -237,7 +217,7 @@ class Solution:
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "scene")]
-        meta = {"format": FORMAT, "scene": self.scene.to_dict(), **{name: getattr(self, name) for name in names}}
+        meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=_plain))
 
     @classmethod
@@ -301,6 +281,15 @@ class Solution:
         keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")
         used = {key: self.settings[key] for key in keys if key in self.settings}
         return simulate(self.scene, **{**used, **kwargs})
+
+
+def _extent(tension: np.ndarray) -> dict[str, float]:
+    return {
+        "min": float(np.min(tension)),
+        "mean": float(np.mean(tension)),
+        "max": float(np.max(tension)),
+        "final": float(np.mean(tension[-1])),
+    }
 
 
 def _plain(value: Any) -> Any:

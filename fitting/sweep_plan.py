@@ -113,7 +113,7 @@ class Plan:
         """Plain values that say which sweep this is; from them `from_identity` makes the same plan."""
         return {
             "format": FORMAT,
-            "scene": self.scene.to_dict(),
+            "scene": self.scene.as_written(),
             "vary": {axis.path: axis.values.tolist() for axis in self.axes},
             "quantities": list(self.quantities),
             "traces": self.traces,

@@ -7,8 +7,8 @@ import argparse
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.output import print_json, print_line, table
+from dropper_jax.cli.options import add_scene, read_scene, whole_number
+from dropper_jax.cli.output import failure_object, print_json, print_line, table
 
 name = "modes"
 help = "natural periods and modes about the static pose of an elastic scene"
@@ -16,7 +16,7 @@ help = "natural periods and modes about the static pose of an elastic scene"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--count", type=int, default=10, help="how many, the slowest first (10)")
+    parser.add_argument("--count", type=whole_number, default=10, help="how many, the slowest first (10)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -29,7 +29,10 @@ def run(args: argparse.Namespace) -> int:
 
     pose = equilibrium(scene)
     if pose.status != "ok":
-        print_line(f"error: {pose.status}: {pose.message}")
+        message = f"{pose.status}: {pose.message}"
+        print_line(f"error: {message}")
+        if args.json:
+            print_json({**failure_object(pose.status, message), "scene": scene.name})
         return FAILED
     modes = natural_modes(build_model(scene), pose.state, args.count)
     if args.json:

@@ -22,6 +22,8 @@ help = "simulate a scene"
 
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "gamma", "rho_infinity")
+#: Lines of a system whose tensions are printed.
+MOST_LINES = 12
 PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}
 #: Further pictures of a scene with water.
 WATER_PICTURES = {
@@ -35,7 +37,7 @@ WATER_PICTURES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--integrator", help="time integration scheme")
-    parser.add_argument("--solver", help="linear solver: auto, dense, banded or condensed")
+    parser.add_argument("--solver", help="linear solver: auto, dense, banded, condensed or network")
     parser.add_argument("--dt", type=number, help="time step [s]")
     parser.add_argument("--duration", type=number, help="simulated time [s]")
     parser.add_argument("--dtype", help="float64 or float32")
@@ -168,10 +170,23 @@ def text(solution: Solution) -> str:
         *(("broken", failure_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
+    return "\n".join([listing(pairs), "", *_tensions(solution), "", result_line(solution)])
+
+
+def _tensions(solution: Solution) -> list[str]:
+    """Tensions of the first, the last and all links; of a system of lines by line, the most loaded of many."""
+    whole = solution.tension_summary()
+    parts = {"first link": whole["first"], "last link": whole["last"]}
+    left = 0
+    if solution.scene.branched:
+        lines = solution.line_tensions()
+        kept = sorted(lines, key=lambda name: -lines[name]["max"])[:MOST_LINES]
+        parts = {name: values for name, values in lines.items() if name in kept}
+        left = len(lines) - len(parts)
     rows = [("tension [N]", "min", "mean", "max", "final")]
-    for part, values in solution.tension_summary().items():
-        rows.append((f"{part} link" + ("s" if part == "all" else ""), *(f"{value:.4f}" for value in values.values())))
-    return "\n".join([listing(pairs), "", table(rows), "", result_line(solution)])
+    for part, values in {**parts, "all links": whole["all"]}.items():
+        rows.append((part, *(f"{value + 0.0:.4f}" for value in values.values())))
+    return [table(rows), *([f"and {left} lines with lower maxima (--json has all)"] if left else [])]
 
 
 def result_line(solution: Solution) -> str:

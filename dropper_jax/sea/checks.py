@@ -165,7 +165,16 @@ def _slenderness(scene: Scene, sea: Any) -> list[str]:
     diameter = displaced_diameter(scene.line, scene)
     if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []
-    ratio = float(np.max(diameter) * np.max(np.asarray(sea.waves.wave_number)) / (2 * np.pi))
-    if ratio <= SLENDER:
-        return []
-    return [f"line.0.diameter: {ratio:.3g} of the shortest wavelength; Morison's equation needs at most {SLENDER}"]
+    shortest = float(2 * np.pi / np.max(np.asarray(sea.waves.wave_number)))
+    widest = int(np.argmax(diameter))
+    ends = np.cumsum([line.links for line in scene.lines])
+    line = int(np.searchsorted(ends, widest, side="right")) if np.ndim(diameter) else 0
+    sizes = {f"line.{scene.lines[line].name if scene.branched else line}": float(np.max(diameter))}
+    if scene.buoys:
+        buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
+        sizes[f"buoy.{buoy.name}"] = buoy.diameter
+    return [
+        f"{path}.diameter: {size / shortest:.3g} of the shortest wavelength; Morison's equation needs at most {SLENDER}"
+        for path, size in sizes.items()
+        if size > SLENDER * shortest
+    ]

@@ -1,0 +1,72 @@
+"""Where the lines of a scene stand in arrays of all nodes and of all links."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from dropper_jax.line_spec import LineSpec, joined
+
+if TYPE_CHECKING:
+    from dropper_jax.scene import Scene
+
+
+class LineSlice(NamedTuple):
+    """Where one line of a scene stands in a solution's arrays: its nodes, both ends included, and its links."""
+
+    name: str
+    nodes: slice
+    links: slice
+
+
+class WholeLine(NamedTuple):
+    """A line as it was written, the pieces between its attached points together.
+
+    Attributes:
+        name: of the line.
+        spec: its values, one per link.
+        nodes: where its nodes stand (links + 1,), each joint once.
+        links: where its links stand.
+        stops: names of the points along it by node, both ends included.
+        pieces: how many lines of the scene it is made of.
+    """
+
+    name: str
+    spec: LineSpec
+    nodes: np.ndarray
+    links: slice
+    stops: dict[int, str]
+    pieces: int
+
+
+def line_slices(scene: Scene) -> tuple[LineSlice, ...]:
+    """Where the lines of a scene stand in arrays of all nodes and of all links."""
+    found, node, link = [], 0, 0
+    for line in scene.lines:
+        nodes = slice(node, node + line.links + 1)
+        found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
+        node, link = nodes.stop, link + line.links
+    return tuple(found)
+
+
+def whole_lines(scene: Scene) -> tuple[WholeLine, ...]:
+    """The lines of a scene as they were written."""
+    groups: list[list[tuple[LineSpec, LineSlice]]] = []
+    for pair in zip(scene.lines, line_slices(scene), strict=True):
+        last = groups[-1][-1][0] if groups else None
+        if last is not None and last.piece_of is not None and last.piece_of == pair[0].piece_of:
+            groups[-1].append(pair)
+        else:
+            groups.append([pair])
+    return tuple(_whole(group) for group in groups)
+
+
+def _whole(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
+    specs, places = [spec for spec, _ in group], [where for _, where in group]
+    nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(places)]
+    ends = np.cumsum([spec.links for spec in specs])
+    stops = {0: specs[0].start, **{int(end): spec.end for end, spec in zip(ends, specs, strict=True)}}
+    name = specs[0].name if len(group) == 1 else specs[0].piece_of
+    links = slice(places[0].links.start, places[-1].links.stop)
+    return WholeLine(name, joined(tuple(specs)), np.concatenate(nodes), links, stops, len(group))

@@ -1,0 +1,112 @@
+"""Values by path mean what they mean in the file, also where lines are written by the metre."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from dropper_jax import Scene, SceneError, load_scene
+from dropper_jax.slices import whole_lines
+
+
+def test_length_and_links_by_path_are_those_of_the_whole_line():
+    scene = load_scene("paper-case-1").with_values({"line.chain.length": 55.0, "line.chain.links": 20})
+    (line,) = scene.lines
+    np.testing.assert_allclose(line.length, np.full(20, 55.0 / 20), rtol=1e-14)
+    np.testing.assert_allclose(line.mass, 10.91 * 55.0 / 20, rtol=1e-14)
+    # the internal damping of a ratio is that of the new links
+    np.testing.assert_allclose(line.axial_damping, 0.1 * 55.0 / 20 * np.sqrt(48884000.0 * 10.91), rtol=1e-14)
+    np.testing.assert_array_equal(scene.effects["morison_drag"]["cdn"], [1.4] * 20)
+
+
+def test_a_value_of_a_line_type_reaches_all_its_lines():
+    scene = load_scene("edulis-longline").with_values({"line_type.sock.EA": 1e5, "line_type.0.cdn": 1.1})
+    stiffness = {line.name: set(line.EA) for line in scene.lines}
+    assert {name for name, values in stiffness.items() if values == {1e5}} == {f"sock-{i}" for i in range(1, 11)}
+    drag = np.split(scene.effects["morison_drag"]["cdn"], np.cumsum([line.links for line in scene.lines]))
+    chains = [values for line, values in zip(scene.lines, drag, strict=False) if set(line.EA) == {48884000.0}]
+    assert len(chains) == 4
+    assert all(set(values) == {1.1} for values in chains)
+
+
+def test_attached_points_move_and_pieces_know_their_line():
+    scene = load_scene("edulis-longline").with_values({"line.backbone.attach.0.at": 5.0, "line.backbone.length": 58.0})
+    pieces = [line for line in scene.lines if line.piece_of == "backbone"]
+    np.testing.assert_allclose([p.total for p in pieces], np.diff([0, 5, *np.arange(2, 10) * 5.7, 58.0]), rtol=1e-12)
+    whole = next(line for line in whole_lines(scene) if line.name == "backbone")
+    assert (whole.pieces, whole.spec.total) == (10, pytest.approx(58.0))
+    assert list(whole.stops.values()) == ["west-buoy", *(f"v{i}" for i in range(1, 10)), "east-buoy"]
+    # every joint once: links + 1 nodes, and stops at the ends of the pieces
+    assert len(whole.nodes) == whole.spec.links + 1
+    assert list(whole.stops) == [0, *np.cumsum([p.links for p in pieces])]
+
+
+def test_values_of_single_links_come_after_those_of_the_line():
+    scene = load_scene("paper-case-1").with_values(
+        {"line.chain.diameter": 0.05, "line.chain.links": 15, "effects.morison_drag.cdn.3": 2.0}
+    )
+    np.testing.assert_array_equal(scene.lines[0].diameter, np.full(15, 0.05))
+    np.testing.assert_array_equal(scene.effects["morison_drag"]["cdn"], [1.4] * 3 + [2.0] + [1.4] * 11)
+
+
+@pytest.mark.parametrize("name", ["paper-case-5", "edulis-longline", "dropper-farm-3"])
+def test_a_scene_survives_as_it_was_written(name):
+    scene = load_scene(name).with_values({"run.duration": 1.0})
+    again = Scene.from_dict(json.loads(json.dumps(scene.as_written())))
+    assert again == scene
+    assert again.written == scene.written is not None
+    assert "line_type" in scene.as_written()
+
+
+SECTIONS = [{"type": "chain", "length": 20.0, "links": 4}, {"type": "chain", "length": 30.0, "links": 5}]
+
+
+def with_sections() -> Scene:
+    table = load_scene("paper-case-1").as_written()
+    line = {key: value for key, value in table["line"][0].items() if key not in ("type", "length", "links")}
+    return Scene.from_dict({**table, "line": [{**line, "sections": SECTIONS}]})
+
+
+def test_sections_are_changed_one_by_one():
+    scene = with_sections().with_values({"line.chain.sections.1.length": 35.0})
+    np.testing.assert_allclose(scene.lines[0].length, [5.0] * 4 + [7.0] * 5, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("line.chain.lenght", 55.0, "did you mean 'line.chain.length'"),
+        ("line_type.chian.EA", 1e7, "did you mean 'line_type.chain.EA'"),
+        ("line_type.chain.EA", 0.0, "allowed: a number > 0 N"),
+        ("odd.path", 1.0, "known sections: buoy, description, effects, line, line_type,"),
+    ],
+)
+def test_a_wrong_path_is_refused_in_one_line(path, value, words):
+    with pytest.raises(SceneError, match=words) as caught:
+        load_scene("paper-case-1").with_values({path: value})
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t["line"][4]["attach"][1].update(at=5.7), "'v1' and 'v2' are both at 5.7 m"),
+        (lambda t: t["line"][4].update(EA=1.0), "line.4.EA: unknown key; known: attach, axial,"),
+        (
+            lambda t: t.update(failure=[{"line": "backbone", "load": 1e4}]),
+            "one of its pieces, backbone-1 to backbone-10",
+        ),
+    ],
+)
+def test_mistakes_with_attached_points_are_named(change, words):
+    table = load_scene("edulis-longline").as_written()
+    change(table)
+    with pytest.raises(SceneError, match=words):
+        Scene.from_dict(table)
+
+
+def test_a_line_of_sections_has_no_length_to_change():
+    with pytest.raises(SceneError, match="allowed: line.chain.sections.0.length and so on"):
+        with_sections().with_values({"line.chain.length": 55.0})

@@ -280,3 +280,24 @@ def test_lines_that_swing_together_are_named_with_place_and_time(made):
 def test_lines_that_share_a_point_are_compared_without_the_links_at_it(longline):
     by_name = {line["line"]: line for line in report_run(longline())["distance"]}
     assert by_name["sock"]["least_distance_m"] > 1.0
+
+
+def test_pieces_between_attached_points_are_reported_as_the_line_they_were_cut_from(made):
+    table = rope([("a", (0, 0, 0), "fixed"), ("b", (8, 0, 0), "fixed")], 4, length=8.0)
+    kind = {"name": "rope", "mass": 1.0, "diameter": 0.1, "EA": 1e6}
+    table["point"].append({"name": "under", "kind": "fixed", "position": [4.0, 0.0, -6.0]})
+    line = {"name": "backbone", "from": "a", "to": "b", "type": "rope", "length": 8.0, "links": 4}
+    drop = {"name": "drop", "from": "mid", "to": "under", "type": "rope", "length": 6.0, "links": 2}
+    table |= {"line_type": [kind], "line": [{**line, "attach": [{"point": "mid", "at": 4.0}]}, drop]}
+    pose = [[0, 0, 0], [2, 0, 0], [4, 0, 0], [4, 0, 0], [6, 0, 0], [8, 0, 0], [4, 0, 0], [4, 0, -3], [4, 0, -6]]
+    solution = made(table, np.tile(np.array(pose, float), (5, 1, 1)), np.tile([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], (5, 1)))
+    found = report_run(solution)
+    whole, other = found["tension"]
+    assert (whole["line"], other["line"]) == ("backbone", "drop")
+    np.testing.assert_allclose(whole["arc_length_m"], [1, 3, 5, 7])
+    np.testing.assert_allclose(whole["mean_n"], [1, 2, 3, 4])
+    np.testing.assert_allclose(found["acceleration"][0]["arc_length_m"], [0, 2, 4, 6, 8])
+    # links at the shared point are left out: the outer links of the backbone and the lower one of the drop
+    near = found["distance"][0]
+    assert near["least_distance_m"] == pytest.approx(np.hypot(2.0, 3.0))
+    assert (near["nearest"], near["nearest_at_m"]) == ("drop", 4.5)

@@ -70,9 +70,9 @@ def _link_axis(axes: Axes, run: Run) -> None:
         axes.set_ylabel("link")
         axes.yaxis.set_major_locator(MaxNLocator(8, integer=True))
         return
-    for line in run.lines[1:]:
+    for line in run.whole[1:]:
         axes.axhline(line.links.start + 0.5, color="white", lw=1.0)
-    shown = run.lines[:: math.ceil(len(run.lines) / MOST)]
+    shown = run.whole[:: math.ceil(len(run.whole) / MOST)]
     axes.set_yticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.build import build_model
-from dropper_jax.solution import LineSlice
+from dropper_jax.slices import LineSlice, WholeLine, whole_lines
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
 FARTHEST = 100.0
@@ -68,6 +68,11 @@ class Run:
     def segments(self, nodes: np.ndarray) -> np.ndarray:
         """Both ends of each link (n, 2, d) from the places of all nodes (nodes, d)."""
         return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
+
+    @property
+    def whole(self) -> tuple[LineSlice | WholeLine, ...]:
+        """The lines as they were written, pieces between attached points together."""
+        return self.lines if self.scene is None else whole_lines(self.scene)
 
     @property
     def labels(self) -> list[str]:

@@ -12,6 +12,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.build import build_model
@@ -131,13 +132,14 @@ def response(run: Run, sea: Any, path: str | Path, link: int = 10) -> Path:
 
 @_drawn
 def tension_envelope(run: Run, sea: Any, path: str | Path) -> Path:
-    """Least, mean and largest tension [N] of each link along the line; of several lines a panel each (at most 12)."""
+    """Least, mean and largest tension along the line; of several lines a panel each, the 12 most loaded."""
     del sea
-    shown = run.lines[:: -(-len(run.lines) // panels.MOST)]
+    sizes = [np.max(run.tension[:, line.links]) for line in run.whole]
+    shown = [run.whole[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
     columns = 1 if len(shown) == 1 else 2
     rows = -(-len(shown) // columns)
     figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 2.6 * rows)
-    all_axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    all_axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for spare in all_axes[len(shown) :]:
         spare.set_visible(False)
     for axes, line in zip(all_axes, shown, strict=False):
@@ -148,7 +150,8 @@ def tension_envelope(run: Run, sea: Any, path: str | Path) -> Path:
         all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    style.title(figure, run, "tension envelope")
+    few = "" if len(shown) == len(run.whole) else f", {len(shown)} of {len(run.whole)} (the most loaded)"
+    style.title(figure, run, f"tension envelope{few}")
     return style.save(figure, path)
 
 
@@ -162,3 +165,4 @@ def _envelope(axes: Axes, tension: np.ndarray) -> None:
     axes.plot(link, tension.mean(axis=0), "-o", color=style.DARK, ms=3.5, label="mean")
     axes.axhline(0.0, color=style.ALERT, lw=0.8)
     axes.set(xlabel="link", ylabel="tension [N]", xlim=(0.5, link[-1] + 0.5))
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -22,12 +22,13 @@ def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dic
     """
     on = record.positions[..., 2] - bed <= settings.contact
     found = []
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+    for where in record.whole:
+        spec = where.spec
         own = on[:, where.nodes]
         length = (own[:, :-1] & own[:, 1:]) @ np.asarray(spec.length, float)
         found.append(
             {
-                "line": spec.name,
+                "line": where.name,
                 "arc_length_m": node_arc(spec.length),
                 "length_m": {"min": float(length.min()), "mean": float(length.mean()), "max": float(length.max())},
                 "share_of_line": float(length.mean() / spec.total),

@@ -55,7 +55,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
         "submergence": _submergence(part),
-        "distance": line_distances(part) if len(part.lines) > 1 else {"skipped": "one line"},
+        "distance": line_distances(part) if len(part.whole) > 1 else {"skipped": "one line"},
         "seabed": _seabed(part, settings),
     }
 

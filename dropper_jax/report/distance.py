@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.report.record import Record, arc
+from dropper_jax.slices import WholeLine
 
 #: Pairs of links and instants that are compared at once: 1e6 take some tens of MB.
 AT_ONCE = 100_000
@@ -20,7 +21,7 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
     At the saved times (of a long record at `LOOKS` of them), exact between straight links. Links that end in a point
     that both lines share touch: they are left out.
     """
-    lines = range(len(record.lines))
+    lines = range(len(record.whole))
     boxes = [_swept(record, i) for i in lines]
     pairs = sorted((_gap(boxes[a], boxes[b]), a, b) for a in lines for b in lines if a < b)
     best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
@@ -46,17 +47,17 @@ def looks_every(record: Record) -> int:
 
 
 def _named(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
-    name = record.scene.lines[index].name
+    name = record.whole[index].name
     if near is None:
         return {"line": name, "nearest": None, "least_distance_m": None}
     other = near["nearest"]
     return {
         "line": name,
-        "nearest": record.scene.lines[other].name,
+        "nearest": record.whole[other].name,
         "least_distance_m": distance,
         "t_s": float(record.t[near["t"]]),
-        "at_m": float(arc(record.scene.lines[index].length)[near["at"]]),
-        "nearest_at_m": float(arc(record.scene.lines[other].length)[near["its"]]),
+        "at_m": float(arc(record.whole[index].spec.length)[near["at"]]),
+        "nearest_at_m": float(arc(record.whole[other].spec.length)[near["its"]]),
         "looked_every_s": looks_every(record) * record.interval,
         "diameters_m": _touching(record, index, other),
     }
@@ -64,12 +65,12 @@ def _named(record: Record, index: int, distance: float, near: dict[str, Any] | N
 
 def _touching(record: Record, a: int, b: int) -> float | None:
     """Half the sum of the largest diameters [m]: axes this near touch; None where a line has no diameter."""
-    both = [record.scene.lines[i].diameter for i in (a, b)]
+    both = [record.whole[i].spec.diameter for i in (a, b)]
     return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
 
 
 def _swept(record: Record, index: int) -> np.ndarray:
-    nodes = record.positions[:, record.lines[index].nodes].reshape(-1, 3)
+    nodes = record.positions[:, record.whole[index].nodes].reshape(-1, 3)
     return np.stack([nodes.min(axis=0), nodes.max(axis=0)])
 
 
@@ -79,10 +80,10 @@ def _gap(a: np.ndarray, b: np.ndarray) -> float:
 
 def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
     """Least distance of two lines over all samples: [m], sample, link of either."""
-    i, j = _pairs(record.scene.lines[a], record.scene.lines[b])
+    i, j = _pairs(record.whole[a], record.whole[b])
     if not i.size:
         return None
-    first, second = (record.positions[:, record.lines[index].nodes] for index in (a, b))
+    first, second = (record.positions[:, record.whole[index].nodes] for index in (a, b))
     step, best = max(1, AT_ONCE // i.size), None
     looked = np.arange(0, len(record.t), looks_every(record))
     for k in range(0, len(looked), step):
@@ -100,13 +101,13 @@ def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
     return best
 
 
-def _pairs(a: Any, b: Any) -> tuple[np.ndarray, np.ndarray]:
+def _pairs(a: WholeLine, b: WholeLine) -> tuple[np.ndarray, np.ndarray]:
     """Links of both lines that are compared: all but those that end in a shared point."""
     kept = []
     for mine, other in ((a, b), (b, a)):
-        shared = {other.start, other.end}
-        first, last = int(mine.start in shared), mine.links - int(mine.end in shared)
-        kept.append(np.arange(first, max(last, first)))
+        shared = set(other.stops.values())
+        at = [node for node, point in mine.stops.items() if point in shared]
+        kept.append(np.setdiff1d(np.arange(mine.spec.links), [*at, *(node - 1 for node in at)]))
     i, j = np.meshgrid(*kept, indexing="ij")
     return i.ravel(), j.ravel()
 

@@ -13,6 +13,8 @@ from dropper_jax.storage import extra
 
 #: A year of 365.25 days [s].
 YEAR = 365.25 * 86400.0
+#: Ranges below this part of the record's largest tension are rounding, and no cycles.
+ROUNDING = 1e-9
 #: Links of a line that are counted where the runs' links are very many: the counting is plain Python.
 MOST_LINKS = 200
 
@@ -48,16 +50,19 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
     The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
     """
     found, every = [], record.tension.shape[1] <= MOST_LINKS
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+    least = ROUNDING * float(np.abs(record.tension).max())
+    for where in record.whole:
+        spec = where.spec
         s, load = arc(spec.length), breaking_load(spec, settings)
         deviation = record.tension[:, where.links].std(axis=0)
         picked = range(spec.links) if every else sorted({0, int(np.argmax(deviation)), spec.links - 1})
         counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
+        counted = [c[c[:, 0] > least] for c in counted]
         number = [float(c[:, 2].sum()) for c in counted]
         equal = [_equivalent(c, settings.curve_m) for c in counted]
         found.append(
             {
-                "line": spec.name,
+                "line": where.name,
                 "arc_length_m": s[list(picked)],
                 "cycles": number,
                 "equivalent_range_n": equal,

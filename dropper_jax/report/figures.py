@@ -19,8 +19,8 @@ from dropper_jax.report.extremes import Gumbel
 from dropper_jax.report.record import Record
 from dropper_jax.report.tension import point_load
 
-#: Lines, anchors or points in one picture, the most loaded or most moved of more.
-MOST = 8
+#: Lines, anchors or points in one picture, the most loaded or most moved of more: each has a colour of its own.
+MOST = len(style.CYCLE)
 BAND, INNER = "#DCEBF5", "#56B4E9"
 
 
@@ -134,7 +134,7 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
     per_year = {
         line["line"]: line["damage_per_year"] / line["largest_damage"] for line in lines if line.get("largest_damage")
     }
-    for colour, line in zip(style.CYCLE * 2, lines, strict=False):
+    for colour, line in zip(style.CYCLE, lines, strict=False):
         s = line["arc_length_m"]
         panels[0].plot(s, line["equivalent_range_n"], "o-", ms=3, color=colour, label=line["line"])
         if damaged:
@@ -156,7 +156,7 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
     figure = style.new_figure(9.5, 4.6)
     plan, height = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     widest = max(p["radius_max_m"] for p in points) or 1.0
-    for colour, point in zip(style.CYCLE * 2, points, strict=False):
+    for colour, point in zip(style.CYCLE, points, strict=False):
         path = part.point(point["point"])
         about = path - point["mean_m"]
         plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8, label=point["point"])
@@ -198,7 +198,7 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     for axes, (label, (lines, key, scale)) in zip(
         figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
     ):
-        for colour, index in zip(style.CYCLE * 2, kept, strict=False):
+        for colour, index in zip(style.CYCLE, kept, strict=False):
             line = lines[index]
             values = scale * np.asarray(line[key])
             axes.plot(line["arc_length_m"], values, "o-", ms=3, color=colour, label=line["line"])

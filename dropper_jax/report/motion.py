@@ -48,12 +48,13 @@ def accelerations(record: Record) -> list[dict[str, Any]]:
     change = np.gradient(record.velocities, record.t, axis=0)
     size = np.linalg.norm(change, axis=-1)
     found = []
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+    for where in record.whole:
+        spec = where.spec
         own = size[:, where.nodes]
         high = np.unravel_index(np.argmax(own), own.shape)
         found.append(
             {
-                "line": spec.name,
+                "line": where.name,
                 "arc_length_m": node_arc(spec.length),
                 "rms_m_per_s2": np.sqrt(np.mean(own**2, axis=0)),
                 "p99_m_per_s2": np.percentile(own, 99, axis=0),

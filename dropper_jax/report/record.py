@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.errors import SceneError
+from dropper_jax.slices import WholeLine, whole_lines
 
 if TYPE_CHECKING:
     from dropper_jax.scene import Scene
-    from dropper_jax.solution import LineSlice, Solution
+    from dropper_jax.slices import LineSlice
+    from dropper_jax.solution import Solution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +41,11 @@ class Record:
     @property
     def lines(self) -> tuple[LineSlice, ...]:
         return self.solution.lines
+
+    @cached_property
+    def whole(self) -> tuple[WholeLine, ...]:
+        """The lines as they were written: what the report goes by."""
+        return whole_lines(self.scene)
 
     @property
     def duration(self) -> float:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 DEGREE = 180.0 / math.pi
+#: Lines in one table, the largest of more; report.json has all.
+MOST_ROWS = 30
+#: Smaller numbers are rounding.
+ROUNDING = 1e-6
 
 
 def section(values: Any, write: Any) -> str:
@@ -16,9 +20,24 @@ def section(values: Any, write: Any) -> str:
     return f"Left out: {values['skipped']}." if isinstance(values, dict) else write(values)
 
 
+def _largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
+    """The `MOST_ROWS` largest, in their own order."""
+    kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:MOST_ROWS]
+    return [lines[i] for i in sorted(kept)]
+
+
+def _with_rest(text: str, shown: int, total: int, which: str = "largest") -> str:
+    return text if shown == total else f"{text}\n\nThe {which} {shown} of {total} lines; report.json has all."
+
+
+def _names(lines: list[dict[str, Any]]) -> str:
+    names = [line["line"] for line in lines]
+    return ", ".join(names[:MOST_ROWS]) + (f" and {len(names) - MOST_ROWS} more" if len(names) > MOST_ROWS else "")
+
+
 def tension(lines: list[dict[str, Any]]) -> str:
-    rows = []
-    for line in lines:
+    rows, shown = [], _largest(lines, lambda line: line["largest"]["n"])
+    for line in shown:
         used = line["utilisation"]
         rows.append(
             [
@@ -28,7 +47,7 @@ def tension(lines: list[dict[str, Any]]) -> str:
                 newton(line["mean_last_link_n"]),
                 newton(max(line["percentiles_n"]["99"])),
                 f"{newton(line['largest']['n'])} at {line['largest']['at_m']:.1f} m, {line['largest']['t_s']:.2f} s",
-                "no breaking load" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
+                "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
             ]
         )
     head = [
@@ -40,7 +59,16 @@ def tension(lines: list[dict[str, Any]]) -> str:
         "largest [N]",
         "utilisation",
     ]
-    return table(head, rows)
+    return _with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "utilisation")
+
+
+def _without_load(lines: list[dict[str, Any]], key: str) -> str:
+    """Which lines have no breaking load."""
+    without = [line for line in lines if line[key] is None]
+    if not without:
+        return ""
+    which = "any line" if len(without) == len(lines) else _names(without)
+    return f"\n\nNo breaking load of {which}: give `breaking_load` in the scene, or --breaking-load."
 
 
 def anchors(anchors: list[dict[str, Any]]) -> str:
@@ -69,19 +97,36 @@ def anchors(anchors: list[dict[str, Any]]) -> str:
 
 
 def snaps(lines: list[dict[str, Any]]) -> str:
-    rows = []
-    for line in lines:
+    rows, some = [], [line for line in lines if line["largest_share_slack"] > 0]
+    shown = _largest(some, lambda line: line["shown"][0]["peak_n"] if line["shown"] else 0.0)
+    for line in shown:
         first = line["shown"][0] if line["shown"] else None
         text = (
             "none" if first is None else f"{newton(first['peak_n'])} at {first['at_m']:.1f} m, {first['peak_s']:.2f} s"
         )
         rows.append([line["line"], str(line["most_events"]), f"{100 * line['largest_share_slack']:.1f}", text])
-    return table(["line", "events in the worst link", "slack, worst link [% of time]", "largest peak [N]"], rows)
+    head = ["line", "events in the worst link", "slack, worst link [% of time]", "largest peak [N]"]
+    return _apart("Never slack", head, rows, shown, some, lines)
+
+
+def _apart(
+    word: str,
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    shown: list[dict[str, Any]],
+    some: list[dict[str, Any]],
+    lines: list[dict[str, Any]],
+) -> str:
+    """The table of some lines, and the names of the others after a word."""
+    others = [line for line in lines if line not in some]
+    text = _with_rest(table(head, rows), len(shown), len(some)) if rows else ""
+    which = _names(others) if some else "all lines"
+    return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 
 def fatigue(lines: list[dict[str, Any]]) -> str:
-    rows = []
-    for line in lines:
+    rows, shown = [], _largest(lines, lambda line: max(line["equivalent_range_n"]))
+    for line in shown:
         worst = int(np.argmax(line["equivalent_range_n"]))
         with_load = line["damage"] is not None
         rows.append(
@@ -90,12 +135,12 @@ def fatigue(lines: list[dict[str, Any]]) -> str:
                 f"{line['cycles'][worst]:g}",
                 newton(line["equivalent_range_n"][worst]),
                 newton(max(line["largest_range_n"])),
-                f"{line['damage_per_year']:.3g}" if with_load else line["why_no_damage"],
+                f"{line['damage_per_year']:.3g}" if with_load else "-",
                 "-" if not with_load else "no damage" if line["life_years"] is None else f"{line['life_years']:.3g}",
             ]
         )
     head = ["line", "cycles", "equivalent range [N]", "largest range [N]", "damage per year", "life [years]"]
-    return table(head, rows)
+    return _with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "damage")
 
 
 def watch(points: list[dict[str, Any]]) -> str:
@@ -114,6 +159,7 @@ def watch(points: list[dict[str, Any]]) -> str:
 def water(section: dict[str, Any]) -> str:
     if "skipped" in section:
         return f"Left out: {section['skipped']}."
+    shown = _largest(section["lines"], lambda line: -min(line["least_depth_m"]))
     rows = [
         [
             line["line"],
@@ -121,9 +167,10 @@ def water(section: dict[str, Any]) -> str:
             f"{min(line['least_depth_m']):.2f}",
             f"{max(line['largest_depth_m']):.2f}",
         ]
-        for line in section["lines"]
+        for line in shown
     ]
-    text = table(["line", "under water, driest node [% of time]", "least depth [m]", "largest depth [m]"], rows)
+    head = ["line", "under water, driest node [% of time]", "least depth [m]", "largest depth [m]"]
+    text = _with_rest(table(head, rows), len(shown), len(section["lines"]), "highest")
     if not section["buoys"]:
         return text
     rows = [
@@ -149,6 +196,8 @@ def water(section: dict[str, Any]) -> str:
 
 
 def acceleration(lines: list[dict[str, Any]]) -> str:
+    some = [line for line in lines if line["largest_m_per_s2"] >= ROUNDING]
+    shown = _largest(some, lambda line: line["largest_m_per_s2"])
     rows = [
         [
             line["line"],
@@ -156,14 +205,15 @@ def acceleration(lines: list[dict[str, Any]]) -> str:
             f"{max(line['p99_m_per_s2']):.3g}",
             f"{line['largest_m_per_s2']:.3g} at {line['at_m']:.1f} m, {line['t_s']:.2f} s",
         ]
-        for line in lines
+        for line in shown
     ]
-    return table(["line", "rms, worst node [m/s^2]", "99 %, worst node [m/s^2]", "largest [m/s^2]"], rows)
+    head = ["line", "rms, worst node [m/s^2]", "99 %, worst node [m/s^2]", "largest [m/s^2]"]
+    return _apart("At rest", head, rows, shown, some, lines)
 
 
 def distance(lines: list[dict[str, Any]]) -> str:
-    rows = []
-    for line in lines:
+    rows, shown = [], _largest(lines, lambda line: -(line["least_distance_m"] or math.inf))
+    for line in shown:
         if line["nearest"] is None:
             rows.append([line["line"], "none", "no links apart from shared points", "-"])
             continue
@@ -176,7 +226,8 @@ def distance(lines: list[dict[str, Any]]) -> str:
                 "no diameter" if touch is None else "yes" if line["least_distance_m"] <= touch else "no",
             ]
         )
-    return table(["line", "nearest line", "least distance of the axes [m]", "touch"], rows)
+    text = table(["line", "nearest line", "least distance of the axes [m]", "touch"], rows)
+    return _with_rest(text, len(shown), len(lines), "nearest")
 
 
 def _place_of(line: dict[str, Any]) -> str:
@@ -185,6 +236,8 @@ def _place_of(line: dict[str, Any]) -> str:
 
 
 def seabed(lines: list[dict[str, Any]]) -> str:
+    some = [line for line in lines if line["share_with_contact"] > 0]
+    shown = _largest(some, lambda line: line["length_m"]["mean"])
     rows = [
         [
             line["line"],
@@ -192,14 +245,16 @@ def seabed(lines: list[dict[str, Any]]) -> str:
             f"{100 * line['share_of_line']:.1f}",
             f"{100 * line['share_with_contact']:.1f}",
         ]
-        for line in lines
+        for line in shown
     ]
     head = ["line", "length on the bed, min / mean / max [m]", "mean [% of the line]", "any contact [% of time]"]
-    return table(head, rows)
+    return _apart("No link on the bed", head, rows, shown, some, lines)
 
 
 def newton(value: float) -> str:
     """A load [N] to four digits or whole newtons."""
+    if abs(value) < ROUNDING:
+        return "0"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 
 

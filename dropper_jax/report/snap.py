@@ -63,7 +63,8 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
 def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """Per line: how many events, per link and in its worst link, the share of time slack, and the largest events."""
     found = []
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+    for where in record.whole:
+        spec = where.spec
         s, counts, share, events = arc(spec.length), [], [], []
         for j in range(spec.links):
             tension = record.tension[:, where.links.start + j]
@@ -77,7 +78,7 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
         events.sort(key=lambda event: -event["peak"])
         found.append(
             {
-                "line": spec.name,
+                "line": where.name,
                 "arc_length_m": s,
                 "events": counts,
                 "most_events": max(counts),

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
+from dropper_jax.slices import WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 
@@ -18,15 +19,15 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     The largest and least of the line come with their place and time. Utilisation is the largest of max over breaking
     load of the links.
     """
-    return [_line(record, i, settings) for i in range(len(record.lines))]
+    return [_line(record, where, settings) for where in record.whole]
 
 
-def _line(record: Record, index: int, settings: Settings) -> dict[str, Any]:
-    spec, where = record.scene.lines[index], record.lines[index]
+def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
+    spec = where.spec
     tension, s = record.tension[:, where.links], arc(spec.length)
     high, low = (np.unravel_index(pick(tension), tension.shape) for pick in (np.argmax, np.argmin))
     found: dict[str, Any] = {
-        "line": spec.name,
+        "line": where.name,
         "arc_length_m": s,
         "min_n": tension.min(axis=0),
         "mean_n": tension.mean(axis=0),

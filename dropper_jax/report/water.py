@@ -18,11 +18,12 @@ def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
     """
     depth = eta - record.positions[..., 2]
     lines = []
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
+    for where in record.whole:
+        spec = where.spec
         own = depth[:, where.nodes]
         lines.append(
             {
-                "line": spec.name,
+                "line": where.name,
                 "arc_length_m": node_arc(spec.length),
                 "share_under_water": (own > 0).mean(axis=0),
                 "mean_depth_m": own.mean(axis=0),

@@ -98,7 +98,7 @@ def _signal(name: str, model: Model, start: jax.Array, run: Trajectory, t: jax.A
     if name == "excursion":
         return safe_norm(run.r - start)
     if name == "energy":
-        seen = jax.vmap(lambda r, v, t: observe(model, r, v, t))(run.r, run.v, t)
+        seen = jax.vmap(lambda *now: observe(model, *now))(run.r, run.v, t, run.parted)
         return (seen.kinetic + seen.potential)[:, None]
     links = jax.vmap(lambda r, t: model.links(r, model.ends(t)))(run.r, t)
     across = safe_norm(links * jnp.array([1.0, 1.0, 0.0], links.dtype))

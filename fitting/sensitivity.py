@@ -218,14 +218,16 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
         run = jax.lax.stop_gradient(problem.march(model, s, problem.saves))
         pick = jnp.arange(count - 1) * saves + saves - 1
         first = jax.tree.map(
-            lambda a, b: jnp.concatenate([a[None], b[pick]]), (s.r, s.v, s.tension), (run.r, run.v, run.tension)
+            lambda a, b: jnp.concatenate([a[None], b[pick]]),
+            (s.r, s.v, s.tension, s.parted),
+            (run.r, run.v, run.tension, run.parted),
         )
         t = jnp.arange(count) * (saves * every)
 
-        def one(r: jax.Array, v: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
+        def one(r: jax.Array, v: jax.Array, tension: jax.Array, parted: Any, t: jax.Array) -> jax.Array:
             def value(p: jax.Array) -> jax.Array:
                 changed = apply(problem.model, problem.parameters, p)
-                now = dataclasses.replace(state(changed, r, v, tension), t=t)
+                now = dataclasses.replace(state(changed, r, v, tension), t=t, parted=parted)
                 return problem.measure(changed, now, problem.march(changed, now, saves))
 
             return jax.jacfwd(value)(p)

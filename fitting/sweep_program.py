@@ -163,20 +163,22 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
 
 def _count(model: Model, start: State, s: State, tally: Tally, row: Any) -> Tally:
     links = model.links(s.r, model.ends(s.t))
+    # rigid links are as long as they are; those that stretch are measured
+    length = safe_norm(links) if model.line.axial.elastic else model.line.length
     tension = row.tension[0]
     # once it is NaN it stays so: `maximum` carries it on
     return Tally(
         jnp.maximum(tally.largest, jnp.max(tension)),
         jnp.minimum(tally.smallest, jnp.min(tension)),
         tally.total + jnp.mean(tension),
-        jnp.minimum(tally.cosine, -links[:, 2] / model.line.length),
+        jnp.minimum(tally.cosine, -links[:, 2] / length),
         jnp.maximum(tally.excursion, jnp.max(safe_norm(s.r - start.r))),
         jnp.maximum(tally.residual, row.residual[0]),
     )
 
 
 def _named(plan: Plan, model: Model, s: State, tally: Tally) -> dict[str, jax.Array]:
-    seen = observe(model, s.r, s.v, s.t)
+    seen = observe(model, s.r, s.v, s.t, s.parted)
     return {
         "tension_max": tally.largest,
         "tension_mean": tally.total / plan.saves,

@@ -20,12 +20,14 @@ IDENTITY = "dropper_jax_sweep"
 PENDING = -1
 #: Differences named in a refusal.
 NAMED = 3
+#: Dimensions of the arrays besides the inputs.
+DIMENSIONS = ("case", "time", "node", "link", "axis")
 
 
 def input_names(paths: list[str]) -> list[str]:
     """Names of the inputs in the store: the last part of a path where that tells it apart, else the whole path."""
     short = [path.rsplit(".", 1)[-1] for path in paths]
-    taken = {*QUANTITIES, "status", "failed_at", "positions", "tension"}
+    taken = {*QUANTITIES, "status", "failed_at", "positions", "tension", *DIMENSIONS}
     unclear = [name.isdecimal() or name in taken or short.count(name) > 1 for name in short]
     return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
 

@@ -18,6 +18,8 @@ from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
 from dropper_jax.model import state
 from dropper_jax.report.build import report_run
+from fitting.sensitivity import study, windows
+from fitting.sweep import open_sweep, sweep
 
 G, MASS, LENGTH, EA = 9.81, 100.0, 10.0, 4e4
 OMEGA = np.sqrt(EA / (LENGTH * MASS))
@@ -175,3 +177,30 @@ def test_schemes_without_parting_links_refuse():
     model = build_model(load_scene(hanging(2, {"line": "line", "load": 5e3})))
     with pytest.raises(SceneError, match="rattle"):
         make_stepper(model, "rattle")
+
+
+def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(tmp_path):
+    pytest.importorskip("zarr")
+    scene = hanging(2, {"line": "line", "link": 2, "time": 0.5}, run={"dt": 0.01, "duration": 0.7})
+    times = [0.3, 0.5]
+    found = open_sweep(sweep(scene, {"failure.0.time": times}, tmp_path / "cut.zarr", extra=0, halvings=0).path)
+    for time in times:
+        single = simulate(load_scene(scene).with_values({"failure.0.time": time}), extra=0, halvings=0)
+        case = found.sel({"failure.0.time": time})
+        # the stretch that the parted link would have: much more than the tolerance
+        assert 0.5 * EA / 5.0 * (0.5 * G * (0.7 - time) ** 2) ** 2 > 1e-3 * abs(single.energy[-1])
+        assert float(case.energy_final) == pytest.approx(single.energy[-1], rel=1e-9)
+        assert float(case.tension_max) == pytest.approx(single.tension[1:].max(), rel=1e-9)
+    problem = study(scene, "energy.final", ["effects.weight.gravity"])
+    assert float(jax.jit(problem)(problem.values)) == pytest.approx(single.energy[-1], rel=1e-9)
+
+
+def test_windows_of_a_study_go_on_with_what_has_parted():
+    scene = hanging(2, {"line": "line", "link": 2, "load": 500.0}, run={"dt": 0.01, "duration": 1.0})
+    problem = study(scene, "tension.2.max", ["effects.point_bodies.gravity"])
+    mean, error, length = windows(problem, problem.values, 0.2)
+    # its first step parts the link: of the five windows the first alone has a derivative d, so that the mean is d/5
+    # and its standard error d/5 as well
+    assert length == pytest.approx(0.2)
+    assert mean[0] != 0.0
+    assert error[0] == pytest.approx(abs(mean[0]), rel=1e-9)

@@ -205,6 +205,50 @@ def test_failures_become_breaks_of_the_links_at_the_point(deck):
         load_scene(deck(text.replace("1 2 1 12.5 0", "1 1 2 12.5 0")))
 
 
+def test_failures_go_to_a_file_and_back_where_a_line_comes_off_a_point(tmp_path):
+    table = load_scene("paper-case-4").as_written()
+    del table["line"][0]["type"], table["line"][0]["length"], table["line"][0]["links"]
+    table["line_type"].append({**table["line_type"][0], "name": "thin", "mass": 8.0, "breaking_load": 2e5})
+    table["line"][0]["sections"] = [
+        {"type": "chain", "length": 20.0, "links": 4},
+        {"type": "thin", "length": 30.0, "links": 6},
+    ]
+    ends = [{"line": "chain", "link": 1, "time": 12.5}, {"line": "chain", "link": 10, "load": 1e5, "time": 3.0}]
+    joint = [{"line": "chain", "link": 4, "load": 4e4}, {"line": "chain", "link": 5, "load": 5e4}]
+    inner = [{"line": "chain", "link": 7, "load": 1e5}, {"line": "chain", "load": 1e5}]
+    notes = write_moordyn({**table, "failure": [*ends, *joint, *inner]}, tmp_path / "mooring.txt")
+    lost = [note for note in notes if note.startswith("failure")]
+    assert ["link 7" in lost[0], "whichever link" in lost[1], len(lost)] == [True, True, 2]
+    rows = (tmp_path / "mooring.txt").read_text().split("FAILURE")[1].splitlines()[3:7]
+    # point 1 is the anchor, R1A the buoy, point 2 the joint; line 1 has 4 links, line 2 has 6
+    assert rows == ["1 1 1 12.5 0.0", "2 R1A 2 3.0 100000.0", "3 2 1 0.0 40000.0", "4 2 2 0.0 50000.0"]
+    back = load_scene(tmp_path / "mooring.txt")
+    assert [(f.line, f.link, f.time, f.load) for f in back.failures] == [
+        ("chain-1", 1, 12.5, None),
+        ("chain-2", 6, 3.0, 1e5),
+        ("chain-1", 4, None, 4e4),
+        ("chain-2", 1, None, 5e4),
+    ]
+    assert [line.piece_of for line in back.lines] == ["chain", "chain"]
+    assert write_moordyn(back, tmp_path / "again.txt") == []
+    assert load_scene(tmp_path / "again.txt").failures == back.failures
+
+
+def test_a_failure_at_the_breaking_load_is_written_with_that_load(tmp_path):
+    table = load_scene("paper-case-4").as_written()
+    table["line_type"][0]["breaking_load"] = 3e5
+    write_moordyn({**table, "failure": [{"line": "chain", "link": 12}]}, tmp_path / "mooring.txt")
+    (failure,) = load_scene(tmp_path / "mooring.txt").failures
+    assert (failure.link, failure.time, failure.load) == (12, None, 3e5)
+
+
+def test_lines_cut_by_attached_points_come_back_as_pieces_of_their_line(tmp_path):
+    scene = load_scene("edulis-longline")
+    write_moordyn(scene, tmp_path / "mooring.txt")
+    back = load_scene(tmp_path / "mooring.txt")
+    assert [line.piece_of for line in back.lines] == [line.piece_of for line in scene.lines]
+
+
 def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
     text = CHAIN.replace("-0.8         0 ", "-0.8|50      25.0 ").replace("1e8 ", "1e8|2e8 ")
     text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n1e-4          threshIC")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from dropper_jax.moordyn.pieces import detachment
+
 if TYPE_CHECKING:
     from dropper_jax.scene import Scene
 
@@ -75,7 +77,12 @@ def _water(scene: Scene) -> Iterator[str]:
 
 def _things(scene: Scene) -> Iterator[str]:
     for failure in scene.failures:
-        yield f"failure of line {failure.line!r}: not represented; MoorDyn takes lines off points"
+        if detachment(scene, failure) is None:
+            which = "whichever link" if failure.link is None else f"link {failure.link}"
+            yield (
+                f"failure of line {failure.line!r}, {which}: not represented; MoorDyn takes lines off points, at the "
+                "first or last link"
+            )
     for line in scene.lines:
         if line.axial_law == "tabulated":
             yield f"line {line.name!r}: MoorDyn joins the rows of a table by straight lines and ends at the last one"

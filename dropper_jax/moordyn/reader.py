@@ -181,15 +181,26 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
 
 
 def _given(deck: Deck, scene: dict[str, Any]) -> None:
-    """Names and run settings of the free text."""
+    """Names, run settings and lines that are in pieces, from the free text."""
     for key, text in deck.given.items():
-        if key not in ("name", "description") and not key.startswith("run."):
+        if key not in ("name", "description", "pieces") and not key.startswith("run."):
             continue
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             continue  # a remark of somebody, not a value of ours
-        if key.startswith("run."):
+        if key == "pieces":
+            _join_pieces(scene["line"], value)
+        elif key.startswith("run."):
             scene["run"][key.removeprefix("run.")] = value
         else:
             scene[key] = value
+
+
+def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
+    """Tell lines which line they are a piece of; a list of anything else is somebody's remark."""
+    for names in given if isinstance(given, list) else ():
+        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
+            for line in lines:
+                if line["name"] in names[1:]:
+                    line["piece_of"] = names[0]

@@ -4,49 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.errors import SceneError
-from dropper_jax.force_table import ForceTable
 from dropper_jax.io import atomic_write
 from dropper_jax.moordyn.differences import differences
+from dropper_jax.moordyn.pieces import DIGITS, Piece, detachment, line_types, pieces
 from dropper_jax.moordyn.spar import SEGMENTS, UPRIGHT
 from dropper_jax.moordyn.water import CURRENT, FREQUENCIES, current_text, waves_text
 from dropper_jax.scene import Scene, load_scene
 from dropper_jax.sea.checks import displaced_diameter
 from dropper_jax.sections import BuoySpec, LineSpec
-
-#: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.
-DIGITS = 12
-COEFFICIENTS = (
-    ("morison_drag", "cdn"),
-    ("morison_inertia", "can"),
-    ("morison_drag", "cdt"),
-    ("morison_inertia", "cat"),
-)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A stretch of equal links: the values of its line type, its number of links and its length [m].
-
-    `table` holds the rows (strain, tension [N]) of a tabulated law; the type's EA has no say then.
-    """
-
-    type: tuple[float, ...]
-    links: int
-    length: float
-    table: tuple[tuple[float, float], ...] | None = None
-
-    @property
-    def kind(self) -> tuple[Any, ...]:
-        """What makes two stretches of one line type."""
-        return (*self.type, self.table)
 
 
 def write_moordyn(
@@ -103,53 +75,25 @@ def _front(scene: Scene) -> Iterator[str]:
     yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
     for key, value in scene.to_dict()["run"].items():
         yield f"! run.{key} = {json.dumps(value)}"
+    whole = _whole(scene)
+    if whole:
+        yield f"! pieces = {json.dumps(whole)}"
 
 
-def pieces(scene: Scene, index: int) -> list[Piece]:
-    """Stretches of equal links of a line."""
-    line = scene.lines[index]
-    first = sum(other.links for other in scene.lines[:index])
-    span = slice(first, first + line.links)
-    total = scene.line.links
-
-    def each(value: Any) -> np.ndarray:
-        return np.broadcast_to(np.asarray(0.0 if value is None else value, float), (total,))[span]
-
-    coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]
-    damping = np.zeros(line.links) if line.axial_damping is None else line.axial_damping
-    diameter = each(displaced_diameter(scene.line, scene))
-    rows = np.stack([diameter, line.mass / line.length, line.EA, damping, *coefficients, line.length], axis=1)
-    tables = [_rows(table) for table in line.tables] if line.tables is not None else [None] * line.links
-    same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
-    same = same & np.array([a == b for a, b in pairwise(tables)], bool)
-    cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
-    found = []
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
-        kind = [float(x) for x in rows[a, :-1]]
-        kind[1] = _short(kind[1])
-        found.append(Piece(tuple(kind), int(b - a), _short(np.sum(line.length[a:b])), tables[a]))
-    return found
-
-
-def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
-    return tuple(zip(table.strain.tolist(), table.tension.tolist(), strict=True))
-
-
-def _kinds(parts: list[list[Piece]]) -> dict[tuple[Any, ...], str]:
-    """Names of the line types."""
-    kinds: dict[tuple[Any, ...], str] = {}
-    for piece in (piece for part in parts for piece in part):
-        kinds.setdefault(piece.kind, f"type{len(kinds) + 1}")
-    return kinds
-
-
-def _short(x: float) -> float:
-    return float(f"{x:.{DIGITS}g}")
+def _whole(scene: Scene) -> list[list[str]]:
+    """Lines that the file has in pieces: the name of each, then those of its pieces."""
+    found: dict[str, list[str]] = {}
+    for i, line in enumerate(scene.lines):
+        part = pieces(scene, i)
+        name = line.piece_of or (line.name if len(part) > 1 else None)
+        if name is not None:
+            found.setdefault(name, []).extend(_names(line, part))
+    return [[name, *own] for name, own in found.items()]
 
 
 def _tables(scene: Scene) -> Iterator[str]:
     parts = [pieces(scene, i) for i in range(len(scene.lines))]
-    kinds = _kinds(parts)
+    kinds = line_types(parts)
     yield _rule("LINE TYPES")
     yield "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
     yield "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)"
@@ -171,11 +115,12 @@ def _tables(scene: Scene) -> Iterator[str]:
         body = [point.mass, point.volume, point.drag_area, point.added_mass]
         rows.append(_point(len(rows) + 1, kind, point.position, body, point.name))
     lines = []
+    first: dict[str, int] = {}
     for line, part in zip(scene.lines, parts, strict=True):
         _join(scene, line, part, words, rows)
-        ends = [line.start, *(f"{line.name}-{i + 1}" for i in range(len(part) - 1)), line.end]
-        for i, piece in enumerate(part):
-            name = line.name if len(part) == 1 else f"{line.name}-{i + 1}"
+        first[line.name] = len(lines) + 1
+        ends = [line.start, *_joints(line, part), line.end]
+        for i, (name, piece) in enumerate(zip(_names(line, part), part, strict=True)):
             begin, end = words[ends[i]], words[ends[i + 1]]
             row = [len(lines) + 1, kinds[piece.kind], begin, end, _value(piece.length), piece.links, "-"]
             lines.append(" ".join(str(x) for x in row) + f"  ! name: {name}")
@@ -187,6 +132,39 @@ def _tables(scene: Scene) -> Iterator[str]:
     yield "ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs"
     yield "(#) (name) (ID) (ID) (m) (-) (-)"
     yield from lines
+    yield from _failures(scene, parts, words, first)
+
+
+def _names(line: LineSpec, part: list[Piece]) -> list[str]:
+    """Names of the stretches of a line."""
+    return [line.name] if len(part) == 1 else [f"{line.name}-{i + 1}" for i in range(len(part))]
+
+
+def _joints(line: LineSpec, part: list[Piece]) -> list[str]:
+    """Names of the points between the stretches of a line."""
+    return [f"{line.name}-{i + 1}" for i in range(len(part) - 1)]
+
+
+def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], first: dict[str, int]) -> Iterator[str]:
+    """Lines that come off a point at a time or a tension; `first` numbers the first stretch of each line."""
+    rows = []
+    for failure in scene.failures:
+        place = detachment(scene, failure)
+        if place is None:
+            continue
+        i, line = next((i, line) for i, line in enumerate(scene.lines) if line.name == failure.line)
+        ends = [line.start, *_joints(line, parts[i]), line.end]
+        point = words[ends[place.stretch + (not place.first)]]
+        load = failure.load
+        if load is None and failure.time is None:
+            load = float(line.breaking_load[failure.link - 1])
+        times = f"{_value(failure.time or 0.0)} {_value(load or 0.0)}"
+        rows.append(f"{len(rows) + 1} {point} {first[line.name] + place.stretch} {times}")
+    if rows:
+        yield _rule("FAILURE")
+        yield "ID Point Lines FailTime FailTen"
+        yield "(#) (#) (,) (s) (N)"
+        yield from rows
 
 
 def _point(number: int, kind: str, position: Any, body: list[float | None], name: str) -> str:
@@ -199,8 +177,7 @@ def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str]
     """Free points between the stretches of a line, on the straight line between its ends."""
     start, end = scene.point(line.start).position, scene.point(line.end).position
     along = np.cumsum([piece.length for piece in part]) / sum(piece.length for piece in part)
-    for i, share in enumerate(along[:-1]):
-        name = f"{line.name}-{i + 1}"
+    for name, share in zip(_joints(line, part), along[:-1], strict=True):
         if name in words:
             raise SceneError(f"point {name!r}: is needed for a joint of line {line.name!r}; allowed: another name")
         words[name] = str(len(rows) + 1)
@@ -283,7 +260,7 @@ def _table_file(name: str) -> str:
 def _files(scene: Scene) -> dict[str, str]:
     """Text of the files beside the input, by name."""
     found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
-    for (*_, table), name in _kinds([pieces(scene, i) for i in range(len(scene.lines))]).items():
+    for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
             rows = [f"{_value(e)} {_value(pull)}" for e, pull in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]

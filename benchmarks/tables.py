@@ -16,6 +16,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import moordyn_tables
+
 HERE = Path(__file__).parent
 RESULTS, DOCS = HERE / "results", HERE.parent / "docs"
 COMMANDS = {
@@ -113,8 +115,28 @@ def peers(found: dict[str, Any]) -> str:
     return markdown(rows)
 
 
+def sweep(found: dict[str, Any]) -> str:
+    """Throughput of a sweep of the lab dropper, saving included."""
+    head = ("cases", "steps of each", "until compiled [s]", "run and saved [s]", "million steps per second")
+    rows = [(*head, "memory at most [MB]")]
+    for row in found["rows"]:
+        counts = (f"{row['cases']}", f"{row['steps_per_case']}")
+        times = (f"{row['compile_s']:.1f}", f"{row['run_s']:.2f}", f"{row['million_steps_per_s']:.1f}")
+        rows.append((*counts, *times, f"{row['peak_memory_mb']:.0f}"))
+    single, ratio = found["single_runs_million_steps_per_s"], found["times_faster_than_single_runs"]
+    return (
+        f"{markdown(rows)}\n\nOn {found['machine']['cores']} cores. A loop over single runs makes {single:.2g} million "
+        f"steps per second: the sweep is {ratio:.0f} times as fast."
+    )
+
+
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 TABLES = {
+    **{
+        name: ("moordyn", lambda found, rows=rows: markdown(rows(found)))
+        for name, rows in moordyn_tables.TABLES.items()
+    },
+    "sweep": ("sweep", sweep),
     "stability": ("stability", stability),
     "thesis": ("stability", thesis),
     "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),
@@ -123,16 +145,25 @@ TABLES = {
 }
 
 
+def filled(text: str) -> str:
+    """A document with the tables that it asks for."""
+    for name in re.findall(r"<!-- table: (\w+) -->", text):
+        results, table_of = TABLES[name]
+        table = table_of(json.loads((RESULTS / f"{results}.json").read_text()))
+        place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
+        text = place.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
+    return text
+
+
+def documents() -> list[Path]:
+    """The README and the pages of `docs/`."""
+    return [HERE.parent / "README.md", *sorted(DOCS.glob("*.md"))]
+
+
 def write() -> None:
     """Put the tables into the documents that ask for them."""
-    for document in [HERE.parent / "README.md", *sorted(DOCS.glob("*.md"))]:
-        text = document.read_text()
-        for name in re.findall(r"<!-- table: (\w+) -->", text):
-            results, table_of = TABLES[name]
-            table = table_of(json.loads((RESULTS / f"{results}.json").read_text()))
-            place = re.compile(rf"(<!-- table: {name} -->\n).*?(<!-- end -->)", re.DOTALL)
-            text = place.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
-        document.write_text(text)
+    for document in documents():
+        document.write_text(filled(document.read_text()))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,50 @@
+"""Tables of the documentation are those of the committed results."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def tables():
+    sys.path.insert(0, str(BENCHMARKS))  # its modules import one another, as scripts do
+    spec = importlib.util.spec_from_file_location("tables", BENCHMARKS / "tables.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.path.remove(str(BENCHMARKS))
+    return module
+
+
+def test_tables_in_the_documents_are_those_of_the_results(tables):
+    for document in tables.documents():
+        assert tables.filled(document.read_text()) == document.read_text(), document.name
+
+
+def test_every_table_stands_in_a_document(tables):
+    text = "".join(document.read_text() for document in tables.documents())
+    assert [name for name in tables.TABLES if f"<!-- table: {name} -->" not in text] == []
+
+
+def test_a_speed_that_is_not_reached_says_so(tables):
+    errors = {"mean": 1e-3, "std": 2e-2}
+    ours = [{"dt_s": 0.02, "cpu_per_s": 1e-3, "errors": errors}]
+    row = {"name": "chain", "wanted": 3.0, "moordyn": {"cpu_per_s": 2e-3, "errors": errors}, "our_runs": ours}
+    rows = tables.moordyn_tables.speed(
+        {
+            "speed": [
+                {**row, "all_steps": None, "below_5_hz": {"ratio": 1.357, "ours_dt_s": 0.02}},
+                {**row, "all_steps": None, "below_5_hz": None},
+                {**row, "all_steps": {"ratio": 3.43, "ours_dt_s": 0.05}, "below_5_hz": None},
+            ]
+        }
+    )
+    assert [cells[-1] for cells in rows[1:]] == [
+        "**at no step tried**; 1.4 times for means over 0.1 s (at 0.02 s)",
+        "**at no step tried**",
+        "3.4 times faster (at 0.05 s)",
+    ]
+    assert rows[1][1:5] == ("2", "1.0e-03, 2.0e-02", "1", "1.0e-03, 2.0e-02")

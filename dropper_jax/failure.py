@@ -141,7 +141,7 @@ def as_parted(model: Model, parted: Parted | None) -> Model:
 def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: Model, s: State) -> tuple[State, Any]:
     """One step by `advance` with what has parted, and what parts at its end.
 
-    The stretch energy of a link that parts is lost; it is the last entry of `State.work`.
+    The energy of stretch and bending that a link holds as it parts is lost; it is the last entry of `State.work`.
     """
     tracked = s.work.size > 0
     before = as_parted(model, s.parted)
@@ -149,10 +149,16 @@ def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: M
     parted = _part(model, s.parted, s1)
     if not tracked:
         return dataclasses.replace(s1, parted=parted), report
-    links, length = model.links(s1.r, model.ends(s1.t)), model.line.length
-    lost = as_parted(model, parted).line.axial.energy(links, length) - before.line.axial.energy(links, length)
+    lost = _held(as_parted(model, parted), s1) - _held(before, s1)
     work = jnp.concatenate([s1.work, s.work[-1:] + lost])
     return dataclasses.replace(s1, parted=parted, work=work), report
+
+
+def _held(model: Model, s: State) -> jax.Array:
+    """Energy [J] that links hold until they part: of their stretch and, where lines resist it, of their bending."""
+    k = model.kinematics(s.r, s.v, s.t)
+    own = model.line.axial.energy(k.links, model.line.length)
+    return sum((e.potential(k) for e in model.effects if e.parts), own)
 
 
 def _part(model: Model, parted: Parted, s1: State) -> Parted:

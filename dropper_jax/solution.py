@@ -126,7 +126,8 @@ class Solution:
     @property
     def max_speed(self) -> float:
         """Largest speed of a node [m/s]."""
-        return float(np.max(np.linalg.norm(self.velocities, axis=-1)))
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that failed may hold anything
+            return float(np.max(np.linalg.norm(self.velocities, axis=-1)))
 
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import pytest
 from dropper_jax import SceneError, build, load_scene, simulate
 from dropper_jax.build import build_model
 from dropper_jax.cli.run import text
-from dropper_jax.failure import step_and_part
+from dropper_jax.failure import as_parted, step_and_part
 from dropper_jax.integrate import integrate
 from dropper_jax.integrators import make_stepper
 from dropper_jax.model import state
@@ -142,6 +142,24 @@ def test_the_link_nearest_to_its_load_breaks_and_only_that_one():
         parted.append((int(s.parted.link[0]), float(s.parted.t[0]), float(s.parted.tension[0])))
     assert parted == [(-1, 0.0, 0.0), (2, 1.0, 530.0), (2, 1.0, 530.0)]
     np.testing.assert_array_equal(intact, [1.0, 1.0, 0.0, 1.0])  # as the third step sees it
+
+
+def test_a_link_that_parts_bends_nothing_and_its_bending_is_lost():
+    stiff = {"weight": {"gravity": G}, "bending": {"EI": 300.0}}
+    model = build_model(load_scene(hanging(4, {"line": "line", "link": 2, "time": 0.5}, effects=stiff)))
+    angles = np.array([0.1, 0.4, 0.9, 1.2])
+    links = 2.6 * np.stack([np.sin(angles), np.zeros(4), -np.cos(angles)], axis=1)
+    s = state(model, np.cumsum(links, axis=0))
+    after, _ = step_and_part(lambda _, now: (replace(now, t=now.t + 1.0), None), model, s)
+    # links of 2.5 m, stretched by 0.1 m: EA e^2/(2 L); EI/(2 l) |q2 - q1|^2 = (EI/l) (1 - cos) at both its joints
+    bent = 300.0 / 2.5 * (2.0 - np.cos(0.3) - np.cos(0.5))
+    assert float(after.work[-1]) == pytest.approx(-(EA * 0.1**2 / (2 * 2.5) + bent), rel=1e-9)
+    parted = as_parted(model, after.parted)
+    bending = parted.effect("bending").force(parted.kinematics(s.r, s.v, s.t))
+    # what is left bends the joint of links 3 and 4 only: nodes 2, 3 and 4, a force and its opposite turn
+    assert np.abs(bending[0]).max() == 0.0
+    np.testing.assert_allclose(np.sum(bending, axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(bending[3]), 300.0 / 2.5 * np.sin(0.3) / 2.6, rtol=1e-9)
 
 
 @pytest.mark.parametrize(

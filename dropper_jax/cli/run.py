@@ -185,7 +185,7 @@ def _tensions(solution: Solution) -> list[str]:
         left = len(lines) - len(parts)
     rows = [("tension [N]", "min", "mean", "max", "final")]
     for part, values in {**parts, "all links": whole["all"]}.items():
-        rows.append((part, *(f"{value + 0.0:.4f}" for value in values.values())))
+        rows.append((part, *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
     return [table(rows), *([f"and {left} lines with lower maxima (--json has all)"] if left else [])]
 
 

@@ -40,6 +40,8 @@ class Effect:
     needs_sea: ClassVar[bool] = False
     #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are taken once per step.
     needs_water: ClassVar[bool] = False
+    #: Whether a part of its potential is lost with a link that parts (see `failure`).
+    parts: ClassVar[bool] = False
 
     @property
     def needs_material(self) -> bool:

@@ -21,11 +21,12 @@ class Bending(Effect):
 
     Energy `sum of EI/(2 l) |q_(j+1) - q_j|^2`, q the links' directions and l the mean of two neighbouring links; the
     nodal forces are minus its gradient. Second order in the length of links. Lines are pinned at their points and do
-    not resist torsion.
+    not resist torsion; a link that has parted bends nothing.
     """
 
     name: ClassVar[str] = "bending"
     reach: ClassVar[int] = 2
+    parts: ClassVar[bool] = True
     EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
 
     @classmethod
@@ -46,7 +47,9 @@ class Bending(Effect):
         stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
         length = 0.5 * (k.line.length[first] + k.line.length[first + 1])
         bend = directions[first + 1] - directions[first]
-        return jnp.sum(0.25 * (stiffness[first] + stiffness[first + 1]) / length * dot(bend, bend))
+        each = 0.25 * (stiffness[first] + stiffness[first + 1]) / length * dot(bend, bend)
+        intact = getattr(k.line.axial, "intact", None)
+        return jnp.sum(each if intact is None else intact[first] * intact[first + 1] * each)
 
 
 def joints(model: Any) -> np.ndarray:

@@ -14,6 +14,7 @@ from dropper_jax.catalogue import read_toml, scene_names
 from dropper_jax.effects import EFFECTS
 from dropper_jax.errors import SceneError
 from dropper_jax.failure import FailureSpec
+from dropper_jax.given_pose import check_pose, given_pose
 from dropper_jax.integrators import check_names
 from dropper_jax.line_types import expand
 from dropper_jax.scene_paths import put
@@ -22,17 +23,15 @@ from dropper_jax.sea.checks import check_water
 from dropper_jax.sea.growth import check_growth
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sections import (
-    POSE_TOLERANCE,
     BuoySpec,
     LineSpec,
     PointSpec,
     RunSpec,
     StartSpec,
     as_table,
-    directions,
     joined,
 )
-from dropper_jax.system_checks import check_ends, check_system, check_system_effects
+from dropper_jax.system_checks import check_bed, check_ends, check_system, check_system_effects
 from dropper_jax.written import Written
 
 __all__ = ["Scene", "load_scene", "scene_names"]
@@ -118,8 +117,10 @@ class Scene:
                 check_water(effect, scene)
             EFFECTS[effect].check(values, scene)
         check_growth(scene)
-        if not branched:
-            _check_pose(scene)
+        pose = None if branched else given_pose(scene)
+        if pose is not None:
+            check_pose(scene, *pose)
+        check_bed(scene, pose)
         return scene
 
     @property
@@ -263,33 +264,3 @@ def _read_effects(table: Any, links: int) -> dict[str, dict[str, Any]]:
     return {
         name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
     }
-
-
-def _check_pose(scene: Scene) -> None:
-    """A given pose must start and end where the line is held, and have the lengths of rigid links."""
-    line, start = scene.lines[0], scene.start
-    if start.kind == "static":
-        return
-    first, last = scene.point(line.start), scene.point(line.end)
-    path, nodes = "start.polar", None
-    if start.kind == "angles":
-        steps = line.length[:, None] * directions(start.polar, start.azimuth, start.zero)
-        nodes = first.position + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    else:
-        path, nodes = "start.positions", start.positions
-    ends = [(0, first)] + ([(line.links, last)] if last.kind == "fixed" else [])
-    for i, point in ends:
-        if np.linalg.norm(nodes[i] - point.position) > POSE_TOLERANCE * line.total:
-            raise SceneError(
-                f"{path}: node {i} is at {_place(nodes[i])} m; allowed: {_place(point.position)} m, "
-                f"where {point.name!r} holds it"
-            )
-    sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    wrong = np.flatnonzero(np.abs(sizes - line.length) > POSE_TOLERANCE * line.length)
-    if line.rigid and wrong.size:
-        j = wrong[0]
-        raise SceneError(f"{path}: link {j + 1} is {sizes[j]:.9g} m long; allowed: its length {line.length[j]:.9g} m")
-
-
-def _place(position: np.ndarray) -> str:
-    return "(" + ", ".join(f"{x:.9g}" for x in position) + ")"

@@ -14,9 +14,6 @@ from dropper_jax.schema import as_table, count, plain, read_fields, read_table, 
 
 __all__ = ["BuoySpec", "LineSpec", "PointSpec", "RunSpec", "StartSpec", "as_table", "directions", "joined"]
 
-#: Relative mismatch of a given pose with lengths and held ends that is still taken for rounding.
-POSE_TOLERANCE = 1e-6
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PointSpec:

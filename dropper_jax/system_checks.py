@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.schema import refuse
+from dropper_jax.surroundings import bed_height
 
 if TYPE_CHECKING:
     from dropper_jax.scene import Scene
     from dropper_jax.sections import BuoySpec, LineSpec, PointSpec
 
+#: How far below the bed a point may be for rounding [m].
+ROUNDING = 1e-9
 #: Effects that follow the links of one line.
 ONE_LINE = ("joint_friction", "nodal_force", "thesis_wave_force")
 
@@ -98,7 +101,7 @@ def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...])
 
 
 def check_system_effects(scene: Scene) -> None:
-    """Effects that need one line, bodies that need water, and nodes below the bed."""
+    """Effects that need one line, and bodies that need water."""
     for name in ONE_LINE:
         if name in scene.effects:
             raise SceneError(f"effects.{name}: follows the nodes of one line; allowed: scenes of one line")
@@ -107,22 +110,26 @@ def check_system_effects(scene: Scene) -> None:
             raise SceneError(
                 f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; allowed: [sea] with `depth`"
             )
-    depth = _depth(scene)
-    if depth is None:
-        return
-    for i, point in enumerate(scene.points):
-        if point.position[2] < -depth - 1e-9:
-            raise SceneError(
-                f"point.{i}.position: z = {point.position[2]:g} m is below the bed; allowed: >= {-depth:g} m"
-            )
 
 
-def _depth(scene: Scene) -> Any:
-    bed = scene.effects.get("seabed")
+def check_bed(scene: Scene, pose: tuple[str, np.ndarray] | None) -> None:
+    """No point, and no node of a given pose (its path, and places (n, 3) [m]), starts below the seabed.
+
+    Nodes may lie as deep in the bed as the line is thick: a pose taken from a run is pressed in a little.
+    """
+    places = np.array([point.position for point in scene.points])
+    bed = bed_height(scene, places)
     if bed is None:
-        return None
-    if bed["depth"] is not None:
-        return bed["depth"]
-    if bed["bed_depth"] is not None:
-        return float(np.max(bed["bed_depth"]))
-    return None if scene.sea is None else scene.sea.depth
+        return
+    for i in np.flatnonzero(places[:, 2] < bed - ROUNDING):
+        raise SceneError(
+            f"point.{i}.position: z = {places[i, 2]:g} m is below the bed; allowed: >= {bed[i]:g} m at its x and y"
+        )
+    if pose is None:
+        return
+    path, nodes = pose
+    bed = bed_height(scene, nodes)
+    for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
+        raise SceneError(
+            f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the bed; allowed: >= {bed[i]:g} m at its x and y"
+        )

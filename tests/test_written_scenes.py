@@ -110,3 +110,36 @@ def test_mistakes_with_attached_points_are_named(change, words):
 def test_a_line_of_sections_has_no_length_to_change():
     with pytest.raises(SceneError, match="allowed: line.chain.sections.0.length and so on"):
         with_sections().with_values({"line.chain.length": 55.0})
+
+
+SLOPE = {"bed_x": [-10.0, 10.0, 60.0], "bed_y": [-20.0, 20.0], "bed_depth": [30.0, 30.0, 30.0, 30.0, 20.0, 20.0]}
+LYING = {
+    "run": {"dt": 0.01, "duration": 0.1},
+    "point": [{"name": "a", "position": [0.0, 0.0, -5.0]}, {"name": "b", "kind": "free", "position": [3.0, 0.0, -5.0]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "links": 3, "length": 1.0, "mass": 1.0, "diameter": 0.05}],
+    "effects": {"weight": {}, "seabed": {"depth": 5.2}},
+    "start": {"kind": "angles", "zero": "horizontal", "polar": [0.1, 0.1, 0.0]},
+}
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        # the bed rises from 30 m at x = 10 to 20 m at x = 60: by 0.2 per metre
+        ({"point.anchor.position": [40.0, 0.0, -24.1]}, "point.0.position: z = -24.1 m is below the bed; .* >= -24 m"),
+        ({"point.buoy.position": [55.0, 0.0, -22.0]}, "point.1.position: z = -22 m is below the bed; .* >= -21 m"),
+    ],
+)
+def test_a_point_below_the_bed_at_its_place_is_named(values, words):
+    table = load_scene("paper-case-4").as_written()
+    table["effects"]["seabed"] = SLOPE
+    with pytest.raises(SceneError, match=words):
+        Scene.from_dict(table).with_values(values)
+    Scene.from_dict(table).with_values({"point.anchor.position": [40.0, 0.0, -24.0]})
+
+
+def test_a_node_of_a_given_pose_below_the_bed_is_named():
+    Scene.from_dict(LYING)  # its lowest nodes are at -5 - 2 sin 0.1 = -5.1997
+    with pytest.raises(SceneError, match="start.polar: node 2 is at z = -5.29556 m, below the bed; allowed: >= -5.2 m"):
+        Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.197, 0.0]})
+    Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.12, 0.0]})  # pressed in by less than its diameter

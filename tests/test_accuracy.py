@@ -61,6 +61,19 @@ def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
     assert abs(found["orders"]["rk4"] - 4.0) < 0.3
 
 
+def test_a_system_of_lines_is_measured_and_its_tensions_are_compared_at_one_time(one_line) -> None:
+    """Tensions of generalised-alpha belong to two thirds of a step: compared elsewhere they were of first order."""
+    kind = {"mass": 2.0, "diameter": 0.03, "law": "elastic", "EA": 4e3, "damping_ratio": 0.1}
+    scene = one_line(4.0, 3, [0.0, 0.0, 0.0], [3.9, 0.0, 0.0], kind, {"weight": {}})
+    scene["point"][1] = {"name": "b", "kind": "free", "position": [3.9, 0.0, 0.0], "mass": 3.0}
+    scene = load_scene({**scene, "start": {"kind": "points"}, "run": {"dt": 0.002, "duration": 0.5}})
+    found = accuracy(scene, [Scheme("generalized_alpha")], (2.0**-6, 2.0**-7), 0.5, extras=False)
+    coarse, fine = sorted(found["rows"], key=lambda row: -row["dt"])
+    assert [coarse["status"], fine["status"]] == ["ok", "ok"]
+    assert abs(found["orders"]["generalized_alpha"] - 2.0) < 0.15
+    assert 3.5 < coarse["rms_tension_error_n"] / fine["rms_tension_error_n"] < 4.5
+
+
 def test_the_reference_is_a_hundred_times_better_than_what_it_measures(report) -> None:
     found = report[1]
     assert found["reference"]["independent"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
@@ -9,11 +11,12 @@ from dropper_jax.model import Model
 
 def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Link vectors (k, n, 3) [m] of free nodes r (k, nodes, 3) at times t (k,), in the precision of r."""
-    ends = [model.ends(time) for time in t] if model.moving else [model.ends(0.0)] * len(t)
-    parts = [np.stack([np.asarray(e.start) for e in ends])[:, None], r]
-    if model.end_held:
-        parts.append(np.stack([np.asarray(e.end) for e in ends])[:, None])
-    return np.diff(np.concatenate(parts, axis=1), axis=1)
+    return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
+
+
+@jax.jit
+def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
+    return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
 
 
 def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.
 SOLVERS = {"energy_momentum": ("banded", "dense")}
 SINGLE = ("energy_momentum", "rattle")
 #: What is compared in waves.
-IN_WAVES = ("energy_momentum", "rattle", "theta_midpoint", "rk4", "energy_momentum_4")
+IN_WAVES = ("energy_momentum", "rattle", "theta_midpoint", "rk4", "energy_momentum_4", "generalized_alpha")
 
 
 @dataclass(frozen=True)

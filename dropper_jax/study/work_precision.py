@@ -152,7 +152,7 @@ def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarr
 
 
 def _tension_errors(run: Marched, stepper: Any, reference: np.ndarray) -> np.ndarray:
-    """Differences (k - 1, n) [N]; tensions that belong within steps are interpolated between both sides of a saved time."""
+    """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
     ending, beginning = run.tension[:-1, 0], run.tension[1:, 1]
     share = stepper.integrator.tension_time
     seen = ending if share == 1.0 else share * ending + (1.0 - share) * beginning

@@ -6,7 +6,9 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -15,8 +17,9 @@ import pytest
 import dropper_jax
 from dropper_jax.cli import main
 from dropper_jax.cli.output import progress
-from dropper_jax.scene import load_scene, scene_names
+from dropper_jax.scene import Scene, load_scene, scene_names
 from dropper_jax.solution import Solution
+from dropper_jax.toml_text import as_toml
 
 SCENE = "dropper-release-a"
 GOOD = """
@@ -115,6 +118,21 @@ def test_bad_argument_is_refused_in_one_line(capsys, argv, words):
     line = one_line_refusal(capsys, argv)
     for word in words:
         assert word in line
+
+
+@pytest.mark.parametrize(
+    "name", ["dropper-farm-3", "edulis-tide", "dropper-release-a-undamped", "tests/moordyn/current.txt"]
+)
+def test_a_scene_is_printed_as_toml_that_reads_as_the_same_scene(name, capsys):
+    source = str(Path(__file__).parents[1] / name) if "/" in name else name
+    assert main(["scenes", source]) == 0
+    assert Scene.from_dict(tomllib.loads(capsys.readouterr().out)) == load_scene(source)
+
+
+def test_toml_of_awkward_values_reads_back():
+    awkward = {"text": 'a "b" \\ ü\n', "odd key": [1, -2.5e-300, True], "long": ["x y"] * 60, "none": []}
+    awkward["t"] = {"a.b": {}}
+    assert tomllib.loads(as_toml({**awkward, "left out": None})) == awkward
 
 
 def test_scenes_lists_every_packaged_scene_with_a_description(capsys):

@@ -97,7 +97,8 @@ def _spread(section: dict[str, Any]) -> str:
     )
     for name, v in section["values"].items():
         cells = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
-        rows.append([name, *(f"{x:.4g}" for x in cells)])
+        label = f"largest {name}" if name.startswith(("tension of", "load of")) else name
+        rows.append([label, *(f"{x:.4g}" for x in cells)])
     return table(["loads in N", "least", "mean", "largest", *own], rows)
 
 

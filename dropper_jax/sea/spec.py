@@ -177,10 +177,10 @@ class SeaSpec:
 
     @classmethod
     def paths(cls) -> list[str]:
-        """All keys of a sea, in the syntax of `--set`."""
+        """All keys of a sea, in the syntax of `--set`; whole waves and currents are tables."""
         sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec))
         keys = [f"{name}.{f.name}" for name, spec in sections for f in dataclasses.fields(spec) if "kind" in f.metadata]
-        return [*keys, "sea.packaged"]
+        return [*keys, "sea.packaged", "sea.waves", "sea.current"]
 
 
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

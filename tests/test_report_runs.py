@@ -163,3 +163,10 @@ def test_bad_input_is_refused_in_one_line(longline, made, tmp_path, capsys, monk
     assert found["status"] == "invalid_input"
     assert words in found["error"]
     assert out.err.count("\n") == 1
+
+
+def test_a_load_that_some_runs_do_not_know_is_not_extrapolated():
+    assert storm_extreme(np.array([0.0, 63.0, 0.0, 41.0]), 600.0, 10800.0, 0.9) == {
+        "skipped": "no load at all in 2 of 4 runs"
+    }
+    assert "percentile_90" in storm_extreme(np.array([12.0, 63.0, 30.0, 41.0]), 600.0, 10800.0, 0.9)

@@ -69,6 +69,9 @@ def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence:
     one = fit_gumbel(maxima)
     if one.scale <= 1e-9 * np.abs(maxima).max():
         return {"skipped": "all runs have the same maximum: runs of different seeds are needed"}
+    idle = int(np.count_nonzero(np.abs(maxima) <= 1e-9 * np.abs(maxima).max()))
+    if idle:  # a load that some runs do not know at all has no one distribution of maxima
+        return {"skipped": f"no load at all in {idle} of {len(maxima)} runs"}
     times = storm / duration
     whole = one.over(times)
     drawn = -np.log(-np.log(np.random.default_rng(SEED).random((SAMPLES, len(maxima)))))

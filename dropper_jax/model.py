@@ -167,7 +167,7 @@ class Model:
 
     def _position(self, index: int, t: jax.Array) -> jax.Array:
         point = self.points[index]
-        moving = [e for e in self.effects if has(e, "displace") and e.point == point.name]
+        moving = [e for e in self.effects if has(e, "displace") and e.moves(point.name)]
         shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 

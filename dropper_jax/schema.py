@@ -149,11 +149,14 @@ def _read_numbers(value: Any, path: str, declared: Mapping[str, Any], count: int
 
 
 def read_option(value: Any, path: str, declared: Mapping[str, Any]) -> Any:
-    """A text, whole number, truth value or tuple of whole numbers, as declared."""
+    """A text, whole number, truth value, tuple of whole numbers or (declared as `list`) of texts."""
     kind, choices = declared.get("type"), declared.get("choices")
     if kind is tuple:
         items = read_list(value, path, None, "a list of whole numbers")
         return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in enumerate(items))
+    if kind is list:
+        items = read_list(value, path, None, "a list of texts")
+        return tuple(read_text(item, f"{path}.{i}") for i, item in enumerate(items))
     if kind is int:
         return read_integer(value, path, declared.get("low"))
     if kind is bool:

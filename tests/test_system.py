@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import equilibrium, simulate
+from dropper_jax import SceneError, equilibrium, load_scene, simulate
 from dropper_jax.axial import Rope
+from dropper_jax.build import build_model
 from dropper_jax.effects import LinearDamping, Weight
 from dropper_jax.graph import Graph, Member
 from dropper_jax.integrators import make_stepper
@@ -115,3 +116,26 @@ def test_lines_of_a_system_are_found_in_the_solution():
     np.testing.assert_array_equal(solution.point_path("joint"), solution.positions[:, 6])
     # started in its static pose it stays there
     assert np.max(np.abs(solution.positions[-1] - solution.positions[0])) < 1e-6
+
+
+def test_points_of_a_vessel_move_together():
+    rope = {"name": "rope", "mass": 1.0, "diameter": 0.05, "EA": 1e5}
+    places = {"anchor": [0.0, 0.0, -10.0], "bow": [9.0, 1.0, 0.0], "stern": [9.0, -1.0, 0.0]}
+    kind = {"from": "anchor", "type": "rope", "length": 14.0, "links": 2}
+    motion = {"point": "bow", "also": ["stern"], "amplitude": [1.0, 0.0, 0.5], "period": 8.0}
+    table = {
+        "run": {"dt": 0.01, "duration": 0.1},
+        "line_type": [rope],
+        "point": [{"name": name, "position": place} for name, place in places.items()],
+        "line": [{**kind, "name": name, "to": name} for name in ("bow", "stern")],
+        "effects": {"weight": {}, "end_motion": motion},
+    }
+    scene = load_scene(table)
+    assert load_scene(scene.to_dict()) == scene
+    ends = build_model(scene).ends(2.0)
+    # a quarter of a period: the full amplitude, at rest
+    shift = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [1.0, 0.0, 0.5]])
+    np.testing.assert_allclose(ends.start, np.array(list(places.values())) + shift, atol=1e-12)
+    np.testing.assert_allclose(ends.start_velocity, 0.0, atol=1e-12)
+    with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a held point"):
+        load_scene({**table, "effects": {"weight": {}, "end_motion": {**motion, "also": ["stren"]}}})

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.errors import SceneError, nearest
+
 if TYPE_CHECKING:
     from dropper_jax.kinematics import Kinematics
     from dropper_jax.model import Line, Model
@@ -64,6 +66,26 @@ class Effect:
     def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
         """Make the effect from validated scene values (None where left out)."""
         return cls(**values)
+
+
+class HeldMotion(Effect):
+    """An effect that moves held points together: it has the options `point` and `also`, and `displace`."""
+
+    point: str
+    also: tuple[str, ...]
+
+    def moves(self, name: str) -> bool:
+        """Whether a point of that name moves."""
+        return name == self.point or name in self.also
+
+    @classmethod
+    def check_points(cls, values: Mapping[str, Any], scene: Any) -> None:
+        """Refuse points that are not held."""
+        held = [p.name for p in scene.points if p.kind == "fixed"]
+        named = {"point": values["point"], **{f"also.{i}": name for i, name in enumerate(values["also"])}}
+        for key, name in named.items():
+            if name not in held:
+                raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a held point; {nearest(name, held)}")
 
 
 class Law(Effect):

@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.errors import SceneError, nearest
+from dropper_jax.effects.base import HeldMotion
+from dropper_jax.errors import SceneError
 from dropper_jax.fields import component, option, parameter
 
 
 @component
-class EndMotion(Effect):
-    """Displacement of a held point from its position.
+class EndMotion(HeldMotion):
+    """Displacement of a held point, and of others that move with it (a vessel's), from their positions.
 
     Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^2 (3 - 2 u)`, `u = min(t/ramp, 1)` where a
     ramp is given: a linear one would start and end with a jump of the velocity.
@@ -33,14 +33,11 @@ class EndMotion(Effect):
     time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
     displacement: jax.Array | None = parameter("displacement at those times", unit="m", shape="vectors", optional=True)
     point: str = option("name of the point that moves", type=str, default="")
+    also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: Any) -> None:
-        held = [p.name for p in scene.points if p.kind == "fixed"]
-        if values["point"] not in held:
-            raise SceneError(
-                f"effects.end_motion.point: {values['point']!r} is not a held point; {nearest(values['point'], held)}"
-            )
+        cls.check_points(values, scene)
         harmonic = values["amplitude"] is not None and values["period"] is not None
         table = values["time"] is not None and values["displacement"] is not None
         if harmonic == table:

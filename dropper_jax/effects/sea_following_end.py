@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.errors import SceneError, nearest
+from dropper_jax.effects.base import Effect, HeldMotion
+from dropper_jax.errors import SceneError
 from dropper_jax.fields import component, option, parameter
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @component
-class SeaFollowingEnd(Effect):
+class SeaFollowingEnd(HeldMotion):
     """Displacement of a held point by the waves at its mean place: `heave * eta` up, `surge * xi` along each wave.
 
     xi is the horizontal excursion of a particle at the mean surface, `-a (s/w) C(0) sin p`. `heave` and `surge` are
@@ -33,13 +33,12 @@ class SeaFollowingEnd(Effect):
     omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", optional=True)
     place: jax.Array | None = None
     point: str = option("name of the point that moves", type=str, default="")
+    also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: Any) -> None:
-        held = [p.name for p in scene.points if p.kind == "fixed"]
         path = "effects.sea_following_end"
-        if values["point"] not in held:
-            raise SceneError(f"{path}.point: {values['point']!r} is not a held point; {nearest(values['point'], held)}")
+        cls.check_points(values, scene)
         if scene.sea.waves is None or scene.sea.ramp is None:
             raise SceneError(f"{path}: needs waves that rise from rest; allowed: [sea.waves] and `sea.ramp`")
         count = 1 if values["omega"] is None else len(values["omega"])

@@ -28,7 +28,8 @@ def _effects(scene: Scene) -> Iterator[str]:
         if name not in KNOWN:
             yield f"effects.{name}: not represented"
     if "end_motion" in effects:
-        yield f"effects.end_motion: point {effects['end_motion']['point']!r} is Coupled; its motion is not in the file"
+        for name in (effects["end_motion"]["point"], *effects["end_motion"]["also"]):
+            yield f"effects.end_motion: point {name!r} is Coupled; its motion is not in the file"
     if "weight" not in effects:
         yield "effects.weight: missing here, but MoorDyn's lines have weight"
     elif effects["weight"]["wet_weight"] is not None:

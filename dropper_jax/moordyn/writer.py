@@ -106,12 +106,13 @@ def _tables(scene: Scene) -> Iterator[str]:
         yield from _buoys(scene)
     words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}
     rows = []
-    moved = scene.effects.get("end_motion", {}).get("point")
+    motion = scene.effects.get("end_motion")
+    moved = () if motion is None else (motion["point"], *motion["also"])
     for point in scene.points:
         if point.name in words:
             continue
         words[point.name] = str(len(rows) + 1)
-        kind = "Free" if point.kind == "free" else "Coupled" if point.name == moved else "Fixed"
+        kind = "Free" if point.kind == "free" else "Coupled" if point.name in moved else "Fixed"
         body = [point.mass, point.volume, point.drag_area, point.added_mass]
         rows.append(_point(len(rows) + 1, kind, point.position, body, point.name))
     lines = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import zipfile
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.errors import SceneError, nearest
-from dropper_jax.io import atomic_write
 from dropper_jax.scene import Scene
 from dropper_jax.slices import LineSlice, line_slices, whole_lines
 
@@ -243,13 +241,9 @@ class Solution:
 
     def save(self, path: str | Path) -> Path:
         """Write to an `.npz` or `.nc` file with scene and settings inside, so that `rerun` can repeat the run."""
-        if Path(path).suffix.lower() == ".nc":
-            from dropper_jax.storage import write_netcdf
+        from dropper_jax.storage import write_netcdf, write_npz
 
-            return write_netcdf(self, path)
-        arrays = {name: getattr(self, name) for name in ARRAYS}
-        text = np.array(json.dumps(self.provenance()))
-        return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+        return (write_netcdf if Path(path).suffix.lower() == ".nc" else write_npz)(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -258,21 +252,9 @@ class Solution:
         Raises:
             SceneError: one line, where the file is missing or is not a saved run.
         """
-        if Path(path).suffix.lower() == ".nc":
-            from dropper_jax.storage import read_netcdf
+        from dropper_jax.storage import read_netcdf, read_npz
 
-            return read_netcdf(path)
-        try:
-            with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
-                meta = json.loads(str(file["meta"]))
-                arrays = {name: file[name] for name in ARRAYS}
-        except OSError as error:
-            raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
-            raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
-        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-            raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
-        return cls.restore(meta, arrays)
+        return (read_netcdf if Path(path).suffix.lower() == ".nc" else read_npz)(path)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""

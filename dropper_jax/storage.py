@@ -1,4 +1,4 @@
-"""Saved runs as labelled data: xarray and netCDF with CF-style names, units and provenance, and the one loader.
+"""Saved runs: `.npz`, labelled data (xarray, netCDF with CF-style names, units and provenance), and the one loader.
 
 Needs the extra `io` (xarray, h5netcdf); `.npz` files need nothing beyond the package.
 """
@@ -9,12 +9,14 @@ import importlib
 import json
 import os
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dropper_jax.errors import SceneError
+from dropper_jax.io import atomic_write
 
 if TYPE_CHECKING:
     import xarray
@@ -48,6 +50,36 @@ def load_run(path: str | Path) -> Solution:
     from dropper_jax.solution import Solution
 
     return Solution.load(path)
+
+
+def write_npz(solution: Solution, path: str | Path) -> Path:
+    """Write arrays and provenance to an `.npz` file."""
+    from dropper_jax.solution import ARRAYS
+
+    arrays = {name: getattr(solution, name) for name in ARRAYS}
+    text = np.array(json.dumps(solution.provenance()))
+    return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+
+
+def read_npz(path: str | Path) -> Solution:
+    """The run of an `.npz` file.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    from dropper_jax.solution import ARRAYS, FORMAT, Solution
+
+    try:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
+            meta = json.loads(str(file["meta"]))
+            arrays = {name: file[name] for name in ARRAYS}
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
+        raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+        raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
+    return Solution.restore(meta, arrays)
 
 
 def extra(module: str, name: str) -> Any:

@@ -2,25 +2,22 @@
 
 `vmap` puts members first, and the loops over 3 components and some nodes innermost: too short for vector registers.
 Here members come last, so that every kernel runs over them. A function is traced once for one member; its operations
-are then carried out on arrays (..., members). What has no rule below falls back on JAX's own batching rule between two
-moves of the axis: slower, never wrong.
+are then carried out on arrays (..., members). What has no rule (`lane_rules`) falls back on JAX's own batching rule
+between two moves of the axis: slower, never wrong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.extend import core
 
-#: Longest tridiagonal system that is eliminated row by row in line; LAPACK, one member at a time, beyond.
-UNROLLED_ROWS = 32
-#: Longest reduction done as a tree of elementwise operations.
-UNROLLED_REDUCTION = 128
+from fitting.lane_rules import ELEMENTWISE, STRUCTURAL, Value, lined_up, spread
 
 #: Operations that call a function once, and which parameter holds it.
 CALLS = {
@@ -32,13 +29,6 @@ CALLS = {
     "checkpoint": "jaxpr",
     "remat2": "jaxpr",
 }
-ELEMENTWISE = frozenset(
-    """
-    add sub mul div rem max min neg sign abs square sqrt rsqrt cbrt exp exp2 log log1p expm1 logistic
-    sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh integer_pow pow floor ceil round is_finite
-    and or xor not eq ne lt le gt ge select_n convert_element_type stop_gradient copy add_any erf clamp nextafter
-    """.split()  # noqa: SIM905
-)
 
 
 def lanes(f: Callable[..., Any], in_axes: Any = 0) -> Callable[..., Any]:
@@ -60,71 +50,58 @@ def lanes(f: Callable[..., Any], in_axes: Any = 0) -> Callable[..., Any]:
         shapes = [jnp.shape(x)[1:] if m else jnp.shape(x) for x, m in zip(values, many, strict=True)]
         one = [jax.ShapeDtypeStruct(s, jnp.result_type(x)) for s, x in zip(shapes, values, strict=True)]
         program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
-        inputs = [_Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
+        inputs = [Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
         try:
             done = _run(program, members, inputs)
         except (KeyError, AttributeError):  # the operations of a JAX that names their parameters otherwise
             return jax.vmap(f, in_axes)(*args)
-        found = [jnp.moveaxis(_spread(v, members), -1, 0) for v in done]
+        found = [jnp.moveaxis(spread(v, members), -1, 0) for v in done]
         return jax.tree.unflatten(jax.tree.structure(shape), found)
 
     return mapped
 
 
-class _Value(NamedTuple):
-    """An array, and whether it has the member axis (the last one)."""
-
-    array: Any
-    many: bool
-
-
-def _spread(v: _Value, members: int) -> jax.Array:
-    """The array with the member axis, repeated where it had none."""
-    x = jnp.asarray(v.array)
-    return x if v.many else jnp.broadcast_to(x[..., None], (*x.shape, members))
-
-
-def _fitted(values: Sequence[_Value], many: Sequence[bool], members: int) -> list[Any]:
+def _fitted(values: Sequence[Value], many: Sequence[bool], members: int) -> list[Any]:
     """Arrays with the member axis where `many` asks for it."""
-    return [_spread(v, members) if m else v.array for v, m in zip(values, many, strict=True)]
+    return [spread(v, members) if m else v.array for v, m in zip(values, many, strict=True)]
 
 
-def _valued(arrays: Sequence[Any], many: Sequence[bool]) -> list[_Value]:
-    return [_Value(x, m) for x, m in zip(arrays, many, strict=True)]
+def _valued(arrays: Sequence[Any], many: Sequence[bool]) -> list[Value]:
+    return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
 
 
-def _run(program: Any, members: int, inputs: Sequence[_Value]) -> list[_Value]:
+def _run(program: Any, members: int, inputs: Sequence[Value]) -> list[Value]:
     """Carry out a traced function."""
     jaxpr = program.jaxpr
-    known = dict(zip(jaxpr.constvars, (_Value(c, False) for c in program.consts), strict=True))
+    known = dict(zip(jaxpr.constvars, (Value(c, False) for c in program.consts), strict=True))
     known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
-    def read(atom: Any) -> _Value:
-        return _Value(atom.val, False) if isinstance(atom, core.Literal) else known[atom]
+    def read(atom: Any) -> Value:
+        return Value(atom.val, False) if isinstance(atom, core.Literal) else known[atom]
 
     for eqn in jaxpr.eqns:
         known.update(zip(eqn.outvars, _operation(eqn, members, [read(a) for a in eqn.invars]), strict=True))
     return [read(a) for a in jaxpr.outvars]
 
 
-def _operation(eqn: Any, members: int, inputs: list[_Value]) -> list[_Value]:
+def _operation(eqn: Any, members: int, inputs: list[Value]) -> list[Value]:
     name, p = eqn.primitive.name, eqn.params
     if name in CALLS:
         return _run(_closed(p[CALLS[name]]), members, inputs)
     if not any(v.many for v in inputs):
-        return [_Value(x, False) for x in _alone(eqn, [v.array for v in inputs])]
+        return [Value(x, False) for x in _alone(eqn, [v.array for v in inputs])]
     if name in CONTROL:
         return CONTROL[name](p, members, inputs)
     if name in ELEMENTWISE:
         shape = eqn.outvars[0].aval.shape
-        return [_Value(eqn.primitive.bind(*(_lined_up(v, shape, members) for v in inputs), **p), True)]
+        return [Value(eqn.primitive.bind(*(lined_up(v, shape, members) for v in inputs), **p), True)]
     found = STRUCTURAL[name](p, members, inputs) if name in STRUCTURAL else None
     if found is not None:
-        return [_Value(found, True)]
+        return [Value(found, True)]
     first = [jnp.moveaxis(v.array, -1, 0) if v.many else v.array for v in inputs]
     axes = tuple(0 if v.many else None for v in inputs)
     rows = jax.vmap(lambda *xs: _alone(eqn, xs), in_axes=axes, axis_size=members)(*first)
-    return [_Value(jnp.moveaxis(x, 0, -1), True) for x in rows]
+    return [Value(jnp.moveaxis(x, 0, -1), True) for x in rows]
 
 
 def _closed(program: Any) -> Any:
@@ -135,14 +112,6 @@ def _alone(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
     """The operation itself, on inputs without members."""
     found = eqn.primitive.bind(*inputs, **eqn.params)
     return list(found) if eqn.primitive.multiple_results else [found]
-
-
-def _lined_up(v: _Value, shape: tuple[int, ...], members: int) -> jax.Array:
-    """The array in the result's shape, members last; scalars and axes of one may stand in for whole ones."""
-    x = jnp.asarray(v.array)
-    x = x if v.many else x[..., None]
-    x = x.reshape((1,) * (len(shape) + 1 - x.ndim) + x.shape)
-    return jnp.broadcast_to(x, (*shape, members))
 
 
 # --- which values of a function have members, without carrying it out ---------------------------------------------
@@ -214,7 +183,7 @@ def _which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
 # --- loops and branches -------------------------------------------------------------------------------------------
 
 
-def _scan(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value]:
+def _scan(p: dict[str, Any], members: int, inputs: list[Value]) -> list[Value]:
     consts, carried = _scan_parts(p)
     out = _which_scanned(p, [v.many for v in inputs])
     start = _fitted(inputs[consts : consts + carried], out[:carried], members)
@@ -230,7 +199,7 @@ def _scan(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value]
     return _valued([*end, *saved], out)
 
 
-def _while(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value]:
+def _while(p: dict[str, Any], members: int, inputs: list[Value]) -> list[Value]:
     tests, bodies = p["cond_nconsts"], p["body_nconsts"]
     many, disagree = _which_looped(p, [v.many for v in inputs])
 
@@ -250,13 +219,13 @@ def _while(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value
     return _valued(end, many)
 
 
-def _cond(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value]:
+def _cond(p: dict[str, Any], members: int, inputs: list[Value]) -> list[Value]:
     index, given = inputs[0], inputs[1:]
     if index.many:  # members go different ways: all branches are run
         found = [_fitted(out, [True] * len(out), members) for out in (_run(b, members, given) for b in p["branches"])]
         which = jnp.asarray(index.array, jnp.int32)
         chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
-        return [_Value(x, True) for x in chosen]
+        return [Value(x, True) for x in chosen]
     many = _which_branched(p, [v.many for v in given])
 
     def branch(program: Any, arrays: list[Any]) -> list[Any]:
@@ -267,94 +236,3 @@ def _cond(p: dict[str, Any], members: int, inputs: list[_Value]) -> list[_Value]
 
 
 CONTROL = {"scan": _scan, "while": _while, "cond": _cond}
-
-# --- operations on axes: the member axis is one more that they leave alone ------------------------------------------
-
-
-def _broadcast(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array | None:
-    if len(inputs) > 1:  # shapes that are known at run time only
-        return None
-    rank = len(p["shape"])
-    return lax.broadcast_in_dim(inputs[0].array, (*p["shape"], members), (*p["broadcast_dimensions"], rank))
-
-
-def _slice(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array:
-    strides = None if p["strides"] is None else (*p["strides"], 1)
-    return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
-
-
-def _pad(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array | None:
-    x, value = inputs
-    return None if value.many else lax.pad(_spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
-
-
-def _concatenate(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array:
-    return lax.concatenate([_spread(v, members) for v in inputs], p["dimension"])
-
-
-def _stack(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array:
-    return jnp.stack([_spread(v, members) for v in inputs], p["axis"])
-
-
-def _reshape(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array | None:
-    return lax.reshape(inputs[0].array, (*p["new_sizes"], members)) if p["dimensions"] is None else None
-
-
-def _transpose(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array:
-    return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
-
-
-def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Any:
-    """Reduction over some axes as a tree of elementwise operations, which keep running over the members."""
-
-    def rule(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array | None:
-        x, axes = inputs[0].array, tuple(p["axes"])
-        kept = [i for i in range(x.ndim) if i not in axes]
-        x = lax.transpose(x, (*axes, *kept))
-        x = x.reshape(-1, *x.shape[len(axes) :])
-        if not 0 < x.shape[0] <= UNROLLED_REDUCTION:
-            return None
-        while x.shape[0] > 1:
-            half = x.shape[0] // 2
-            paired = two(x[:half], x[half : 2 * half])
-            x = jnp.concatenate([paired, x[2 * half :]]) if x.shape[0] % 2 else paired
-        return x[0]
-
-    return rule
-
-
-def _tridiagonal(p: dict[str, Any], members: int, inputs: list[_Value]) -> jax.Array | None:
-    """Elimination without pivoting, row by row: the systems of rods have no small pivots, and a step is checked."""
-    lower, diagonal, upper, b = (_spread(v, members) for v in inputs)
-    rows = diagonal.shape[0]
-    if b.shape[1] != 1 or diagonal.ndim != 2 or rows > UNROLLED_ROWS:
-        return None
-    # divided, not multiplied by an inverse: the compiler keeps quotients, and does products anew wherever they are used
-    ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]
-    for i in range(1, rows):
-        pivot = diagonal[i] - lower[i] * ahead[-1]
-        ahead.append(upper[i] / pivot)
-        y.append((b[i, 0] - lower[i] * y[-1]) / pivot)
-    x = [y[-1]]
-    for i in range(rows - 2, -1, -1):
-        x.append(y[i] - ahead[i] * x[-1])
-    return jnp.stack(x[::-1])[:, None]
-
-
-STRUCTURAL = {
-    "broadcast_in_dim": _broadcast,
-    "slice": _slice,
-    "pad": _pad,
-    "concatenate": _concatenate,
-    "stack": _stack,
-    "reshape": _reshape,
-    "squeeze": lambda p, members, inputs: lax.squeeze(inputs[0].array, p["dimensions"]),
-    "transpose": _transpose,
-    "rev": lambda p, members, inputs: lax.rev(inputs[0].array, p["dimensions"]),
-    "reduce_sum": _reduced_by(lax.add),
-    "reduce_max": _reduced_by(lax.max),
-    "reduce_min": _reduced_by(lax.min),
-    "reduce_and": _reduced_by(jnp.logical_and),
-    "reduce_or": _reduced_by(jnp.logical_or),
-    "tridiagonal_solve": _tridiagonal,
-}

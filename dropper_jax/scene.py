@@ -17,7 +17,7 @@ from dropper_jax.failure import FailureSpec
 from dropper_jax.given_pose import check_pose, given_pose
 from dropper_jax.integrators import check_names
 from dropper_jax.line_types import expand
-from dropper_jax.scene_paths import put
+from dropper_jax.scene_paths import get, put
 from dropper_jax.schema import check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.sea.checks import check_water
 from dropper_jax.sea.growth import check_growth
@@ -174,6 +174,21 @@ class Scene:
         for path, value in values.items():
             put(table, path, value)
         return Scene.from_dict(table)
+
+    def value(self, path: str) -> Any:
+        """The plain value at a path, such as those of `with_values`.
+
+        Raises:
+            SceneError: no such path, or nothing given there.
+        """
+        table = self.as_written()
+        places = {} if self.written is None else self.written.places(table)
+        if path not in places:
+            return get(self.to_dict(), path)
+        parent, key = places[path]
+        if key not in parent:
+            raise SceneError(f"{path}: is not given in the scene")
+        return parent[key]
 
     def point(self, name: str) -> PointSpec:
         """The point of that name."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -45,6 +46,24 @@ def put(table: dict[str, Any], path: str, value: Any, known: Iterable[str] = ())
     Raises:
         SceneError: there is no such path (with the nearest), or no such entry.
     """
+    parent, key = _place(table, path, known)
+    parent[key] = value
+
+
+def get(table: dict[str, Any], path: str) -> Any:
+    """The plain value at a path.
+
+    Raises:
+        SceneError: there is no such path or entry, or nothing is given there.
+    """
+    parent, key = _place(copy.deepcopy(table), path, ())
+    if isinstance(parent, dict) and key not in parent:
+        raise SceneError(f"{path}: is not given in the scene")
+    return parent[key]
+
+
+def _place(table: dict[str, Any], path: str, known: Iterable[str]) -> tuple[Any, Any]:
+    """What holds the value of a path, and its key in it; tables that are missing are made."""
     own = paths(table)
     field = next((p for p in sorted(own, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
     entries = [] if field is None else path[len(field) :].strip(".").split(".")
@@ -54,7 +73,7 @@ def put(table: dict[str, Any], path: str, value: Any, known: Iterable[str] = ())
     parent, key = _parent(table, field)
     for entry in entries:
         parent, key, path = _entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(entry), path)
-    parent[key] = value
+    return parent, key
 
 
 def _hint(path: str, known: set[str]) -> str:

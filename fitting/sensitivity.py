@@ -25,8 +25,9 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.statics import nodal_loads
 from fitting.lanes import lanes
 from fitting.naming import full_names
-from fitting.parameters import Parameter, apply, missing_effects, resolve
+from fitting.parameters import Parameter, missing_effects
 from fitting.quantities import Quantity, quantity
+from fitting.scene_parameters import SceneParameter, find_parameters, place
 
 #: Growth of a small error up to which derivatives are trusted: a change of 1 % has then become one of 100 %.
 GROWTH = 100.0
@@ -46,7 +47,7 @@ class Study:
 
     scene: Any
     of: Quantity
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter | SceneParameter, ...]
     model: Model
     start: State
     retries: bool = False
@@ -90,7 +91,7 @@ class Study:
         return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
 
     def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
-        model = apply(self.model, self.parameters, values)
+        model = place(self.model, self.parameters, values)
         s = self.begin(model)
         return self.measure(model, s, self.march(model, s, self.saves, checkpoint))
 
@@ -114,7 +115,7 @@ def study(scene: Any, of: str, to: Sequence[str]) -> Study:
     added = missing_effects(scene, names)
     scene = scene.with_values(added) if added else scene
     model, start = build(scene)
-    parameters = resolve(model, names, option="to")
+    parameters = find_parameters(scene, model, names, "to")
     return Study(scene, quantity(of, model), parameters, model, start)
 
 
@@ -213,7 +214,7 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
 
     @jax.jit
     def derivatives(p: jax.Array) -> jax.Array:
-        model = apply(problem.model, problem.parameters, p)
+        model = place(problem.model, problem.parameters, p)
         s = problem.begin(model)
         run = jax.lax.stop_gradient(problem.march(model, s, problem.saves))
         pick = jnp.arange(count - 1) * saves + saves - 1
@@ -226,7 +227,7 @@ def windows(problem: Study, at: jax.Array, length: float) -> tuple[np.ndarray, n
 
         def one(r: jax.Array, v: jax.Array, tension: jax.Array, parted: Any, t: jax.Array) -> jax.Array:
             def value(p: jax.Array) -> jax.Array:
-                changed = apply(problem.model, problem.parameters, p)
+                changed = place(problem.model, problem.parameters, p)
                 now = dataclasses.replace(state(changed, r, v, tension), t=t, parted=parted)
                 return problem.measure(changed, now, problem.march(changed, now, saves))
 
@@ -248,6 +249,11 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
     found = []
     for p in problem.parameters:
+        if isinstance(p, SceneParameter) and not p.linear:
+            raise SceneError(
+                f"to: the model does not follow {p.name!r} along a straight line; allowed: such numbers in local "
+                "studies, or `dropper sweep`"
+            )
         spread = SPREAD * p.scale
         found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
     return found

@@ -46,6 +46,7 @@ class LineType:
     damping_ratio: float | None = parameter(
         "internal damping over critical, per link", unit="-", low=0.0, optional=True
     )
+    EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, optional=True)
     breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
     cdn: float | None = parameter("drag coefficient across", unit="-", low=0.0, optional=True)
     cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, optional=True)
@@ -274,6 +275,11 @@ def _with_coefficients(effects: Any, used: list[list[Section]]) -> Any:
         return effects
     effects = {name: dict(values) if isinstance(values, Mapping) else values for name, values in effects.items()}
     sections = [s for part in used for s in part]
+    stiff = next((s.type.name for s in sections if s.type.EI), None)
+    if stiff is not None and "bending" not in effects:
+        raise SceneError(f"line_type.{stiff}.EI: is for [effects.bending], which is missing")
+    if stiff is not None and isinstance(effects["bending"], dict):
+        effects["bending"].setdefault("EI", _each(sections, lambda s: s.type.EI or 0.0))
     for key, effect in COEFFICIENTS.items():
         if not isinstance(effects.get(effect), dict) or key in effects[effect]:
             continue

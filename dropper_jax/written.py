@@ -45,7 +45,10 @@ class Written:
         given = {point.get("name") for point in table.get("point", [])}
         made = tuple(p["name"] for p in expanded["point"] if p.get("name") not in given)
         effects = {name: values or {} for name, values in table.get("effects", {}).items()}
-        keys = [(effect, key) for key, effect in COEFFICIENTS.items()] + [("morison_drag", "shelter")]
+        keys = [(effect, key) for key, effect in COEFFICIENTS.items()] + [
+            ("morison_drag", "shelter"),
+            ("bending", "EI"),
+        ]
         taken = tuple(
             (effect, key)
             for effect, key in keys

@@ -242,6 +242,21 @@ def test_a_failure_at_the_breaking_load_is_written_with_that_load(tmp_path):
     assert (failure.link, failure.time, failure.load) == (12, None, 3e5)
 
 
+def test_bending_stiffness_goes_to_a_file_and_back(tmp_path):
+    table = load_scene("paper-case-4").as_written()
+    table["line_type"][0]["EI"] = 250.0
+    with pytest.raises(SceneError, match=r"line_type.chain.EI: is for \[effects.bending\], which is missing"):
+        load_scene(table)
+    scene = load_scene({**table, "effects": {**table["effects"], "bending": {}}})
+    np.testing.assert_array_equal(scene.effects["bending"]["EI"], [250.0] * 12)
+    notes = write_moordyn(scene, tmp_path / "mooring.txt")
+    assert not any("bending" in note for note in notes)
+    row = next(row for row in (tmp_path / "mooring.txt").read_text().splitlines() if row.startswith("type1"))
+    assert row.split()[5] == "250.0"  # TypeName Diam Mass/m EA BA EI
+    np.testing.assert_array_equal(load_scene(tmp_path / "mooring.txt").effects["bending"]["EI"], [250.0] * 12)
+    assert scene.with_values({"line_type.chain.EI": 100.0}).effects["bending"]["EI"].tolist() == [100.0] * 12
+
+
 def test_lines_cut_by_attached_points_come_back_as_pieces_of_their_line(tmp_path):
     scene = load_scene("edulis-longline")
     write_moordyn(scene, tmp_path / "mooring.txt")
@@ -250,7 +265,7 @@ def test_lines_cut_by_attached_points_come_back_as_pieces_of_their_line(tmp_path
 
 
 def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
-    text = CHAIN.replace("-0.8         0 ", "-0.8|50      25.0 ").replace("1e8 ", "1e8|2e8 ")
+    text = CHAIN.replace("-0.8         0 ", "-0.8|50      m.txt ").replace("1e8 ", "1e8|2e8 ")
     text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n1e-4          threshIC")
     scene = load_scene(deck(text))
     for word in ("EI", "EA 1e8|2e8", "BA -0.8|50", "coupled", "tScheme", "Currents 5", "no duration"):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 #: Effects with a place in MoorDyn.
 KNOWN = (
     *("weight", "buoyancy", "morison_drag", "morison_inertia"),
-    *("seabed", "seabed_friction", "end_motion"),
+    *("seabed", "seabed_friction", "end_motion", "bending"),
 )
 
 

@@ -16,6 +16,7 @@ from dropper_jax.sea.checks import displaced_diameter
 #: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.
 DIGITS = 12
 COEFFICIENTS = (
+    ("bending", "EI"),
     ("morison_drag", "cdn"),
     ("morison_inertia", "can"),
     ("morison_drag", "cdt"),

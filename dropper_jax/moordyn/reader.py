@@ -51,11 +51,11 @@ def read_moordyn(path: str | Path) -> dict[str, Any]:
         "name": path.stem,
         "description": "",
         "run": _run(options, notes),
-        "line_type": [types[name] for name in types if any(line["type"] == name for line in lines)],
+        "line_type": (used := [types[name] for name in types if any(line["type"] == name for line in lines)]),
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
         **({"buoy": ends.buoys} if ends.buoys else {}),
-        "effects": _effects(options, path.parent),
+        "effects": _effects(options, path.parent, any("EI" in kind for kind in used)),
         **({"failure": broken} if (broken := _failures(deck, lines, ends.names, notes)) else {}),
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
         **_sea(deck, options, notes),
@@ -134,7 +134,7 @@ def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     return {"dt": dt, **({"save_every": every} if every > 1 else {})}
 
 
-def _effects(options: Options, folder: Path) -> dict[str, Any]:
+def _effects(options: Options, folder: Path, stiff: bool) -> dict[str, Any]:
     values = options.values
     bed: dict[str, Any] = {"stiffness": values["kbot"], "damping": values["cbot"]}
     if "seafloorfile" in options.texts:
@@ -148,7 +148,8 @@ def _effects(options: Options, folder: Path) -> dict[str, Any]:
         if values["statdynfricscale"] > 1.0:
             friction["seabed_friction"]["static"] = values["frictioncoefficient"] * values["statdynfricscale"]
     seabed = {"seabed": bed} if values["wtrdpth"] or "bed_x" in bed else {}
-    return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {})}
+    bending = {"bending": {}} if stiff else {}
+    return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {}), **bending}
 
 
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:

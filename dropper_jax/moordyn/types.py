@@ -36,19 +36,24 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
         texts = row.words[6:10] if second else row.words[5:9]
         for key, text in zip(SECOND if second else FIRST, texts, strict=True):
             kind[key] = number(deck, row, text, key, 0.0)
-        if second and row.words[5] not in ("0", "0.0") and _bends(deck, row):
-            notes.append(f"line {row.number}: EI of {name!r} is not represented: lines bend freely")
+        if second:
+            kind.update(_bending(deck, row, notes))
         if len(row.words) > 10 and number(deck, row, row.words[10], "Cl", 0.0) > 0.0:
             notes.append(f"line {row.number}: Cl of {name!r} is not represented: no vortex-induced forces")
         found[name] = kind
     return found
 
 
-def _bends(deck: Deck, row: Row) -> bool:
+def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
+    """`EI` [N m^2] where there is any; of a table of moments nothing, with a note."""
+    text = row.words[5]
     try:
-        return float(row.words[5]) != 0.0
+        float(text)
     except ValueError:
-        return True  # a table of bending moments
+        notes.append(f"line {row.number}: EI {text} of {row.words[0]!r} is not represented: lines bend freely")
+        return {}
+    value = number(deck, row, text, "EI", 0.0)
+    return {"EI": value} if value else {}
 
 
 def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:

@@ -101,7 +101,7 @@ def _tables(scene: Scene) -> Iterator[str]:
         words = [_value(x) for x in values]
         if table is not None:
             words[2] = _table_file(name)
-        yield " ".join([name, *words[:4], "0.0", *words[4:]])
+        yield " ".join([name, *words])
     if scene.buoys:
         yield from _buoys(scene)
     words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}

@@ -130,6 +130,43 @@ def sweep(found: dict[str, Any]) -> str:
     )
 
 
+def report_damping(found: dict[str, Any]) -> str:
+    """Loads and damage of a snapping chain by internal damping and step."""
+    head = ("damping ratio", "step [s]", "mean anchor load [N]", "largest tension [kN]", "snaps, worst link")
+    rows = [(*head, "equivalent range [kN]", "damage per year", "steps retried")]
+    for row in found["damping"]:
+        loads = (f"{row['mean_anchor_n']:.0f}", f"{row['largest_n'] / 1e3:.1f}", f"{row['snaps']}")
+        wear = (f"{row['equivalent_range_n'] / 1e3:.1f}", f"{row['damage_per_year']:.1f}", f"{row['retried']}")
+        rows.append((f"{row['damping_ratio']:g}", f"{row['dt_s']:g}", *loads, *wear))
+    mean, largest, damage = (
+        [row[key] for row in found["damping"]] for key in ("mean_anchor_n", "largest_n", "damage_per_year")
+    )
+    return (
+        f"{markdown(rows)}\n\nThe mean load agrees within {max(mean) / min(mean) - 1:.1%}".replace("%", " %")
+        + f". The largest tension differs by a factor of {max(largest) / min(largest):.1f} and the damage by "
+        f"{max(damage) / min(damage):.1f}, mostly with the step."
+    )
+
+
+def report_storm(found: dict[str, Any]) -> str:
+    """Extremes of a storm from several seeds."""
+    kinds = {"most_probable": "most probable", "mean": "mean", "percentile_90": "90th percentile"}
+    rows = [("extrapolated to 3 h", "largest of each run [kN]", *(f"{k}, 90 % interval [kN]" for k in kinds.values()))]
+    for row in found["storm"]["rows"]:
+        low, high = (x / 1e3 for x in row["maxima"])
+        cells = (", ".join((f"{row[key][0] / 1e3:.1f}", _from_to(row[key][1:]))) for key in kinds)
+        rows.append((row["what"], f"{low:.1f} to {high:.1f}", *cells))
+    storm = found["storm"]
+    return (
+        f"{markdown(rows)}\n\nThe largest tension of {storm['further_seeds']} further seeds, which make up 3 h, is "
+        f"{storm['further_largest_n'] / 1e3:.1f} kN. Steps retried in a run: at most {storm['retried']}."
+    )
+
+
+def _from_to(interval: list[float]) -> str:
+    return f"{interval[0] / 1e3:.1f} to {interval[1] / 1e3:.1f}"
+
+
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 TABLES = {
     **{
@@ -137,6 +174,8 @@ TABLES = {
         for name, rows in moordyn_tables.TABLES.items()
     },
     "sweep": ("sweep", sweep),
+    "report_damping": ("report_examples", report_damping),
+    "report_storm": ("report_examples", report_storm),
     "stability": ("stability", stability),
     "thesis": ("stability", thesis),
     "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),

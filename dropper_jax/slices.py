@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -50,6 +50,19 @@ def line_slices(scene: Scene) -> tuple[LineSlice, ...]:
     return tuple(found)
 
 
+def line_places(scene: Scene) -> list[dict[str, Any]]:
+    """The same as plain values: first node and link of each line in the arrays, and how many links it has."""
+    return [
+        {
+            "name": w.name,
+            "first_node": w.nodes.start,
+            "first_link": w.links.start,
+            "links": w.links.stop - w.links.start,
+        }
+        for w in line_slices(scene)
+    ]
+
+
 def whole_lines(scene: Scene) -> tuple[WholeLine, ...]:
     """The lines of a scene as they were written."""
     groups: list[list[tuple[LineSpec, LineSlice]]] = []
@@ -70,3 +83,16 @@ def _whole(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
     name = specs[0].name if len(group) == 1 else specs[0].piece_of
     links = slice(places[0].links.start, places[-1].links.stop)
     return WholeLine(name, joined(tuple(specs)), np.concatenate(nodes), links, stops, len(group))
+
+
+def held_loads(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
+    """What the lines pull on each held point (3,) [N] in a pose: `T d/|d|` of the links that end there, d outwards."""
+    loads = {point.name: np.zeros(3) for point in scene.points if point.kind == "fixed"}
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        first, last = where.nodes.start, where.nodes.stop - 1
+        ends = ((line.start, first, first + 1, where.links.start), (line.end, last, last - 1, where.links.stop - 1))
+        for point, node, inner, link in ends:
+            if point in loads:
+                along = positions[inner] - positions[node]
+                loads[point] = loads[point] + tension[link] * along / max(float(np.linalg.norm(along)), 1e-300)
+    return loads

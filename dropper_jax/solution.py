@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.errors import SceneError, nearest
 from dropper_jax.scene import Scene
-from dropper_jax.slices import LineSlice, line_slices, whole_lines
+from dropper_jax.slices import LineSlice, line_places, line_slices, whole_lines
 
 #: Version of the JSON object that commands print.
 SCHEMA = 1
@@ -203,7 +203,11 @@ class Solution:
             "final_time_s": self.t[-1],
             "final_positions_m": self.positions[-1],
             "tension_n": self.tension_summary(),
-            **({"tension_of_lines_n": self.line_tensions()} if self.scene.branched else {}),
+            **(
+                {"tension_of_lines_n": self.line_tensions(), "lines": line_places(self.scene)}
+                if self.scene.branched
+                else {}
+            ),
             "broken": self.broken,
             "estimated_error": self.settings.get("estimated_error"),
             "warnings": self.warnings,

@@ -15,6 +15,7 @@ from dropper_jax.graph import Graph, Member
 from dropper_jax.integrators import make_stepper
 from dropper_jax.lines import Lines, System
 from dropper_jax.model import Point, state
+from dropper_jax.slices import held_loads, line_places
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.system import Unknowns
 
@@ -116,6 +117,36 @@ def test_lines_of_a_system_are_found_in_the_solution():
     np.testing.assert_array_equal(solution.point_path("joint"), solution.positions[:, 6])
     # started in its static pose it stays there
     assert np.max(np.abs(solution.positions[-1] - solution.positions[0])) < 1e-6
+
+
+def test_held_points_are_pulled_along_the_links_that_end_there():
+    rope = {"name": "rope", "mass": 1.0, "diameter": 0.05, "EA": 1e5}
+    kind = {"type": "rope", "length": 10.0, "links": 2}
+    scene = load_scene(
+        {
+            "run": {"dt": 0.01, "duration": 0.1},
+            "line_type": [rope],
+            "point": [
+                {"name": "a", "position": [0.0, 0.0, 0.0]},
+                {"name": "free", "kind": "free", "position": [6.0, 0.0, -8.0]},
+                {"name": "b", "position": [12.0, 0.0, 0.0]},
+            ],
+            "line": [
+                {**kind, "name": "left", "from": "a", "to": "free"},
+                {**kind, "name": "right", "from": "b", "to": "free"},
+            ],
+            "effects": {"weight": {}},
+        }
+    )
+    nodes = np.array([[0, 0, 0], [3, 0, -4], [6, 0, -8], [12, 0, 0], [12, 0, -5], [6, 0, -8]], float)
+    found = held_loads(scene, nodes, np.array([50.0, 40.0, 70.0, 60.0]))
+    assert found.keys() == {"a", "b"}
+    np.testing.assert_allclose(found["a"], [30.0, 0.0, -40.0])
+    np.testing.assert_allclose(found["b"], [0.0, 0.0, -70.0])
+    assert [(row["name"], row["first_node"], row["first_link"]) for row in line_places(scene)] == [
+        ("left", 0, 0),
+        ("right", 3, 2),
+    ]
 
 
 def test_points_of_a_vessel_move_together():

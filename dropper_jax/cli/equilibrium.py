@@ -37,6 +37,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(_object(scene, found, angles))
     else:
         print(_text(lines, found, angles))
+        if scene.branched and not failed:
+            print(_loads(scene, found))
     if failed:
         print_line(f"error: {found.status}: {found.message}")
     elif not args.json:
@@ -45,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _object(scene: Scene, found: Any, angles: np.ndarray) -> dict[str, Any]:
+    from dropper_jax.slices import held_loads, line_places
     from dropper_jax.solution import SCHEMA, jsonable
 
     result = {
@@ -56,6 +59,8 @@ def _object(scene: Scene, found: Any, angles: np.ndarray) -> dict[str, Any]:
         "positions_m": np.asarray(found.positions),
         "tension_n": np.asarray(found.tension),
     }
+    if scene.branched:
+        result |= {"lines": line_places(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
     return jsonable(result if found.status == "ok" else {**result, "error": f"{found.status}: {found.message}"})
 
 
@@ -67,6 +72,18 @@ def _text(lines: Any, found: Any, angles: np.ndarray) -> str:
         parts.append(_line_table(found.positions[line.nodes], found.tension[line.links], angles[line.links]))
     note = "angles and tension: of the link that ends at the node; polar is 0 at the horizontal, down > 0"
     return "\n".join([*parts, note])
+
+
+def _loads(scene: Scene, found: Any) -> str:
+    """What the lines pull on the held points."""
+    from dropper_jax.slices import held_loads
+
+    rows = [("held point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
+    for name, load in held_loads(scene, found.positions, found.tension).items():
+        across, up, size = np.hypot(load[0], load[1]), load[2], np.linalg.norm(load)
+        angle = "-" if size == 0 else f"{np.degrees(np.arctan2(up, across)):.2f}"
+        rows.append((name, f"{across:.5g}", f"{up:.5g}", f"{size:.5g}", angle))
+    return table(rows)
 
 
 def _line_table(positions: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:

@@ -15,7 +15,7 @@ from dropper_jax.errors import SceneError, nearest
 from fitting import gradient as gradient_method
 from fitting.gauss_newton import Solution, fit_windows
 from fitting.preparation import Prepared, Progress, prepare
-from fitting.refinement import refine
+from fitting.refinement import finer_step, refine
 from fitting.result import FitResult
 from fitting.shooting import fit_shooting
 from fitting.summary import summarise
@@ -142,13 +142,14 @@ def estimate(
     if method == "windows":
         return fine(windows, solution)
     windows, solution = renoise(windows, solution, simulator.freedoms)
-    joined = fit_shooting(
+    joined, windows = fit_shooting(
         simulator,
         windows,
         solution,
         continuity=continuity,
         huber=huber,
         frozen=frozen,
+        finer=lambda windows, solution: finer_step(simulator, windows, solution, huber, frozen),
         progress=lambda fraction, text: say(0.55 + 0.4 * fraction, text),
     )
     return fine(windows, joined) if joined.status == "ok" else (joined, windows)

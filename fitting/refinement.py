@@ -58,6 +58,16 @@ def refine(
         solution, windows = on, finer
 
 
+def finer_step(
+    simulator: Simulator, windows: Windows, solution: Solution, huber: float | None, frozen: np.ndarray | None
+) -> tuple[Windows, Solution] | None:
+    """Windows of half the step, and the solution on them, where the step's bias is too large; else None."""
+    bias, finer, ahead = step_bias(simulator, windows, solution, huber, frozen)
+    if finer.substeps > MOST_SUBSTEPS or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
+        return None
+    return finer, ahead
+
+
 def step_bias(
     simulator: Simulator,
     windows: Windows,

@@ -4,6 +4,8 @@ The truth is integrated by another scheme at a 20 times finer step; fits start t
 (20 and 60 noise seeds) are in benchmarks/calibration.py.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -16,6 +18,7 @@ from fitting.gauss_newton import closed_starts
 from fitting.normal_equations import bounded_step
 from fitting.parameters import apply, resolve
 from fitting.profile import profile
+from fitting.shooting import _loosest
 from fitting.synthetic import Camera, observe, simulate_truth
 from fitting.uncertainty import bootstrap
 from fitting.windows import Starts
@@ -206,3 +209,9 @@ def test_a_parameter_that_does_nothing_is_named():
     trace = observe(simulate_truth(pendulum, 4.0), Camera(angle_noise=0.005), 0)
     with pytest.raises(SceneError, match="'point.0.position.1' does nothing"):
         prepare(trace, pendulum, ["point.0.position.1"], window=0.5)
+
+
+def test_of_gap_weights_that_the_evidence_cannot_tell_apart_the_loosest_is_taken():
+    found = [(SimpleNamespace(evidence=e), name) for e, name in ((-9.0, "1"), (-3.4, "2"), (-3.1, "3"), (-3.0, "4"))]
+    assert _loosest(found)[1] == "2"
+    assert _loosest(found[:1])[1] == "1"

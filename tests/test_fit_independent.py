@@ -20,6 +20,7 @@ from fitting.fit import estimate, prepare, summarise
 from fitting.gauss_newton import fit_windows
 from fitting.gradient import ProjectedLoss
 from fitting.refinement import LARGEST_BIAS, step_bias
+from fitting.shooting import joined_step
 from fitting.simulator import trusted
 from fitting.traces import Convention, Trace
 from fitting.uncertainty import uncertainty
@@ -208,6 +209,11 @@ def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(r
     if method == "windows":  # the bias that half the step foretold is the one that a much finer step takes away
         own = uncertainty(coarse, prepared.windows, prepared.parameters, prepared.simulator.freedoms).std_error
         assert told[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
+    else:  # the step's error does not hold the gap weight up: errors are near those of one uninterrupted run
+        free = np.full(2, np.inf)
+        whole = joined_step(prepared.simulator, windows, replace(solution, gap_weight=1e-6), None, -free, free)
+        bound = np.sqrt(np.diag(np.linalg.inv(whole.information)))
+        assert np.all(error < 1.6 * result.uncertainty.noise * bound)  # 2.6 where the step stays as it is
 
 
 def test_a_step_that_stays_too_coarse_is_warned_of(ready, motion):

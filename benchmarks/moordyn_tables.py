@@ -92,15 +92,19 @@ def speed(found: dict[str, Any]) -> Rows:
 
 
 def _as_exact(row: dict[str, Any]) -> str:
+    """How fast at equal or smaller error, bold where that misses what was wanted."""
     whole, slow = row["all_steps"], row["below_5_hz"]
-    text = "**at no step tried**" if whole is None else f"{_faster(whole)} faster (at {whole['ours_dt_s']:g} s)"
+    text = "at no step tried" if whole is None else f"{_compared(whole)} (at {whole['ours_dt_s']:.2g} s)"
+    if whole is None or whole["ratio"] < row["wanted"]:
+        text = f"**{text}**"
     if slow is None or slow == whole:
         return text
-    return f"{text}; {_faster(slow)} for means over 0.1 s (at {slow['ours_dt_s']:g} s)"
+    return f"{text}; {_compared(slow)} for means over 0.1 s (at {slow['ours_dt_s']:.2g} s)"
 
 
-def _faster(found: dict[str, Any]) -> str:
-    return f"{found['ratio']:.2g} times"
+def _compared(found: dict[str, Any]) -> str:
+    words = "times faster" if found["ratio"] >= 1.0 else "times as fast"
+    return f"{found['ratio']:.2g} {words}"
 
 
 def _pair(errors: dict[str, Any] | None) -> str:

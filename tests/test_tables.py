@@ -32,19 +32,24 @@ def test_every_table_stands_in_a_document(tables):
 def test_a_speed_that_is_not_reached_says_so(tables):
     errors = {"mean": 1e-3, "std": 2e-2}
     ours = [{"dt_s": 0.02, "cpu_per_s": 1e-3, "errors": errors}]
+    ours += [{"dt_s": 0.05, "cpu_per_s": 4e-4, "errors": errors}]
     row = {"name": "chain", "wanted": 3.0, "moordyn": {"cpu_per_s": 2e-3, "errors": errors}, "our_runs": ours}
+    row = {**row, "law": "rope", "integrator": "rk4"}
     rows = tables.moordyn_tables.speed(
         {
             "speed": [
                 {**row, "all_steps": None, "below_5_hz": {"ratio": 1.357, "ours_dt_s": 0.02}},
                 {**row, "all_steps": None, "below_5_hz": None},
                 {**row, "all_steps": {"ratio": 3.43, "ours_dt_s": 0.05}, "below_5_hz": None},
+                {**row, "all_steps": {"ratio": 0.68, "ours_dt_s": 0.05}, "below_5_hz": None},
             ]
         }
     )
     assert [cells[-1] for cells in rows[1:]] == [
-        "**at no step tried**; 1.4 times for means over 0.1 s (at 0.02 s)",
+        "**at no step tried**; 1.4 times faster for means over 0.1 s (at 0.02 s)",
         "**at no step tried**",
         "3.4 times faster (at 0.05 s)",
+        "**0.68 times as fast (at 0.05 s)**",
     ]
-    assert rows[1][1:5] == ("2", "1.0e-03, 2.0e-02", "1", "1.0e-03, 2.0e-02")
+    assert rows[1][1:7] == ("rope, rk4", "2", "1.0e-03, 2.0e-02", "0.02", "1", "1.0e-03, 2.0e-02")
+    assert rows[3][4:6] == ("0.05", "0.4")

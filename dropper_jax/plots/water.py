@@ -18,6 +18,7 @@ from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.build import build_model
 from dropper_jax.plots import panels, style, system
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.surroundings import bed_height
 
 WATER, SURFACE = system.WATER, system.SURFACE
 #: Points along the surface of a picture.
@@ -72,8 +73,12 @@ def under_surface(run: Run, sea: Any, path: str | Path, time: float | None = Non
         places = np.tile(middle, (POINTS, 1))
         places[:, axis] = along
         eta = _surface(sea, places, run.t[index : index + 1])[0]
-        low = max(nodes[:, 2].min() - 0.1 * half, -float(sea.depth))
+        bed = None if run.scene is None else bed_height(run.scene, places)
+        low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
+        low = max(low, -float(sea.depth)) if bed is None else low
         axes.fill_between(along, eta, low, color=WATER)
+        if bed is not None and bed.max() > low:
+            axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="bed")
         axes.plot(along, eta, color=SURFACE, label="surface")
         axes.axhline(0.0, color=style.FAINT, lw=0.7, ls="--")
         label = "line" if len(run.lines) == 1 else "lines"
@@ -90,9 +95,9 @@ def under_surface(run: Run, sea: Any, path: str | Path, time: float | None = Non
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
         figure.axes[1].set_ylabel("z [m]")
-        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     else:
-        figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=3)
+        figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
     style.title(figure, run, f"under the surface at t = {run.t[index]:.2f} s")
     return style.save(figure, path)
 

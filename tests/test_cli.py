@@ -129,6 +129,27 @@ def test_a_scene_is_printed_as_toml_that_reads_as_the_same_scene(name, capsys):
     assert Scene.from_dict(tomllib.loads(capsys.readouterr().out)) == load_scene(source)
 
 
+def test_a_scene_is_written_for_moordyn_with_changes_and_what_is_lost_is_listed(tmp_path, capsys):
+    file = tmp_path / "mooring.txt"
+    changed = ["scenes", "paper-case-4", "--set", "line.chain.length=51.5"]
+    assert main([*changed, "--moordyn", str(file), "--dt", "0.001", "--json"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert found["not_represented"] == ["sea.current: the power profile is written as a table over height"]
+    assert f"warning: {found['not_represented'][0]}" in err
+    assert load_scene(file).lines[0].total == pytest.approx(51.5)
+    assert "0.001 dtM" in file.read_text()
+    assert main(changed) == 0
+    assert tomllib.loads(capsys.readouterr().out)["line"][0]["length"] == 51.5
+    for wrong, words in (
+        (["scenes", "--moordyn", str(file)], "--moordyn: needs a scene"),
+        (["scenes", SCENE, "--moordyn", str(file)], "MoorDyn's lines are elastic"),
+        ([*changed, "--moordyn", str(file), "--dt", "0"], "--dt: 0 is out of range"),
+    ):
+        assert main(wrong) == 2
+        assert words in capsys.readouterr().err
+
+
 def test_toml_of_awkward_values_reads_back():
     awkward = {"text": 'a "b" \\ ü\n', "odd key": [1, -2.5e-300, True], "long": ["x y"] * 60, "none": []}
     awkward["t"] = {"a.b": {}}

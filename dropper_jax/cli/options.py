@@ -31,10 +31,15 @@ def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> 
     """The scene with `--set` and `more` values by path."""
     from dropper_jax.scene import load_scene
 
-    values = dict(_assignment(text) for text in args.set)
+    values = assignments(args.set)
     values.update({path: value for path, value in (more or {}).items() if value is not None})
     scene = load_scene(args.scene)
     return scene.with_values(values) if values else scene
+
+
+def assignments(texts: list[str]) -> dict[str, Any]:
+    """Values by path of several `KEY=VALUE`."""
+    return dict(_assignment(text) for text in texts)
 
 
 def _assignment(text: str) -> tuple[str, Any]:

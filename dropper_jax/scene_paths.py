@@ -68,11 +68,11 @@ def _place(table: dict[str, Any], path: str, known: Iterable[str]) -> tuple[Any,
     field = next((p for p in sorted(own, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
     entries = [] if field is None else path[len(field) :].strip(".").split(".")
     entries = [] if entries == [""] else entries
-    if field is None or not all(entry.isdecimal() for entry in entries):
+    if field is None or not all(number.isdecimal() for number in entries):
         raise SceneError(f"{path}: unknown path; {_hint(path, {*own, *known})}")
     parent, key = _parent(table, field)
-    for entry in entries:
-        parent, key, path = _entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(entry), path)
+    for number in entries:
+        parent, key, path = entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(number), path)
     return parent, key
 
 
@@ -111,7 +111,8 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
     return parent, key
 
 
-def _entry(items: Any, index: int, path: str) -> tuple[list[Any], int, str]:
+def entry(items: Any, index: int, path: str) -> tuple[list[Any], int, str]:
+    """A list that has an entry of that number, the number and the path."""
     if not isinstance(items, list):
         raise SceneError(f"{path}: has no entries, it is {items!r}; allowed: the path without a number at its end")
     if index >= len(items):

@@ -31,9 +31,11 @@ def shown(value: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Arrays as lists, tuples as lists, everything else as it is."""
+    """Arrays as lists, tuples as lists, also inside tables; everything else as it is."""
     if hasattr(value, "tolist"):
         return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
     return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 

@@ -13,8 +13,8 @@ from typing import Any
 
 from dropper_jax.errors import SceneError
 from dropper_jax.line_types import COEFFICIENTS, LineType, expand
-from dropper_jax.scene_paths import put
-from dropper_jax.schema import field_keys
+from dropper_jax.scene_paths import entry, put
+from dropper_jax.schema import field_keys, plain
 from dropper_jax.sea.growth import GrowthSpec
 
 #: Keys of a `[[line]]` that are expanded, and of the tables in its lists.
@@ -54,7 +54,7 @@ class Written:
             for effect, key in keys
             if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {})
         )
-        return cls(copy.deepcopy(list(table["line_type"])), copy.deepcopy(list(table["line"])), made, taken)
+        return cls(plain(table["line_type"]), plain(table["line"]), made, taken)
 
     def table(self, expanded: Mapping[str, Any], keep_points: bool = False) -> dict[str, Any]:
         """Plain values of the scene as it was written, from those with one value per link."""
@@ -77,8 +77,9 @@ class Written:
         single = {path: value for path, value in values.items() if self._single(path, places)}
         self._refuse_whole(single)
         for path, value in values.items():
-            if path in places:
-                parent, key = places[path]
+            found = self._place(path, places)
+            if found is not None:
+                parent, key = found
                 parent[key] = value
             elif path not in single:
                 put(table, path, value, known=places)
@@ -92,8 +93,19 @@ class Written:
     def _single(self, path: str, places: Mapping[str, Any]) -> bool:
         """Whether a path is one of single links: of a line, or an entry of a coefficient that types gave."""
         if path.startswith("line."):
-            return path not in places
+            return self._place(path, places) is None
         return any(path.startswith(f"effects.{effect}.{key}.") for effect, key in self.taken)
+
+    @staticmethod
+    def _place(path: str, places: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
+        """What holds the written value of a path, or an entry of a written list, and its key; None for others."""
+        if path in places:
+            return places[path]
+        stem, _, number = path.rpartition(".")
+        if stem not in places or not number.isdecimal():
+            return None
+        parent, key = places[stem]
+        return entry(parent[key], int(number), path)[:2] if isinstance(parent.get(key), list) else None
 
     def _refuse_whole(self, single: Mapping[str, Any]) -> None:
         """A line of sections has no length of its own: that of single links is not what a user means."""

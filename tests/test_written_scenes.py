@@ -60,6 +60,15 @@ def test_a_scene_survives_as_it_was_written(name):
     assert "line_type" in scene.as_written()
 
 
+def test_arrays_of_a_line_type_are_kept_as_plain_values():
+    table = load_scene("paper-case-4").as_written()
+    kind = {key: value for key, value in table["line_type"][0].items() if key != "EA"}
+    rows = {"law": "tabulated", "strain": np.array([0.0, 0.01]), "tension": np.array([0.0, 5e5])}
+    scene = Scene.from_dict({**table, "line_type": [{**kind, **rows}]})
+    assert Scene.from_dict(json.loads(json.dumps(scene.as_written()))) == scene
+    assert scene.with_values({"line_type.chain.tension.1": 6e5}).lines[0].tables[0].tension[1] == 6e5
+
+
 SECTIONS = [{"type": "chain", "length": 20.0, "links": 4}, {"type": "chain", "length": 30.0, "links": 5}]
 
 

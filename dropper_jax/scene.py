@@ -182,11 +182,11 @@ class Scene:
             SceneError: no such path, or nothing given there.
         """
         table = self.as_written()
-        places = {} if self.written is None else self.written.places(table)
-        if path not in places:
+        found = None if self.written is None else self.written.locate(path, self.written.places(table))
+        if found is None:
             return get(self.to_dict(), path)
-        parent, key = places[path]
-        if key not in parent:
+        parent, key = found
+        if isinstance(parent, dict) and key not in parent:
             raise SceneError(f"{path}: is not given in the scene")
         return parent[key]
 

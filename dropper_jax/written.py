@@ -77,7 +77,7 @@ class Written:
         single = {path: value for path, value in values.items() if self._single(path, places)}
         self._refuse_whole(single)
         for path, value in values.items():
-            found = self._place(path, places)
+            found = self.locate(path, places)
             if found is not None:
                 parent, key = found
                 parent[key] = value
@@ -93,11 +93,11 @@ class Written:
     def _single(self, path: str, places: Mapping[str, Any]) -> bool:
         """Whether a path is one of single links: of a line, or an entry of a coefficient that types gave."""
         if path.startswith("line."):
-            return self._place(path, places) is None
+            return self.locate(path, places) is None
         return any(path.startswith(f"effects.{effect}.{key}.") for effect, key in self.taken)
 
     @staticmethod
-    def _place(path: str, places: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
+    def locate(path: str, places: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
         """What holds the written value of a path, or an entry of a written list, and its key; None for others."""
         if path in places:
             return places[path]

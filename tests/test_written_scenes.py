@@ -67,6 +67,7 @@ def test_arrays_of_a_line_type_are_kept_as_plain_values():
     scene = Scene.from_dict({**table, "line_type": [{**kind, **rows}]})
     assert Scene.from_dict(json.loads(json.dumps(scene.as_written()))) == scene
     assert scene.with_values({"line_type.chain.tension.1": 6e5}).lines[0].tables[0].tension[1] == 6e5
+    assert (scene.value("line_type.chain.tension.1"), scene.value("point.anchor.position.2")) == (5e5, -30.0)
 
 
 SECTIONS = [{"type": "chain", "length": 20.0, "links": 4}, {"type": "chain", "length": 30.0, "links": 5}]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 
@@ -12,6 +14,9 @@ from dropper_jax.kinematics import dot, safe_norm
 @component
 class Rigid:
     """Inextensible link: `|d|^2 = L^2`; the tension is whatever holds it."""
+
+    #: Whether `gradient` and `compliance` make a matrix good enough for the condensed solver.
+    condensable: ClassVar[bool] = True
 
     @property
     def elastic(self) -> bool:
@@ -42,6 +47,7 @@ class Elastic:
     The link also pushes: a line that can go slack is a `Rope`.
     """
 
+    condensable: ClassVar[bool] = True
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
     damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, optional=True)
     intact: jax.Array | None = None  # (n,): 0 where a link has parted (see `failure`), else 1
@@ -205,6 +211,8 @@ class DampedRope(Rope):
 
     For comparisons: slack lines then calm down fast, where those of a `Rope` chatter.
     """
+
+    condensable: ClassVar[bool] = False  # where a link is slack the damper is all of its row, and not in `gradient`
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         size = safe_norm(self.seen(d1, length))

@@ -1,0 +1,14 @@
+"""Axial laws: how the length of a link and its tension belong together; one file each."""
+
+from __future__ import annotations
+
+from dropper_jax.axial.damped_rope import DampedRope
+from dropper_jax.axial.elastic import Elastic
+from dropper_jax.axial.rigid import Rigid
+from dropper_jax.axial.rope import Rope
+from dropper_jax.axial.tabulated import Tabulated
+
+Axial = Rigid | Elastic | Rope | DampedRope | Tabulated
+LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}
+
+__all__ = ["LAWS", "Axial", "DampedRope", "Elastic", "Rigid", "Rope", "Tabulated"]

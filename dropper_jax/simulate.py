@@ -208,7 +208,7 @@ def _solution(
     status, first_bad = "ok", None
     if bad_step >= 0:
         residual = float(run.residual[min(bad_step // every, len(run.residual) - 1)])
-        status, reason = _reason(residual, stepper, stepper.limit(model))
+        status, reason = _reason(residual, stepper, model)
         first_bad = {"step": bad_step + 1, "time_s": (bad_step + 1) * dt, "residual": residual, "reason": reason}
     settings = {
         "integrator": stepper.integrator.name,
@@ -252,16 +252,28 @@ def _solution(
     )
 
 
+def _explicit(stepper: Stepper, model: Model) -> str:
+    """What an explicit scheme needs on lines that stretch: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest link."""
+    line = model.line
+    if stepper.integrator.implicit or not line.axial.elastic:
+        return ""
+    omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
+    return (
+        f"; {stepper.integrator.name} is explicit, and these lines call for steps of about {2.0 / omega:.1g} s or less"
+    )
+
+
 def _good_saves(run: Trajectory) -> int:
     """Saved times before the first failed step."""
     bad = np.flatnonzero(run.first_bad >= 0)
     return int(bad[0]) if bad.size else len(run.first_bad)
 
 
-def _reason(residual: float, stepper: Stepper, limit: float) -> tuple[str, str]:
+def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     """Status and reason of a step that failed."""
+    limit = stepper.limit(model)
     if not np.isfinite(residual):
-        return "non_finite", "the step gave infinite or undefined values"
+        return "non_finite", f"the step gave infinite or undefined values{_explicit(stepper, model)}"
     if residual <= limit:
         return "not_converged", f"this scheme lets lengths drift, and a link has changed by more than {DRIFT_LIMIT:.0%}"
     what = f"the residual stayed above the tolerance {limit:.0e}"

@@ -335,7 +335,7 @@ def test_a_reader_that_stops_early_is_no_error() -> None:
     end, writing = os.pipe()
     os.close(end)
     try:
-        command = [sys.executable, "-c", "import sys; from dropper_jax.cli import main; sys.exit(main(['scenes']))"]
+        command = [sys.executable, "-m", "dropper_jax", "scenes"]
         done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
     finally:
         os.close(writing)

@@ -18,6 +18,7 @@ from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
 from dropper_jax.report.water import submergence
+from dropper_jax.slices import whole_lines
 from dropper_jax.surroundings import bed_height, surface_over
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
 def _same_lines(solutions: dict[str, Solution]) -> None:
     known = None
     for name, solution in solutions.items():
-        lines = [(line.name, line.links) for line in solution.scene.lines]
+        lines = [(line.name, line.spec.links, line.pieces) for line in whole_lines(solution.scene)]
         known = known or (name, lines)
         if lines != known[1]:
             raise SceneError(f"{name}: its lines are not those of {known[0]}; allowed: runs of the same lines")

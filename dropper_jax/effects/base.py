@@ -58,6 +58,10 @@ class Effect:
     def force(self, k: Kinematics) -> jax.Array | None:
         return None
 
+    def moves(self, name: str) -> bool:
+        """Whether `displace` moves the held point of that name: that of the option `point`."""
+        return name == getattr(self, "point", None)
+
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: Any) -> None:
         """Raise `SceneError` for combinations of values that single-field ranges cannot express."""
@@ -75,7 +79,7 @@ class HeldMotion(Effect):
     also: tuple[str, ...]
 
     def moves(self, name: str) -> bool:
-        """Whether a point of that name moves."""
+        """Whether a held point of that name moves: `point` and those that move with it."""
         return name == self.point or name in self.also
 
     @classmethod

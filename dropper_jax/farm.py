@@ -45,9 +45,11 @@ def farm(
     """Plain values of a farm in 30 m of water with the current along it.
 
     The droppers are the thesis' (17 m of 20 kg per 0.94 m, Table 8.5; 0.15 m thick), each looped over 2.5 m of a
-    backbone at 5 m depth, with a float at each of its ends. Assumed, not from the sources: backbone and chain as in
-    `edulis-longline`, floats of 0.2 m3, and a shelter factor on the current that falls by 0.85 from dropper to
-    dropper in the direction of the current down to 0.4 (Plew et al. measured reductions of this size through farms).
+    backbone that ends at the bases of the spar buoys, with a float at each of its ends. Assumed, not from the sources:
+    backbone and chain as in `edulis-longline`, floats of 0.2 m3, which carry more than the droppers weigh in water
+    (0.5 kN each) and hold the backbone at the surface (points begin at 5 m for the statics), and a shelter factor on
+    the current that falls by 0.85 from dropper to dropper in the direction of the current down to 0.4 (Plew et al.
+    measured reductions of this size through farms).
 
     Args:
         droppers: their number.

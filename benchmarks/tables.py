@@ -167,6 +167,18 @@ def _from_to(interval: list[float]) -> str:
     return f"{interval[0] / 1e3:.1f} to {interval[1] / 1e3:.1f}"
 
 
+def scene_sensitivity(found: dict[str, Any]) -> str:
+    """Exact derivatives of a tension to numbers of its scene, beside differences."""
+    rows = [("number of the scene", "value", "derivative [N per unit]", "by differences", "per cent for one per cent")]
+    for row in found["rows"]:
+        numbers = (f"{row['derivative']:.6g}", f"{row['differences']:.6g}", f"{row['scaled']:.2g}")
+        rows.append((f"`{row['path']}`", f"{row['value']:.5g} {row['unit']}".removesuffix(" -"), *numbers))
+    return (
+        f"{markdown(rows)}\n\n`{found['of']}` of `{found['scene']}` is {found['value']:.1f} N; forward and reverse "
+        f"mode differ by {found['modes_differ']:.0e}."
+    )
+
+
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 TABLES = {
     **{
@@ -174,6 +186,7 @@ TABLES = {
         for name, rows in moordyn_tables.TABLES.items()
     },
     "sweep": ("sweep", sweep),
+    "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),
     "report_damping": ("report_examples", report_damping),
     "report_storm": ("report_examples", report_storm),
     "stability": ("stability", stability),

@@ -88,6 +88,17 @@ def closed_starts(evaluation: Evaluation) -> Starts:
     return Starts(evaluation.start[:, :n], evaluation.start[:, n:])
 
 
+def nearly_there(moved: float, decrease: float, samples: int) -> bool:
+    """Whether a step that does not lower the cost says that the cost is rough, not that the step was too long.
+
+    Args:
+        moved: how far the step would go, in standard errors, squared.
+        decrease: of chi-square that it promises. Window starts that are far off promise more than the deviation of
+            chi-square itself, about the root of the samples, whatever the parameters do: they may be held.
+    """
+    return moved < ROUGH_TOLERANCE and decrease < np.sqrt(samples)
+
+
 def fit_windows(
     simulator: Simulator,
     windows: Windows,
@@ -144,7 +155,7 @@ def fit_windows(
         if moved < STEP_TOLERANCE and 2 * newton.predicted / unit < DECREASE_TOLERANCE * np.sqrt(windows.samples):
             status, message = "ok", ""
             break
-        accepted = False
+        accepted, near = False, nearly_there(moved, 2 * newton.predicted / unit, windows.samples)
         while count < iterations and damping < LARGEST_DAMPING:
             step = eliminate(normal, damping, prior, low - values, high - values)
             trial_values = np.clip(values + step.dp, low, high)
@@ -155,12 +166,12 @@ def fit_windows(
                 damping = max(damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
                 values, evaluation, cost, accepted = trial_values, trial, trial_cost, True
                 break
-            if moved < ROUGH_TOLERANCE:  # this near, a smooth cost would have fallen
+            if near:  # a smooth cost would have fallen
                 break
             damping = max(10 * damping, 1e-3)
         if not accepted:
-            if moved < ROUGH_TOLERANCE or damping >= LARGEST_DAMPING:
-                status = "ok" if moved < ROUGH_TOLERANCE else status
+            if near or damping >= LARGEST_DAMPING:
+                status = "ok" if near else status
                 message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
             break
     zero = np.zeros(len(values))

@@ -19,11 +19,11 @@ from fitting.gaps import Joined, JoinedStep, eliminate_joined, gaps, join
 from fitting.gauss_newton import (
     DECREASE_TOLERANCE,
     LARGEST_DAMPING,
-    ROUGH_TOLERANCE,
     STEP_TOLERANCE,
     Solution,
     closed_starts,
     move,
+    nearly_there,
 )
 from fitting.normal_equations import data_cost, huber_weights, normal_blocks, prior_terms
 from fitting.simulator import Evaluation, Simulator
@@ -194,7 +194,7 @@ def _descend(
             if moved < STEP_TOLERANCE and 2 * step.predicted / unit < DECREASE_TOLERANCE * np.sqrt(windows.samples):
                 status, message = "ok", ""
                 break
-        accepted = False
+        accepted, near = False, step is not None and nearly_there(moved, 2 * step.predicted / unit, windows.samples)
         while count < iterations and damping < LARGEST_DAMPING:
             step = _try(system, damping, prior, low - values, high - values)
             if step is None:
@@ -211,11 +211,11 @@ def _descend(
                 starts = closed_starts(evaluation)
                 history.append({"cost": cost, "values": values.tolist(), "gap_weight": level.weight})
                 break
-            if moved < ROUGH_TOLERANCE:  # this near, a smooth cost would have fallen
+            if near:  # a smooth cost would have fallen
                 break
             damping = max(10 * damping, 1e-3)
         if not accepted:
-            if moved < ROUGH_TOLERANCE:
+            if near:
                 status = "ok"
                 message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
             break

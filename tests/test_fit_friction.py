@@ -5,7 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fitting.fit import estimate, prepare, summarise
+from fitting.gauss_newton import fit_windows
 from fitting.traces import Convention, Trace
+from fitting.windows import Starts
 
 LENGTH, MASS, G = 0.5, 0.4, 9.81
 B_L, DRY = 0.02, 5e-3
@@ -65,3 +67,15 @@ def test_the_derivative_of_windows_in_which_the_joint_turns_round_is_that_of_dif
         ends = [simulator(TRUTH + s * step * np.eye(2)[i], ready.starts, ready.windows).residual for s in (1, -1)]
         exact = at.jacobian[..., simulator.freedoms + i]
         np.testing.assert_allclose(exact, (ends[0] - ends[1]) / (2 * step), atol=1e-4 * np.abs(exact).max())
+
+
+def test_starts_that_are_far_off_are_found_though_all_parameters_are_held(ready):
+    """Steps that are too long do not count as a rough cost, however little the held parameters move."""
+    held = np.ones(2, bool)
+    near = fit_windows(ready.simulator, ready.windows, TRUTH, ready.starts, frozen=held)
+    for angle, rate in ((0.3, 0.0), (0.0, 2.0)):
+        off = Starts(ready.starts.theta + angle, ready.starts.omega + rate)
+        far = fit_windows(ready.simulator, ready.windows, TRUTH, off, frozen=held)
+        assert far.status == "ok"
+        assert far.cost == pytest.approx(near.cost, rel=1e-3)
+        assert near.cost == pytest.approx(0.5 * ready.windows.samples, rel=0.15)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from functools import partial
 from typing import Any
@@ -23,12 +24,14 @@ FEW = 8
 
 def compare_speed(twin: Any) -> dict:
     """All of it on one twin (see calibration.py)."""
+    cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[0]
     begun, cpu = time.perf_counter(), time.process_time()
     prepared = twin.prepare(0)
     solution, windows = estimate(prepared, "shooting")
     cold = {"wall_s": time.perf_counter() - begun, "cpu_s": time.process_time() - cpu}
     result = summarise(prepared, "shooting", solution, windows)
     return {
+        "machine": {"cores": cores, "load_before": load},
         "cold_start": {**cold, "compile_s": result.seconds["compile"], "status": result.status},
         "iteration": iteration_cost(prepared, solution.values),
         "finite_differences": against_scipy(prepared),

@@ -37,12 +37,13 @@ def held_out_table() -> str:
 def twin_table() -> str:
     """Twin experiments: how many converge, errors over standard errors, cover, and how large the errors are."""
     rows = [("twin", "method", "converged", "RMS of error/std error", "90 % intervals cover", "median std error")]
-    for title, name in (("linear + quadratic", "twin"), ("60 draws", "coverage"), ("with dry friction", "dry")):
-        if not (RESULTS / f"calibration_{name}.json").exists():
-            continue
-        for method, found in load(f"calibration_{name}").items():
-            if method not in ("windows", "shooting"):
+    dry = {f"dry friction, {links}": found for links, found in load("calibration_dry").items()}
+    twins = {"linear + quadratic": load("calibration_twin"), "60 draws": load("calibration_coverage"), **dry}
+    for title, methods in twins.items():
+        for method in ("windows", "shooting"):
+            if method not in methods:
                 continue
+            found = methods[method]
             three = (
                 ", ".join(f"{x:.2f}" for x in found["z_rms"]),
                 ", ".join(f"{100 * x:.0f} %" for x in found["covered_90"]),

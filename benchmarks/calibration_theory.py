@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.gauss_newton import fit_windows
+from fitting.gauss_newton import Solution, fit_windows
 from fitting.preparation import SMOOTH_PART
-from fitting.shooting import SCHEDULE, joined_step
+from fitting.shooting import fit_shooting, joined_step
 from fitting.synthetic import Camera, observe
 from fitting.windows import Windows, cut, first_starts
 
@@ -31,6 +31,7 @@ class Linear:
         windows: of the noise-free angles.
         own: error (k,) in standard errors that the simulator's step makes without noise.
         joined: covariance (k, k) of windows joined with next to no gap, one run that is never interrupted.
+        found: the fit without noise, joined.
     """
 
     twin: Any
@@ -40,6 +41,12 @@ class Linear:
     windows: Windows
     own: np.ndarray
     joined: np.ndarray
+    found: Solution
+
+    @property
+    def joined_own(self) -> np.ndarray:
+        """Error (k,) in standard errors of the fit without noise to joined windows: the steps of fit and truth."""
+        return (self.found.values - self.twin.truth) / self.joined_std_error
 
     @property
     def joined_std_error(self) -> np.ndarray:
@@ -53,9 +60,21 @@ class Linear:
 
     def z(self, seed: int) -> np.ndarray:
         """Error over standard error (k,) that this draw of noise makes, to first order."""
+        return self.covariance @ (self.slope.T @ self._draw(seed).ravel()) / self.std_error
+
+    def joined_z(self, seed: int) -> np.ndarray:
+        """The same (k,) for joined windows: what the draw adds to their step from the noise-free fit."""
+        noisy, still = (self._joined_step(size * self._draw(seed)) for size in (1.0, 0.0))
+        return (noisy - still) / self.joined_std_error
+
+    def _draw(self, seed: int) -> np.ndarray:
         noisy = _windows(self.twin, self.noise, seed, self.windows.length, self.windows.dt)
-        draw = (noisy.theta - self.windows.theta) * self.windows.weight
-        return self.covariance @ (self.slope.T @ draw.ravel()) / self.std_error
+        return (noisy.theta - self.windows.theta) * self.windows.weight
+
+    def _joined_step(self, draw: np.ndarray) -> np.ndarray:
+        free = np.full(len(self.own), np.inf)
+        at = replace(self.found, evaluation=self.found.evaluation._replace(residual=-draw))
+        return joined_step(self.twin.simulator, self.windows, at, None, -free, free).dp
 
 
 def linearise(twin: Any, noise: float) -> Linear:
@@ -74,9 +93,8 @@ def linearise(twin: Any, noise: float) -> Linear:
     slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
     covariance = np.linalg.inv(slope.T @ slope)
     own = -covariance @ (slope.T @ evaluation.residual.ravel()) / np.sqrt(np.diag(covariance))
-    free = np.full(len(twin.truth), np.inf)
-    joined = joined_step(simulator, windows, replace(found, gap_weight=SCHEDULE[-1]), None, -free, free)
-    return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information))
+    joined, _ = fit_shooting(simulator, windows, found, continuity="tight")
+    return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information), joined)
 
 
 def _trace(twin: Any, noise: float, seed: int) -> Any:

@@ -24,7 +24,8 @@ class State:
         r, v: free nodes (nodes, 3) [m], [m/s].
         tension: (n,) [N], the last step's, and the next one's first guess.
         t: time [s].
-        acceleration: last step's change of velocity per time (nodes, 3) [m/s^2]; a first guess only.
+        acceleration: last step's change of velocity per time (nodes, 3) [m/s^2]; a first guess, but
+            what generalized_alpha carries from step to step.
         law: unknowns of effects with laws of their own; a first guess only.
         work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
         angles: polar and azimuth angles and rates, each (n,), for schemes that keep these instead (else None).

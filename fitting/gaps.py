@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.block_tridiagonal import Factor
-from fitting.normal_equations import Normal, bounded_step
+from fitting.normal_equations import Normal, Step, bounded_step
 from fitting.planar import chart, wrap
 from fitting.simulator import Evaluation, Simulator
 from fitting.windows import Windows
@@ -78,17 +78,7 @@ def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
     return Joined(Normal(A, B, C, gz, gp), below)
 
 
-class JoinedStep(NamedTuple):
-    dp: np.ndarray
-    dz: np.ndarray
-    predicted: float
-    information: np.ndarray
-    gradient: np.ndarray
-    eliminated: np.ndarray
-    log_determinant: float
-
-
-def eliminate_joined(system: Joined, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> JoinedStep:
+def eliminate_joined(system: Joined, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> Step:
     normal = system.normal
     diagonal = np.einsum("kii->ki", normal.A)
     A = normal.A + (damping * diagonal + 1e-13 * diagonal.max())[:, :, None] * np.eye(diagonal.shape[1])
@@ -104,4 +94,4 @@ def eliminate_joined(system: Joined, damping: float, prior: tuple, low: np.ndarr
     slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior[1]) @ dp)
     # at the exact minimum of the damped model: decrease = -(slope)/2, plus what the damping holds back
     held = damping * (float(np.sum(diagonal * dz**2)) + float(np.diag(information) @ dp**2))
-    return JoinedStep(dp, dz, -0.5 * slope + 0.5 * held, information, gradient, -AB, factor.log_determinant)
+    return Step(dp, dz, -0.5 * slope + 0.5 * held, information, gradient, -AB, factor.log_determinant)

@@ -76,7 +76,10 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
 
 
 class Step(NamedTuple):
-    """A proposed step: dp (k,), dz (K, m2), the decrease of the cost it predicts, S, its gradient, dz/dp."""
+    """A proposed step: dp (k,), dz (K, m2), the decrease of the cost it predicts, S, its gradient, dz/dp.
+
+    Of joined windows also the log determinant of the starts' matrix, which their evidence takes.
+    """
 
     dp: np.ndarray
     dz: np.ndarray
@@ -84,6 +87,7 @@ class Step(NamedTuple):
     information: np.ndarray
     gradient: np.ndarray
     eliminated: np.ndarray
+    log_determinant: float | None = None
 
 
 def _root(scaled: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from fitting.gaps import Joined, JoinedStep, eliminate_joined, gaps, join
+from fitting.gaps import Joined, eliminate_joined, gaps, join
 from fitting.gauss_newton import (
     DECREASE_TOLERANCE,
     LARGEST_DAMPING,
@@ -25,7 +25,7 @@ from fitting.gauss_newton import (
     move,
     nearly_there,
 )
-from fitting.normal_equations import data_cost, huber_weights, normal_blocks, prior_terms
+from fitting.normal_equations import Step, data_cost, huber_weights, normal_blocks, prior_terms
 from fitting.simulator import Evaluation, Simulator
 from fitting.windows import Windows
 
@@ -124,7 +124,7 @@ def fit_shooting(
 
 def joined_step(
     simulator: Simulator, windows: Windows, point: Solution, huber: float | None, low: np.ndarray, high: np.ndarray
-) -> JoinedStep | None:
+) -> Step | None:
     """The full step at a solution's gap weight, moves of the parameters within low and high (k,); None: singular."""
     level = _Level(simulator, windows, point.gap_weight, huber, np.zeros((1, 1)))
     prior = prior_terms(simulator.parameters, point.values)
@@ -238,7 +238,7 @@ def _descend(
     )
 
 
-def _try(system: Joined, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> JoinedStep | None:
+def _try(system: Joined, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> Step | None:
     try:
         return eliminate_joined(system, damping, prior, low, high)
     except LinAlgError:

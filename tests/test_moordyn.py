@@ -137,12 +137,13 @@ def test_components_of_a_wave_file_have_the_elevation_that_moordyn_gives_them(de
     assert float(sea.elevation(np.array([[x, y, 0.0]]), t)[0]) == pytest.approx(total, rel=1e-6)
 
 
-def test_unequal_links_become_lines_joined_at_points(tmp_path):
+@pytest.mark.parametrize("law", ["rope", "damped_rope"])
+def test_unequal_links_become_lines_joined_at_points(tmp_path, law):
     scene = {
         "run": {"dt": 0.01, "duration": 1.0},
         "line_type": [
-            {"name": "chain", "mass": 20.0, "diameter": 0.05, "EA": 1e8},
-            {"name": "rope", "mass": 3.0, "diameter": 0.04, "EA": 1e7, "damping": 300.0},
+            {"name": "chain", "law": law, "mass": 20.0, "diameter": 0.05, "EA": 1e8},
+            {"name": "rope", "law": law, "mass": 3.0, "diameter": 0.04, "EA": 1e7, "damping": 300.0},
         ],
         "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [20.0, 0.0, 0.0]}],
         "line": [
@@ -162,6 +163,7 @@ def test_unequal_links_become_lines_joined_at_points(tmp_path):
     assert any("bed" in note for note in notes)
     back = load_scene(tmp_path / "mooring.txt")
     assert [line.name for line in back.lines] == ["mixed-1", "mixed-2"]
+    assert {line.axial_law for line in back.lines} == {law}
     assert back.sea is None
     (before,) = load_scene(scene).lines
     for key in ("length", "mass", "diameter", "EA", "axial_damping"):

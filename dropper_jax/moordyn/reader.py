@@ -184,7 +184,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
 def _given(deck: Deck, scene: dict[str, Any]) -> None:
     """Names, run settings and lines that are in pieces, from the free text."""
     for key, text in deck.given.items():
-        if key not in ("name", "description", "pieces") and not key.startswith("run."):
+        if key not in ("name", "description", "pieces", "law") and not key.startswith("run."):
             continue
         try:
             value = tomllib.loads(f"value = {text}")["value"]
@@ -192,6 +192,9 @@ def _given(deck: Deck, scene: dict[str, Any]) -> None:
             continue  # a remark of somebody, not a value of ours
         if key == "pieces":
             _join_pieces(scene["line"], value)
+        elif key == "law":
+            for kind in scene["line_type"]:
+                kind.setdefault("law", value)  # tables have theirs
         elif key.startswith("run."):
             scene["run"][key.removeprefix("run.")] = value
         else:

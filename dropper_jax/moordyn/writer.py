@@ -75,6 +75,8 @@ def _front(scene: Scene) -> Iterator[str]:
     yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
     for key, value in scene.to_dict()["run"].items():
         yield f"! run.{key} = {json.dumps(value)}"
+    if any(line.axial_law == "damped_rope" for line in scene.lines):
+        yield '! law = "damped_rope"'  # what MoorDyn's lines are, where ours are ropes unless told otherwise
     whole = _whole(scene)
     if whole:
         yield f"! pieces = {json.dumps(whole)}"

@@ -18,8 +18,8 @@ import numpy as np
 from calibration_theory import linearise
 
 from dropper_jax import load_scene
-from dropper_jax.io import atomic_write
-from dropper_jax.scene import Scene
+from dropper_jax.base.files import atomic_write
+from dropper_jax.load.scene import Scene
 from fitting.fit import estimate, prepare, summarise
 from fitting.result import FitResult
 from fitting.synthetic import Camera, observe, simulate_truth

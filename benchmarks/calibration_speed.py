@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from dropper_jax.integrate import integrate
+from dropper_jax.stepping.integrate import integrate
 from fitting import planar
 from fitting.fit import estimate, summarise
 from fitting.gauss_newton import fit_windows

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax import load_scene
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
 from fitting.comparison import compare
 from fitting.fit import estimate, prepare, summarise
 from fitting.heldout import score_held_out

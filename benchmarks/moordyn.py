@@ -34,8 +34,8 @@ from moordyn_runs import Ours, Rows, theirs  # noqa: E402
 from moordyn_speed import speed  # noqa: E402
 
 from dropper_jax import Scene, load_scene  # noqa: E402
-from dropper_jax.io import atomic_write  # noqa: E402
-from dropper_jax.solution import jsonable  # noqa: E402
+from dropper_jax.base.files import atomic_write  # noqa: E402
+from dropper_jax.run.solution import jsonable  # noqa: E402
 
 RESULTS = Path(__file__).parent / "results"
 #: The paper's Table 7: anchor tension [N], least, mean and largest, of OrcaFlex and of its adapted MoorDyn.

@@ -10,11 +10,11 @@ import numpy as np
 from moordyn_runs import theirs
 
 from dropper_jax import Scene, load_scene
-from dropper_jax.build import build_model
+from dropper_jax.base.fields import component
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
-from dropper_jax.fields import component
-from dropper_jax.kinematics import Kinematics
-from dropper_jax.statics import equilibrium
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.run.build import build_model
+from dropper_jax.statics.static_pose import equilibrium
 
 #: Anchor tension [N] of the adapted MoorDyn (Table 7, maximum: what it settles at).
 PAPER = 1535.0

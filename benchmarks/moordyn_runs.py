@@ -18,13 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax import Scene, step
-from dropper_jax.integrate import begin
-from dropper_jax.integrators import stepper_of
-from dropper_jax.model import Model, State
-from dropper_jax.moordyn.writer import write_moordyn
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
-from dropper_jax.simulate import build
-from dropper_jax.stepping import FULL_STEP, Stepper
+from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1

@@ -25,9 +25,9 @@ from typing import Any  # noqa: E402
 from machine import describe  # noqa: E402
 
 from dropper_jax import Scene, load_scene  # noqa: E402
-from dropper_jax.io import atomic_write  # noqa: E402
-from dropper_jax.simulate import build  # noqa: E402
-from dropper_jax.solution import jsonable  # noqa: E402
+from dropper_jax.base.files import atomic_write  # noqa: E402
+from dropper_jax.run.build import build  # noqa: E402
+from dropper_jax.run.solution import jsonable  # noqa: E402
 from dropper_jax.study.peers import peer_rows  # noqa: E402
 from dropper_jax.study.pictures import peers as picture  # noqa: E402
 from dropper_jax.study.reference import reference  # noqa: E402

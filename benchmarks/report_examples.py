@@ -14,9 +14,9 @@ from typing import Any
 from machine import describe
 
 import dropper_jax as dj
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
 from dropper_jax.report import Settings, report_run, report_runs
-from dropper_jax.solution import jsonable
+from dropper_jax.run.solution import jsonable
 
 RESULTS = Path(__file__).parent / "results" / "report_examples.json"
 RATIOS, STEPS = (1.0, 0.1, 0.0), (0.05, 0.02)

@@ -162,7 +162,7 @@ def main() -> int:
 
     from machine import describe
 
-    from dropper_jax.io import atomic_write
+    from dropper_jax.base.files import atomic_write
     from dropper_jax.study.pictures import scaling
 
     RESULTS.mkdir(exist_ok=True)

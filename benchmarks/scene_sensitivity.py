@@ -11,8 +11,8 @@ import json
 from pathlib import Path
 
 import dropper_jax as dj
-from dropper_jax.io import atomic_write
-from dropper_jax.solution import jsonable
+from dropper_jax.base.files import atomic_write
+from dropper_jax.run.solution import jsonable
 from fitting.sensitivity import local, study
 
 RESULTS = Path(__file__).parent / "results" / "scene_sensitivity.json"

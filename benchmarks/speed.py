@@ -26,7 +26,7 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
-from dropper_jax.stepping import TOLERANCE  # noqa: E402
+from dropper_jax.stepping.stepper import TOLERANCE  # noqa: E402
 
 #: Step [s] and number of steps measured, by number of links of a 17 m, 238 kg dropper.
 SIZES = {7: (0.03, 1000), 18: (0.03, 1000), 100: (0.003, 300), 1000: (0.0005, 100)}

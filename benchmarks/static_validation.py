@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import dropper_jax as dj
-from dropper_jax.statics import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
 LIFTED = {"A": 1, "B": 2, "C": 3}
 KINDS = {"simple links, A first": "a first", "simple links, B first": "b first", "compound bars": "compound"}

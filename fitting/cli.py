@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import SET_HELP, add_json, number, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
-from dropper_jax.errors import SceneError
 
 if TYPE_CHECKING:
     from fitting.result import FitResult

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax import build
+from dropper_jax.run.build import build
 from fitting.gauss_newton import Solution, fit_windows
 from fitting.heldout import fit_starts
 from fitting.parameters import missing_effects, resolve

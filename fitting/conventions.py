@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 
 from dropper_jax import statics
-from dropper_jax.errors import SceneError
-from dropper_jax.model import Model
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.model import Model
 from fitting.planar import wrap
 from fitting.traces import SIGNS, ZEROS, Convention, Trace
 

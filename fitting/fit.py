@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest
 from fitting import gradient as gradient_method
 from fitting.gauss_newton import Solution, fit_windows
 from fitting.preparation import Prepared, Progress, prepare

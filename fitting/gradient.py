@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from dropper_jax.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest
 from fitting.gauss_newton import Solution, closed_starts, fit_windows, move
 from fitting.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
 from fitting.simulator import Evaluation, Simulator

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from fitting.gauss_newton import Solution, fit_windows
 from fitting.lyapunov import HELD_GROWTH
 from fitting.result import HeldOut

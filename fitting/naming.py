@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from dropper_jax import build
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
-from dropper_jax.errors import SceneError, nearest
+from dropper_jax.run.build import build
 from fitting.parameters import paths
 
 #: Fields that damp, by effect.

@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
-from dropper_jax.errors import SceneError, nearest
-from dropper_jax.model import Model
+from dropper_jax.model.model import Model
 
 CAMERA = "camera.offset"
 #: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.

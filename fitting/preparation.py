@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax import build, load_scene
-from dropper_jax.errors import SceneError
+from dropper_jax import load_scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.build import build
 from fitting import lyapunov as chaos
 from fitting.conventions import settle_convention
 from fitting.heldout import check_spans, fitted_spans, only

@@ -9,11 +9,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.errors import SceneError, nearest
-from dropper_jax.integrate import Trajectory
-from dropper_jax.kinematics import safe_norm
-from dropper_jax.model import Model
-from dropper_jax.observe import observe
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.model import Model
+from dropper_jax.stepping.integrate import Trajectory
+from dropper_jax.stepping.observe import observe
 
 #: Slope of the S-N curve in `fatigue`; 3 is usual for ropes and chains (DNV-OS-E301).
 SLOPE = 3.0

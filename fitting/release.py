@@ -3,7 +3,7 @@
 A released window has no start of its own. Its pose theta_s solves the static equations under the force that holds the
 line, so that it depends on the parameters p (masses, lengths, ends, the force itself) and brings their derivative:
 
-    theta(t) = theta_s(p) for t <= tau,     theta_s from the implicit function theorem, see `dropper_jax.statics.settle`
+    theta(t) = theta_s(p) for t <= tau,     theta_s from the implicit function theorem, see `statics.static_pose.settle`
 
 The run is simulated from the release tau on. Its steps are stretched so that the last one ends with the window,
 h = dt (1 - (tau - t0)/T): every angle then depends smoothly on tau.
@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax import statics
-from dropper_jax.errors import SceneError, nearest
-from dropper_jax.model import Model, State
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
 from fitting import planar
 from fitting.parameters import Parameter, apply
 from fitting.traces import Trace

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
 from fitting.cli import parameter_rows, summary
 from fitting.pictures import PICTURES, fitted
 from fitting.result import FitResult

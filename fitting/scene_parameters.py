@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.build import build_model
-from dropper_jax.errors import SceneError
-from dropper_jax.line_types import LineType
-from dropper_jax.model import Model
-from dropper_jax.scene import Scene
-from dropper_jax.sections import BuoySpec, PointSpec
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.line_types import LineType
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.model import Model
+from dropper_jax.run.build import build_model
+from dropper_jax.scene.point import BuoySpec, PointSpec
 from fitting.parameters import Parameter, apply, resolve
 
 #: Steps of the differences, relative; two of them, extrapolated, leave 1e-12 of what is smooth.

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.storage import extra
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.storage import extra
 
 METHODS = ("sobol", "morris")
 

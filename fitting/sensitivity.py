@@ -16,13 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax import build, from_angles, integrate, load_scene, settle
-from dropper_jax.analysis.lyapunov import horizon, lyapunov
-from dropper_jax.errors import SceneError
-from dropper_jax.integrate import Trajectory
-from dropper_jax.integrators import stepper_of
-from dropper_jax.model import Model, State, state
-from dropper_jax.statics import nodal_loads
+from dropper_jax import from_angles, load_scene, settle
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State, state
+from dropper_jax.run.build import build, stepper_of
+from dropper_jax.statics.static_pose import nodal_loads
+from dropper_jax.stepping.integrate import Trajectory, integrate
+from dropper_jax.study.lyapunov import horizon, lyapunov
 from fitting.lanes import lanes
 from fitting.naming import full_names
 from fitting.parameters import Parameter, missing_effects

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, number, output_file, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
-from dropper_jax.errors import SceneError
-from dropper_jax.solution import jsonable
+from dropper_jax.run.solution import jsonable
 
 if TYPE_CHECKING:
     from fitting.screening import Global

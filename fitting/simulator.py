@@ -13,12 +13,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrate import begin
-from dropper_jax.integrate import failed as unsolved
-from dropper_jax.integrators import make_stepper
 from dropper_jax.integrators.rattle_4 import Rattle4
-from dropper_jax.model import Model, State
-from dropper_jax.stepping import Stepper, step
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.integrate import failed as unsolved
+from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import Stepper
 from fitting import planar
 from fitting.parameters import Parameter, apply, camera_offset
 from fitting.release import Begun, Release

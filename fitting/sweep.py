@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.simulate import _versions as versions
-from dropper_jax.storage import extra
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.simulate import _versions as versions
+from dropper_jax.run.storage import extra
 from fitting.sweep_plan import QUANTITIES, Plan, from_identity, make_plan
 from fitting.sweep_program import Program
 from fitting.sweep_store import IDENTITY, Store, input_names

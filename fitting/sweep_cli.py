@@ -9,10 +9,10 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, number, read_scene
 from dropper_jax.cli.output import failure_object, listing, print_json, print_line, progress
-from dropper_jax.errors import SceneError
 
 name = "sweep"
 help = "run a grid of cases in batches and keep the results in a Zarr folder"

@@ -16,12 +16,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from dropper_jax import Scene, build, load_scene
-from dropper_jax.build import build_model
-from dropper_jax.errors import SceneError, nearest
-from dropper_jax.integrators import stepper_of
-from dropper_jax.model import Model, State
-from dropper_jax.stepping import Stepper
+from dropper_jax import Scene, load_scene
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build, build_model, stepper_of
+from dropper_jax.stepping.stepper import Stepper
 from fitting.naming import DAMPING, full_names
 from fitting.parameters import Parameter, apply, resolve
 

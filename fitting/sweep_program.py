@@ -10,11 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import PartitionSpec
 
-from dropper_jax import SceneError, build
-from dropper_jax.integrate import advance, begin
-from dropper_jax.kinematics import safe_norm
-from dropper_jax.model import Model, State
-from dropper_jax.observe import observe
+from dropper_jax import SceneError
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build
+from dropper_jax.stepping.integrate import advance, begin
+from dropper_jax.stepping.observe import observe
 from fitting.lanes import lanes
 from fitting.parameters import apply
 from fitting.sweep_plan import STATUS, Plan

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.storage import extra
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.storage import extra
 from fitting.sweep_plan import QUANTITIES, STATUS, Plan, differences
 
 IDENTITY = "dropper_jax_sweep"

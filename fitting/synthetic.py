@@ -9,9 +9,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from dropper_jax import build, integrate, load_scene, make_stepper
-from dropper_jax.errors import SceneError
-from dropper_jax.kinematics import stack_nodes
+from dropper_jax import load_scene, make_stepper
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.path import stack_nodes
+from dropper_jax.run.build import build
+from dropper_jax.stepping.integrate import integrate
 from fitting.traces import Convention, Trace
 
 

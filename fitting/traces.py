@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.errors import SceneError, nearest
-from dropper_jax.io import atomic_write
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.files import atomic_write
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
 #: Fewest samples of a trace that can be windowed at all.

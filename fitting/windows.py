@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.model import Model
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.model import Model
 from fitting import planar
 from fitting.traces import Trace, local_polynomial
 

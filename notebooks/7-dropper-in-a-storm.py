@@ -30,7 +30,7 @@ from IPython.display import Image
 import dropper_jax as dj
 from dropper_jax import plots
 from dropper_jax.plots import style
-from dropper_jax.sea.regime import regime
+from dropper_jax.report.regime import regime
 
 FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})

@@ -49,8 +49,8 @@ import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
-from dropper_jax.integrate import begin  # noqa: E402
-from dropper_jax.solution import Solution  # noqa: E402
+from dropper_jax.run.solution import Solution  # noqa: E402
+from dropper_jax.stepping.integrate import begin  # noqa: E402
 
 
 @pytest.fixture(scope="session")

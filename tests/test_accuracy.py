@@ -11,7 +11,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from dropper_jax.scene import load_scene
+from dropper_jax.load.source import load_scene
 from dropper_jax.study.accuracy import accuracy
 from dropper_jax.study.advice import advice
 from dropper_jax.study.errors import link_vectors, rms_angle

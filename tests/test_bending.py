@@ -5,8 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import build, equilibrium, simulate
+from dropper_jax import equilibrium
 from dropper_jax.effects import Bending
+from dropper_jax.run.build import build
+from dropper_jax.run.simulate import simulate
 
 
 def beam(links, weight=0.1, EI=1e4):

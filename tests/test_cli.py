@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 
 import dropper_jax
+from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.cli.output import progress
-from dropper_jax.scene import Scene, load_scene, scene_names
-from dropper_jax.solution import Solution
-from dropper_jax.toml_text import as_toml
+from dropper_jax.load.packaged import scene_names
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.solution import Solution
 
 SCENE = "dropper-release-a"
 GOOD = """

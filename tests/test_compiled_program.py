@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS, Effect
-from dropper_jax.fields import component, parameter
 
 GOLDEN = Path(__file__).parent / "golden" / "operation_counts.json"
 SCENES = (

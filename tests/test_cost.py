@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax.cli import main
 from dropper_jax.effects import EFFECTS
-from dropper_jax.scene import load_scene
+from dropper_jax.load.source import load_scene
 from dropper_jax.study.cost import Unused, program, proof
 
 SCENE = "dropper-release-a"

@@ -73,7 +73,7 @@ def test_what_is_no_effect_cannot_be_registered(make, words, registry):
 
 
 def test_an_effect_cannot_take_the_name_of_another(registry):
-    from dropper_jax.fields import component
+    from dropper_jax.base.fields import component
 
     other = component(type("Other", (Effect,), {"name": "weight"}))
     with pytest.raises(ValueError, match="the name of dropper_jax.effects.weight.Weight already"):

@@ -10,14 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, build, load_scene, simulate
-from dropper_jax.build import build_model
+from dropper_jax import SceneError, load_scene
 from dropper_jax.cli.run import text
-from dropper_jax.failure import as_parted, step_and_part
-from dropper_jax.integrate import integrate
-from dropper_jax.integrators import make_stepper
-from dropper_jax.model import state
+from dropper_jax.model.parted import as_parted
+from dropper_jax.model.state import state
 from dropper_jax.report.build import report_run
+from dropper_jax.run.build import build, build_model
+from dropper_jax.run.simulate import simulate
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.parting import step_and_part
 from fitting.sensitivity import study, windows
 from fitting.sweep import open_sweep, sweep
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import dropper_jax as dj
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from fitting import planar
 from fitting.fit import estimate, prepare, summarise
 from fitting.gauss_newton import closed_starts

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import integrate, make_stepper
+from dropper_jax import make_stepper
+from dropper_jax.stepping.integrate import integrate
 from fitting import fit, planar, read_trace
 
 FOLDER = os.environ.get("DROPPER_MEASURED_DATA", "")

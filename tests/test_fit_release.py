@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from fitting.comparison import _split, compare
 from fitting.fit import estimate, prepare, summarise
 from fitting.synthetic import Camera, observe, simulate_truth

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from fitting import planar
 from fitting.conventions import settle_convention
 from fitting.naming import full_names

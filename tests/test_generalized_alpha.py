@@ -11,9 +11,9 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
-from dropper_jax.build import build_model
-from dropper_jax.integrate import integrate
-from dropper_jax.integrators import make_stepper
+from dropper_jax.run.build import build_model
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
 
 G = 9.81
 LENGTH, MASS = 0.5, 0.4

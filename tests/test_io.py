@@ -9,10 +9,10 @@ import os
 import numpy as np
 import pytest
 
-from dropper_jax.errors import SceneError
-from dropper_jax.io import atomic_write
-from dropper_jax.scene import load_scene
-from dropper_jax.solution import Solution, jsonable
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.solution import Solution, jsonable
 
 
 def test_text_bytes_and_writer_give_the_same_file(tmp_path):

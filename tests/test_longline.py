@@ -10,11 +10,11 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq, fsolve
 from scipy.special import jn_zeros
 
-from dropper_jax import build, equilibrium, load_scene
-from dropper_jax.build import build_model
-from dropper_jax.design import solve_design
-from dropper_jax.errors import SceneError
-from dropper_jax.modes import natural_modes
+from dropper_jax import equilibrium, load_scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.build import build, build_model
+from dropper_jax.run.design import solve_design
+from dropper_jax.statics.modes import natural_modes
 
 G = 9.81
 

@@ -10,15 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import build, equilibrium, load_scene, simulate
-from dropper_jax.build import build_model
+from dropper_jax import equilibrium, load_scene
+from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import Effect
-from dropper_jax.fields import component, parameter
-from dropper_jax.integrate import integrate
-from dropper_jax.integrators import make_stepper
-from dropper_jax.model import state
-from dropper_jax.statics import settle
-from dropper_jax.stepping import step
+from dropper_jax.model.state import state
+from dropper_jax.run.build import build, build_model
+from dropper_jax.run.simulate import simulate
+from dropper_jax.statics.static_pose import settle
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.step import step
 
 G = 9.81
 

@@ -12,10 +12,10 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.cli import main
-from dropper_jax.moordyn.outputs import channel_values, write_out
-from dropper_jax.moordyn.reader import read_moordyn
-from dropper_jax.moordyn.writer import write_moordyn
-from dropper_jax.solution import Solution
+from dropper_jax.moordyn.reading.reader import read_moordyn
+from dropper_jax.moordyn.writing.outputs import channel_values, write_out
+from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.run.solution import Solution
 
 #: Time [s] in which MoorDyn comes to rest.
 REST = 60.0

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from dropper_jax import plots
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from dropper_jax.plots import view
 from dropper_jax.plots.run import readable
 

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
-from dropper_jax.errors import SceneError
 from dropper_jax.report import report_run, report_runs, write_vtk
 from dropper_jax.report.extremes import Gumbel, fit_gumbel, storm_extreme
 

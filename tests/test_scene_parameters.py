@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, load_scene
-from dropper_jax.build import build_model
+from dropper_jax.run.build import build_model
 from fitting.parameters import resolve
 from fitting.quantities import quantity
 from fitting.scene_parameters import SceneParameter, find_parameters, place, scene_parameter

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dropper_jax.build import build_model
-from dropper_jax.catalogue import DAMPING
-from dropper_jax.errors import SceneError
-from dropper_jax.scene import Scene, load_scene, scene_names
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.packaged import DAMPING, scene_names
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import build_model
 
 LOOP = {
     "description": "a loop of four links",

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
-from dropper_jax.errors import SceneError
 from fitting import sensitivity
 from fitting.parameters import apply
 from fitting.quantities import STATISTICS, quantity

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
-from dropper_jax.errors import SceneError
-from dropper_jax.solution import ARRAYS
-from dropper_jax.storage import load_run
-from dropper_jax.tables import write_angles, write_tensions
+from dropper_jax.run.solution import ARRAYS
+from dropper_jax.run.storage import load_run
+from dropper_jax.run.tables import write_angles, write_tensions
 from fitting.traces import read_trace
 
 xarray = pytest.importorskip("xarray")

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
-from dropper_jax.errors import SceneError
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")

@@ -7,17 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, equilibrium, load_scene, simulate
+from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.axial import Rope
-from dropper_jax.build import build_model
 from dropper_jax.effects import LinearDamping, Weight
-from dropper_jax.graph import Graph, Member
-from dropper_jax.integrators import make_stepper
-from dropper_jax.lines import Lines, System
-from dropper_jax.model import Point, state
-from dropper_jax.slices import held_loads, line_places
+from dropper_jax.model.graph import Graph, Member
+from dropper_jax.model.line import Point
+from dropper_jax.model.lines import Lines, System
+from dropper_jax.model.state import state
+from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.run.build import build_model
+from dropper_jax.run.simulate import simulate
+from dropper_jax.scene.slices import held_loads, line_places
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.system import Unknowns
+from dropper_jax.stepping.choose import make_stepper
 
 PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]
 

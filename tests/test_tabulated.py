@@ -11,13 +11,13 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.axial import Rope, Tabulated
-from dropper_jax.build import build_model
-from dropper_jax.force_table import ForceTable, stacked
-from dropper_jax.integrate import integrate
-from dropper_jax.integrators import make_stepper
-from dropper_jax.model import state, work_names
-from dropper_jax.modes import natural_modes
-from dropper_jax.observe import observe
+from dropper_jax.axial.force_table import ForceTable, stacked
+from dropper_jax.model.state import state, work_names
+from dropper_jax.run.build import build_model
+from dropper_jax.statics.modes import natural_modes
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.observe import observe
 
 STRAIN, TENSION = [0.02, 0.05, 0.10, 0.12, 0.20], [0.0, 300.0, 1300.0, 1300.0, 4500.0]
 EVEN = {"law": "tabulated", "strain": [0.0, 0.05, 0.10, 0.15], "tension": [0.0, 300.0, 1000.0, 2500.0]}

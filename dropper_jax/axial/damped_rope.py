@@ -8,8 +8,8 @@ import jax
 
 from dropper_jax.axial.elastic import Elastic
 from dropper_jax.axial.rope import Rope, taut_or_slack
-from dropper_jax.fields import component
-from dropper_jax.kinematics import safe_norm
+from dropper_jax.base.fields import component
+from dropper_jax.base.numerics import safe_norm
 
 
 @component

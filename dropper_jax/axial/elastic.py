@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import dot, safe_norm
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import dot, safe_norm
 
 
 @component

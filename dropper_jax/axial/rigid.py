@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.fields import component
-from dropper_jax.kinematics import dot
+from dropper_jax.base.fields import component
+from dropper_jax.base.numerics import dot
 
 
 @component

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial.elastic import Elastic
-from dropper_jax.fields import component
-from dropper_jax.kinematics import dot, safe_norm
+from dropper_jax.base.fields import component
+from dropper_jax.base.numerics import dot, safe_norm
 
 #: How much a guessed stretch counts beside a guessed tension for whether a link is taut, any number in (0, 1].
 STRETCH_COUNTS = 1e-3

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial.rope import Rope
-from dropper_jax.fields import component
-from dropper_jax.kinematics import dot, safe_norm
+from dropper_jax.base.fields import component
+from dropper_jax.base.numerics import dot, safe_norm
 
 
 @component

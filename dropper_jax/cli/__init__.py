@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 from typing import Any, NoReturn
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import INTERRUPTED, INVALID_INPUT, OK
 from dropper_jax.cli.output import failure_object, print_json, print_line
-from dropper_jax.errors import SceneError
 
 GROUP = "dropper.commands"
 

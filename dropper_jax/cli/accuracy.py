@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, number, output_file, read_scene
 from dropper_jax.cli.output import print_json, print_line, progress, table
-from dropper_jax.errors import SceneError
-
-if TYPE_CHECKING:
-    from dropper_jax.scene import Scene
+from dropper_jax.load.scene import Scene
 
 name = "accuracy"
 help = "measure errors and times of all integrators over a range of steps, and advise"
@@ -38,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     if plot:
         draw(found, plot)
     if args.json:
-        from dropper_jax.solution import jsonable
+        from dropper_jax.run.solution import jsonable
 
         print_json(jsonable({"schema": 1, "status": "ok", **found}))
     else:

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
 
         pictures.costs(found, plot)
     if args.json:
-        from dropper_jax.solution import jsonable
+        from dropper_jax.run.solution import jsonable
 
         print_json(jsonable(found))
     else:

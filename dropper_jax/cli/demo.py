@@ -10,16 +10,14 @@ import argparse
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dropper_jax.base.files import atomic_write
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import print_line, progress
 from dropper_jax.cli.run import PICTURES, draw, report, text
-from dropper_jax.io import atomic_write
-
-if TYPE_CHECKING:
-    from dropper_jax.solution import Solution
+from dropper_jax.run.solution import Solution
 
 name = "demo"
 help = "release the lab dropper and calibrate its damping from synthetic traces; pictures, animation, report"
@@ -47,7 +45,9 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
 
-    from dropper_jax import load_scene, plots, simulate
+    from dropper_jax import plots
+    from dropper_jax.load.source import load_scene
+    from dropper_jax.run.simulate import simulate
 
     solution = simulate(load_scene(SCENE), dt=DT, duration=DURATION, progress=progress())
     print_line("drawing the pictures")

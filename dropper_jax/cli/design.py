@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, number, read_scene
 from dropper_jax.cli.output import listing, print_json
-from dropper_jax.errors import SceneError
 
 name = "design"
 help = "solve for a value of the scene that gives a wanted static tension or depth"
@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
         ) from None
     scene = read_scene(args)
 
-    from dropper_jax.design import solve_design
-    from dropper_jax.solution import SCHEMA, jsonable
+    from dropper_jax.run.design import solve_design
+    from dropper_jax.run.solution import SCHEMA, jsonable
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     if args.json:

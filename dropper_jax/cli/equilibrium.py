@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.output import print_json, print_line, table
-
-if TYPE_CHECKING:
-    from dropper_jax.scene import Scene
+from dropper_jax.load.scene import Scene
 
 name = "equilibrium"
 help = "find the static pose of a scene, held by its release force where it has one"
@@ -25,9 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
 
-    from dropper_jax import equilibrium
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.solution import line_slices
+    from dropper_jax.run.build import equilibrium
+    from dropper_jax.run.solution import line_slices
 
     found = equilibrium(scene)
     lines = line_slices(scene)
@@ -47,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _object(scene: Scene, found: Any, angles: np.ndarray) -> dict[str, Any]:
-    from dropper_jax.slices import held_loads, line_places
-    from dropper_jax.solution import SCHEMA, jsonable
+    from dropper_jax.run.solution import SCHEMA, jsonable
+    from dropper_jax.scene.slices import held_loads, line_places
 
     result = {
         "schema": SCHEMA,
@@ -76,7 +74,7 @@ def _text(lines: Any, found: Any, angles: np.ndarray) -> str:
 
 def _loads(scene: Scene, found: Any) -> str:
     """What the lines pull on the held points."""
-    from dropper_jax.slices import held_loads
+    from dropper_jax.scene.slices import held_loads
 
     rows = [("held point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
     for name, load in held_loads(scene, found.positions, found.tension).items():

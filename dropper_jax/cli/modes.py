@@ -22,10 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
 
-    from dropper_jax import equilibrium
-    from dropper_jax.build import build_model
-    from dropper_jax.modes import natural_modes
-    from dropper_jax.solution import SCHEMA, jsonable
+    from dropper_jax.run.build import build_model, equilibrium
+    from dropper_jax.run.solution import SCHEMA, jsonable
+    from dropper_jax.statics.modes import natural_modes
 
     pose = equilibrium(scene)
     if pose.status != "ok":

@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dropper_jax.errors import SceneError
-
-if TYPE_CHECKING:
-    from dropper_jax.scene import Scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
 
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
@@ -29,7 +27,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> Scene:
     """The scene with `--set` and `more` values by path."""
-    from dropper_jax.scene import load_scene
+    from dropper_jax.load.source import load_scene
 
     values = assignments(args.set)
     values.update({path: value for path, value in (more or {}).items() if value is not None})

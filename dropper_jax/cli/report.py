@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, number
 from dropper_jax.cli.output import print_json, print_line
-from dropper_jax.errors import SceneError
 from dropper_jax.report.settings import Settings
-
-if TYPE_CHECKING:
-    from dropper_jax.solution import Solution
+from dropper_jax.run.solution import Solution
 
 name = "report"
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
@@ -44,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.report import report_runs, write_report, write_vtk
     from dropper_jax.report.text import markdown
-    from dropper_jax.solution import jsonable
+    from dropper_jax.run.solution import jsonable
 
     found: dict[str, Any] = report_runs(solutions, settings)
     failures = [f"{file}: {solution.failure}" for file, solution in solutions.items() if solution.failure]
@@ -71,7 +69,7 @@ def _folder(text: str | None, option: str) -> Path | None:
 
 
 def _load(files: list[str]) -> dict[str, Solution]:
-    from dropper_jax.storage import load_run
+    from dropper_jax.run.storage import load_run
 
     for i, file in enumerate(files):
         if file in files[:i]:

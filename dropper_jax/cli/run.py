@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import add_scene, number, output_file, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
-from dropper_jax.errors import SceneError
-from dropper_jax.failure import words as failure_words
-from dropper_jax.storage import RUN_SUFFIXES, netcdf_packages
-
-if TYPE_CHECKING:
-    from dropper_jax.solution import Solution
+from dropper_jax.run.failures import words as failure_words
+from dropper_jax.run.solution import Solution
+from dropper_jax.run.storage import RUN_SUFFIXES, netcdf_packages
 
 name = "run"
 help = "simulate a scene"
@@ -69,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     plot = _plot_target(args.plot)
     tables = _tables_folder(args.tables)
 
-    from dropper_jax import simulate
-    from dropper_jax.tables import write_angles, write_tensions
+    from dropper_jax.run.simulate import simulate
+    from dropper_jax.run.tables import write_angles, write_tensions
 
     solution = simulate(scene, progress=progress(args.quiet))
     for warning in solution.warnings:
@@ -112,7 +110,7 @@ def _tables_folder(text: str | None) -> Path | None:
 
 def _write_channels(source: str, solution: Solution, path: Path) -> None:
     """MoorDyn's table: the channels that a MoorDyn input asks for, else tensions at all ends."""
-    from dropper_jax.moordyn.outputs import channels_of, write_out
+    from dropper_jax.moordyn.writing.outputs import channels_of, write_out
 
     wanted = channels_of(source) or None
     for channel in write_out(solution, path, wanted, skip=True):
@@ -148,8 +146,8 @@ def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = N
 
 def _flow(solution: Solution) -> dict[str, Any]:
     """Keulegan-Carpenter and Reynolds number and diameter over wavelength, where the scene has water on a line."""
-    from dropper_jax.sea.regime import regime
-    from dropper_jax.solution import jsonable
+    from dropper_jax.report.regime import regime
+    from dropper_jax.run.solution import jsonable
 
     if solution.scene.sea is None or solution.scene.lines[0].diameter is None:
         return {}

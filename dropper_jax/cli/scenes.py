@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from dropper_jax.catalogue import packaged, read_toml
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import SET_HELP, add_json, assignments, number, output_file
 from dropper_jax.cli.output import listing, print_json, print_line
-from dropper_jax.errors import SceneError
-from dropper_jax.toml_text import as_toml
-
-if TYPE_CHECKING:
-    from dropper_jax.scene import Scene
+from dropper_jax.load.packaged import packaged
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import read_toml
 
 name = "scenes"
 help = "list the packaged scenes, or print one as TOML to edit"
@@ -46,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _one(args: argparse.Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
-    from dropper_jax.scene import Scene
+    from dropper_jax.load.scene import Scene
 
     table, label = read_toml(args.scene)
     table = {"name": label, **table}
@@ -57,7 +55,7 @@ def _one(args: argparse.Namespace) -> int:
     if args.moordyn:
         return _moordyn(scene, args)
     if args.json:
-        from dropper_jax.solution import jsonable
+        from dropper_jax.run.solution import jsonable
 
         print_json(jsonable({"schema": 1, "status": "ok", "name": table["name"], "scene": table}))
     else:
@@ -67,7 +65,7 @@ def _one(args: argparse.Namespace) -> int:
 
 def _moordyn(scene: Scene, args: argparse.Namespace) -> int:
     """The scene as a MoorDyn input; what that cannot say is listed."""
-    from dropper_jax.moordyn.writer import write_moordyn
+    from dropper_jax.moordyn.writing.writer import write_moordyn
 
     if args.dt is not None and not args.dt > 0:
         raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")

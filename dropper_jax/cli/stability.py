@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import print_json, print_line, progress, table
-from dropper_jax.errors import SceneError, nearest
 
 name = "stability"
 help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes"
@@ -47,7 +47,7 @@ def report(rows: list[dict[str, Any]], as_json: bool) -> int:
         found["error"] = f"beyond their limits: {', '.join(missed)}"
         print_line(f"error: {found['error']}")
     if as_json:
-        from dropper_jax.solution import jsonable
+        from dropper_jax.run.solution import jsonable
 
         print_json(jsonable(found))
     else:

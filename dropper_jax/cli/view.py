@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", (".html", ".htm"))
 
-    from dropper_jax.storage import load_run
+    from dropper_jax.run.storage import load_run
     from dropper_jax.view import write_view
 
     solution = load_run(args.run_file)

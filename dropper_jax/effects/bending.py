@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics, dot
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import dot
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.scene.data import SceneData
 
 
 @component
@@ -30,7 +32,7 @@ class Bending(Effect):
     EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines):
             raise SceneError("effects.bending: needs a line of at least 2 links; allowed: leave it out")
 

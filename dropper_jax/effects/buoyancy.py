@@ -7,13 +7,15 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from dropper_jax.effects.base import Effect
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects.wetting import parts, wetted
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics
-from dropper_jax.sea.checks import check_volume
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.scene.data import SceneData
+from dropper_jax.scene.line import LineSpec
 
 
 @component
@@ -32,7 +34,7 @@ class Buoyancy(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if scene.effects.get("weight", {}).get("wet_weight") is not None:
             raise SceneError(
                 "effects.weight.wet_weight: is a weight in water, but effects.buoyancy takes the buoyancy off again; "
@@ -48,3 +50,51 @@ class Buoyancy(Effect):
             wet = wetted(k, part, water.tangents, water.motion.elevation)
             up = up + part.collect(part.share * part.take(lift) * wet)
         return jnp.zeros_like(k.r).at[:, 2].set(up)
+
+
+#: Relative disagreement of two ways to give a volume that is still taken for rounding of printed values.
+VOLUME_TOLERANCE = 1e-3
+
+
+def _volume_from_weight(scene: SceneData, wet_weight: Any) -> np.ndarray:
+    """`(m g - wet)/(rho g)` of each link [m^3]."""
+    line, sea = scene.line, scene.sea
+    gravity = scene.effects.get("weight", {}).get("gravity", sea.gravity)
+    volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
+    if np.any(volume <= 0.0):
+        worst = int(np.argmin(volume))
+        dry, wet = line.mass[worst] * gravity, np.broadcast_to(wet_weight, volume.shape)[worst]
+        raise SceneError(
+            f"effects.buoyancy.wet_weight: {wet:g} N of link {worst + 1} is not below its dry weight; "
+            f"allowed: < {dry:g} N"
+        )
+    return volume
+
+
+def check_volume(scene: SceneData, wet_weight: Any) -> None:
+    """One volume: from the diameter, or from dry and wet weight, or from both where they agree."""
+    line = scene.line
+    if wet_weight is None:
+        if line.diameter is None:
+            raise SceneError("line.0.diameter: missing; effects.buoyancy needs it, or its own `wet_weight` [N]")
+        return
+    volume = _volume_from_weight(scene, wet_weight)
+    if line.diameter is None:
+        return
+    geometric = 0.25 * np.pi * line.diameter**2 * line.length
+    error = np.abs(geometric / volume - 1.0)
+    if np.max(error) > VOLUME_TOLERANCE:
+        worst = int(np.argmax(error))
+        fitting = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
+        raise SceneError(
+            f"line.0.diameter: {line.diameter[worst]:g} m of link {worst + 1} displaces {geometric[worst]:.4g} m^3, "
+            f"but dry and wet weight leave {volume[worst]:.4g} m^3; allowed: one of the two, or {fitting:.5g} m"
+        )
+
+
+def displaced_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
+    """Diameters of the links [m]: as given, or of cylinders of the volume that dry and wet weight leave."""
+    wet_weight = scene.effects.get("buoyancy", {}).get("wet_weight")
+    if line.diameter is not None or wet_weight is None or scene.sea is None:
+        return line.diameter
+    return np.sqrt(4.0 * _volume_from_weight(scene, wet_weight) / (np.pi * line.length))

@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import HeldMotion
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, option, parameter
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.model.effect import HeldMotion
+from dropper_jax.scene.data import SceneData
 
 
 @component
@@ -36,7 +37,7 @@ class EndMotion(HeldMotion):
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         cls.check_points(values, scene)
         harmonic = values["amplitude"] is not None and values["period"] is not None
         table = values["time"] is not None and values["displacement"] is not None

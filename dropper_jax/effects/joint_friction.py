@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import Law
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics, cross, gather_links, safe_norm
-
-if TYPE_CHECKING:
-    from dropper_jax.model import Line
-
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import cross, safe_norm
+from dropper_jax.model.effect import Law
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.line import Line
+from dropper_jax.model.path import gather_links
+from dropper_jax.scene.data import SceneData
 
 #: Added under roots [(N m)^2, (rad/s)^2]: keeps derivatives finite at zero, also in float32.
 SMALLEST = 1e-30
@@ -44,7 +44,7 @@ class JointFriction(Law):
     axis: jax.Array | None = parameter("direction of the pins", unit="-", shape="vector", optional=True)
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if values["viscous"] is None and values["dry"] is None:
             raise SceneError("effects.joint_friction: give `viscous`, `dry` or both; both are missing")
         axis = values["axis"]

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import jax
 
-from dropper_jax.effects.base import Effect, per_node
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.model.effect import Effect, per_node
+from dropper_jax.model.kinematics import Kinematics
 
 
 @component

@@ -8,10 +8,13 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.effects.wetting import Part, parts, split, wetted
-from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Kinematics, gather_links
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.wetting import parts, split, wetted
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.path import gather_links
+from dropper_jax.model.shares import Part
+from dropper_jax.scene.data import SceneData
 
 
 class _InertiaForce(Effect):
@@ -78,7 +81,7 @@ class MorisonInertia(_InertiaForce):
     added_mass: str = option("how added mass turns", choices=("morison", "lagrangian"), default="morison")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         if values["can"] is None and values["cat"] is None:
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
         return cls(**{**values, **{key: 0.0 for key in ("can", "cat") if values[key] is None}})

@@ -9,10 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Kinematics
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.scene.data import SceneData
 
 
 @component
@@ -39,7 +40,7 @@ class NodalForce(Effect):
     nodes: tuple[int, ...] = option("node numbers, counted from 1 next to the first point", type=tuple, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         links = scene.lines[0].links
         for node in values["nodes"]:
             if not 1 <= node <= links:

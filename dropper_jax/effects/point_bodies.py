@@ -9,9 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Kinematics, safe_norm
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.scene.data import SceneData
 
 #: Least diameter over which a body gets wet [m], so that a mass without a volume has no jump.
 SMALLEST = 1e-2
@@ -40,7 +42,7 @@ class PointBodies(Effect):
         return self.wet
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         return cls(**values)
 
     def nodes(self, model: Any) -> np.ndarray:

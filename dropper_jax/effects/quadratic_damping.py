@@ -7,9 +7,10 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import Effect, per_node
-from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Kinematics, safe_norm
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.effect import Effect, per_node
+from dropper_jax.model.kinematics import Kinematics
 
 
 @component

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect, HeldMotion
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, option, parameter
-
-if TYPE_CHECKING:
-    from dropper_jax.sea import Sea
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.model.effect import Effect, HeldMotion
+from dropper_jax.scene.data import SceneData
+from dropper_jax.sea import Sea
 
 
 @component
@@ -36,7 +35,7 @@ class SeaFollowingEnd(HeldMotion):
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         path = "effects.sea_following_end"
         cls.check_points(values, scene)
         if scene.sea.waves is None or scene.sea.ramp is None:
@@ -47,7 +46,7 @@ class SeaFollowingEnd(HeldMotion):
                 raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         return cls(**values, place=scene.point(values["point"]).position)
 
     def _factor(self, value: jax.Array, omega: jax.Array) -> jax.Array:

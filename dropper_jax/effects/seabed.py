@@ -9,10 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.scene.data import SceneData
 
 
 @component
@@ -35,7 +36,7 @@ class Seabed(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         grid = [values[key] is not None for key in ("bed_x", "bed_y", "bed_depth")]
         if any(grid) and not all(grid):
             raise SceneError("effects.seabed: `bed_x`, `bed_y` and `bed_depth` belong together, one of them is missing")
@@ -54,7 +55,7 @@ class Seabed(Effect):
             raise SceneError("line.diameter: missing; effects.seabed needs the diameter of every line [m]")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: Any) -> Effect:
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         values = dict(values)
         if values["depth"] is None and values["bed_x"] is None:
             values["depth"] = scene.sea.depth

@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import Law
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Kinematics
+from dropper_jax.model.effect import Law
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.scene.data import SceneData
 
 #: Speed below which a node that begins a step counts as at rest [m/s]: rounding, not creep.
 AT_REST = 1e-10
@@ -41,7 +42,7 @@ class SeabedFriction(Law):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: Any) -> None:
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if "seabed" not in scene.effects:
             raise SceneError("effects.seabed_friction: needs the contact force of [effects.seabed]; it is missing")
         if "joint_friction" in scene.effects:

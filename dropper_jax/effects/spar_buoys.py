@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.fields import component, option, parameter
-from dropper_jax.kinematics import Kinematics, dot, safe_norm
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
 
 #: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.
 PLACES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0

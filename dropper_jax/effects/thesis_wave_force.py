@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
 
 
 @component

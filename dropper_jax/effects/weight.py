@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import Effect
-from dropper_jax.fields import component, parameter
-from dropper_jax.kinematics import Kinematics
-
-if TYPE_CHECKING:
-    from dropper_jax.model import Line
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.line import Line
 
 
 @component

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from dropper_jax.errors import SceneError, nearest
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
 from dropper_jax.integrators.generalized_alpha import GeneralizedAlpha
@@ -16,10 +13,6 @@ from dropper_jax.integrators.semi_implicit_euler import SemiImplicitEuler
 from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.integrators.theta import Theta
 from dropper_jax.integrators.theta_midpoint import ThetaMidpoint
-from dropper_jax.model import Model
-from dropper_jax.sections import RunSpec
-from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping import Stepper
 
 INTEGRATORS = {
     cls.name: cls
@@ -38,85 +31,4 @@ INTEGRATORS = {
     )
 }
 
-#: Most Newton corrections of a step of a system of lines; what needs more is halved.
-SYSTEM_ITERATIONS = 16
-
-#: Below this many unknowns LU of the whole Jacobian beats block elimination (measured at 3 compound links).
-SMALL = 16
-
-
-def make_stepper(
-    model: Model,
-    integrator: str = "energy_momentum",
-    solver: str = "auto",
-    gamma: float | None = None,
-    rho_infinity: float | None = None,
-    **settings: Any,
-) -> Stepper:
-    """Choose integrator and solver for a model, refusing pairings that make no sense with their reason.
-
-    `settings` override fields of `Stepper` (iterations, tolerance, extra, halvings, track_work). `auto` takes the
-    condensed solver where it applies, else dense for few unknowns, else banded.
-    """
-    check_names(integrator, solver)
-    cls = INTEGRATORS[integrator]
-    given = {"gamma": gamma, "rho_infinity": rho_infinity}
-    weights = {key: float(value) for key, value in given.items() if value is not None}
-    for key, value in weights.items():
-        if key not in cls.__dataclass_fields__:
-            why = f"is given, but integrator {integrator!r} has no such weight; leave it out"
-            raise SceneError(f"run.{key}: {value} {why}")
-    try:
-        scheme = cls(**weights)
-    except ValueError as error:
-        raise SceneError(str(error)) from None
-    scheme = scheme.suited(model)
-    reason = scheme.refuse(model)
-    if reason:
-        raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")
-    if not scheme.implicit:
-        if solver != "auto":
-            raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
-        return Stepper(scheme, "none", "none", 0, **settings)
-    if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
-        raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
-    chosen = _choose(model, scheme) if solver == "auto" else solver
-    if model.branched:
-        settings = {"iterations": SYSTEM_ITERATIONS, "until_converged": True, **settings}
-        return Stepper(scheme, chosen, chosen, settings.pop("iterations"), **settings)
-    iterations = settings.pop("iterations", None)
-    if iterations is None:
-        iterations = scheme.condensed_iterations if chosen == "condensed" else scheme.iterations
-        if settings.get("extra") == 0:  # nobody comes after them
-            iterations = max(iterations, scheme.iterations)
-    if model.laws:  # more of the same iterations settle nothing: which joints are held must be found out (`follow`)
-        settings.setdefault("extra", 0)
-    return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)
-
-
-def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
-    """The stepper of a scene's `[run]`."""
-    return make_stepper(model, run.integrator, run.solver, run.gamma, run.rho_infinity, **settings)
-
-
-def check_names(integrator: str, solver: str) -> None:
-    """Refuse names that are none."""
-    if integrator not in INTEGRATORS:
-        raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
-    if solver != "auto" and solver not in SOLVERS:
-        raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
-
-
-def _choose(model: Model, scheme: Any) -> str:
-    return "condensed" if SOLVERS["condensed"].refuse(model, scheme) is None else _exact(model, scheme)
-
-
-def _exact(model: Model, scheme: Any) -> str:
-    if model.branched:
-        return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
-    if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= SMALL:
-        return "dense"
-    return "banded"
-
-
-__all__ = ["INTEGRATORS", "check_names", "make_stepper", "stepper_of"]
+__all__ = ["INTEGRATORS"]

@@ -16,13 +16,21 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial import Rope
-from dropper_jax.effects.base import Effect, has
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
-from dropper_jax.kinematics import Ends, Kinematics
-from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, constant_force, node_blocks
-from dropper_jax.solvers.condensed import CondensedParts
-from dropper_jax.system import Unknowns
+from dropper_jax.model.effect import Effect, has
+from dropper_jax.model.geometry import Ends
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import (
+    GRAVITY_SCALE,
+    CondensedParts,
+    Integrator,
+    StepProblem,
+    constant_force,
+    node_blocks,
+)
+from dropper_jax.residual.unknowns import Unknowns
 
 #: Share of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
 #: residual falls fastest between 0.4 and 0.6 (neighbours' share cancels about half of it for smooth motions).

@@ -19,11 +19,14 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.runge_kutta import accelerations, couples_inertia, powers
-from dropper_jax.kinematics import Ends, Kinematics, safe_norm
-from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem
-from dropper_jax.system import Unknowns
+from dropper_jax.model.geometry import Ends
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import GRAVITY_SCALE, Integrator, StepProblem
+from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)

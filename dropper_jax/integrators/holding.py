@@ -13,18 +13,18 @@ is work of the law. Where the bound is met the impulse stays on it, and the join
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.kinematics import Kinematics, dot, link_differences
-from dropper_jax.system import Unknowns
-
-if TYPE_CHECKING:
-    from dropper_jax.model import Model
+from dropper_jax.base.numerics import dot
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.model import Model
+from dropper_jax.model.path import link_differences
+from dropper_jax.residual.unknowns import Unknowns
 
 #: Newton corrections: the first is exact where no impulse meets its bound. A joint that comes to its bound in the last
 #: one keeps more than its share of one step, which costs accuracy of that event, never energy.

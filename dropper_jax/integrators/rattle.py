@@ -16,12 +16,21 @@ import jax
 import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.effects.base import has
-from dropper_jax.kinematics import Kinematics, dot, link_differences
-from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem, constant_force, node_blocks
-from dropper_jax.solvers.condensed import CondensedParts
-from dropper_jax.system import Unknowns
+from dropper_jax.base.numerics import dot
+from dropper_jax.model.effect import has
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.model import Model
+from dropper_jax.model.path import link_differences
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import (
+    GRAVITY_SCALE,
+    CondensedParts,
+    Integrator,
+    StepProblem,
+    constant_force,
+    node_blocks,
+)
+from dropper_jax.residual.unknowns import Unknowns
 
 
 def point_mass_links_only(integrator: Integrator, model: Model) -> str | None:

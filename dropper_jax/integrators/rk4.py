@@ -8,7 +8,8 @@ from typing import ClassVar
 import jax
 
 from dropper_jax.integrators.runge_kutta import RungeKutta, combine, rates
-from dropper_jax.model import Model, State
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
 
 
 @dataclass(frozen=True)

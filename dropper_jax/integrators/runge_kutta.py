@@ -10,11 +10,12 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.axial import Rope
-from dropper_jax.effects.base import Effect, has
-from dropper_jax.kinematics import Kinematics, safe_norm
-from dropper_jax.model import Model, State
-from dropper_jax.problem import Integrator, node_blocks
-from dropper_jax.solvers.condensed import inverse3
+from dropper_jax.base.numerics import inverse3, safe_norm
+from dropper_jax.model.effect import Effect, has
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import Integrator, node_blocks
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,13 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import has
 from dropper_jax.integrators.rattle import end_power, point_mass_links_only
 from dropper_jax.integrators.runge_kutta import RungeKutta, combine, rates
-from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem
-from dropper_jax.solvers.condensed import CondensedParts
-from dropper_jax.system import Unknowns
+from dropper_jax.model.effect import has
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, Integrator, StepProblem
+from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)

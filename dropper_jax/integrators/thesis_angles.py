@@ -20,12 +20,13 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.effects.base import has
 from dropper_jax.integrators.rattle import point_mass_links_only
-from dropper_jax.kinematics import Ends
-from dropper_jax.model import Model, State
-from dropper_jax.problem import GRAVITY_SCALE, Integrator, StepProblem
-from dropper_jax.system import Unknowns
+from dropper_jax.model.effect import has
+from dropper_jax.model.geometry import Ends
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import GRAVITY_SCALE, Integrator, StepProblem
+from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)

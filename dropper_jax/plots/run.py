@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
-from dropper_jax.build import build_model
-from dropper_jax.slices import LineSlice, WholeLine, whole_lines
+from dropper_jax.run.build import build_model
+from dropper_jax.scene.slices import LineSlice, WholeLine, whole_lines
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
 FARTHEST = 100.0
@@ -30,7 +30,7 @@ class Float(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """Arrays of a solution as in `dropper_jax.solution.Solution`, k samples; all but the tension are finite.
+    """Arrays of a solution as in `dropper_jax.run.solution.Solution`, k samples; all but the tension are finite.
 
     Attributes:
         lines: nodes and links of each line.

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
 
 #: Okabe and Ito: told apart by colour-blind readers too.

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.load.surroundings import bed_height, surface_over
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
-from dropper_jax.surroundings import bed_height, surface_over
 
 BUOY, WATER, SURFACE, BED = style.CYCLE[4], "#DCEBF5", style.CYCLE[5], "#D8CBB4"
 #: The surface and the bed are in the picture where they are this near to the lines, in sizes of these.

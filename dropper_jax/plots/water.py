@@ -15,10 +15,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
-from dropper_jax.build import build_model
+from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import panels, style, system
 from dropper_jax.plots.run import Run, readable
-from dropper_jax.surroundings import bed_height
+from dropper_jax.run.build import build_model
 
 WATER, SURFACE = system.WATER, system.SURFACE
 #: Points along the surface of a picture.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.surroundings import bed_height, surface_over
 from dropper_jax.report.bed import bed_contact
 from dropper_jax.report.distance import line_distances
 from dropper_jax.report.extremes import storm_extreme
@@ -18,11 +19,8 @@ from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
 from dropper_jax.report.water import submergence
-from dropper_jax.slices import whole_lines
-from dropper_jax.surroundings import bed_height, surface_over
-
-if TYPE_CHECKING:
-    from dropper_jax.solution import Solution
+from dropper_jax.run.solution import Solution
+from dropper_jax.scene.slices import whole_lines
 
 SCHEMA = 1
 

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import breaking_load
-from dropper_jax.storage import extra
+from dropper_jax.run.storage import extra
 
 #: A year of 365.25 days [s].
 YEAR = 365.25 * 86400.0

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.slices import WholeLine, whole_lines
-
-if TYPE_CHECKING:
-    from dropper_jax.scene import Scene
-    from dropper_jax.slices import LineSlice
-    from dropper_jax.solution import Solution
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.solution import Solution
+from dropper_jax.scene.slices import LineSlice, WholeLine, whole_lines
 
 
 @dataclasses.dataclass(frozen=True)

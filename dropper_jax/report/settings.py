@@ -6,7 +6,7 @@ import dataclasses
 import math
 from typing import Any
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 
 
 def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:

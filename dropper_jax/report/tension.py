@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
-from dropper_jax.slices import WholeLine
+from dropper_jax.scene.slices import WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 

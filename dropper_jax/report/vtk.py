@@ -6,16 +6,13 @@ import base64
 import re
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.io import atomic_write
-
-if TYPE_CHECKING:
-    from dropper_jax.solution import Solution
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.run.solution import Solution
 
 TYPES = {"f": ("Float64", "<f8"), "i": ("Int32", "<i4")}
 

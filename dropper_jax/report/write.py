@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
 from dropper_jax.report.figures import draw_extremes, draw_run
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.text import markdown
-from dropper_jax.solution import jsonable
-
-if TYPE_CHECKING:
-    from dropper_jax.solution import Solution
+from dropper_jax.run.solution import Solution, jsonable
 
 
 def write_report(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.fields import component, option, parameter
+from dropper_jax.base.fields import component, option, parameter
 
 KINDS = ("uniform", "power", "table")
 

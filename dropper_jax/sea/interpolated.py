@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.fields import component, parameter
+from dropper_jax.base.fields import component, parameter
 from dropper_jax.sea.waves import Motion, Waves
 
 #: Grid step times the largest wave number: cubics then err by (0.35)^4 3/128 = 3.5e-4 of that component's share.

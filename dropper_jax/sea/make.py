@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from dropper_jax.sea.current import Current
 from dropper_jax.sea.dispersion import action_factor, fenton, on_current, wave_number
 from dropper_jax.sea.interpolated import GridWaves, on_grid

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 
 COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, if wanted, direction_rad"
 

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import option, parameter
-from dropper_jax.schema import plain, read_fields, read_table, refuse
-from dropper_jax.sea.catalogue import read_packaged
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import plain, read_fields, read_table, refuse
 from dropper_jax.sea.current import KINDS
+from dropper_jax.sea.packaged import read_packaged
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.waves import STRETCHING

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.fields import component, parameter
+from dropper_jax.base.fields import component, parameter
 from dropper_jax.sea.current import Current
 from dropper_jax.sea.waves import Motion
-
-if TYPE_CHECKING:
-    from dropper_jax.kinematics import Kinematics
 
 
 @component
@@ -68,15 +65,18 @@ class Sea:
         """The same water without waves."""
         return replace(self, waves=None)
 
-    def water(self, k: Kinematics, material: bool, current: bool = False) -> Water:
-        """What effects see around the free nodes of k; with Du/Dt and the current alone where asked for."""
-        motion = self.at(k.r, k.t)
-        change = self.convective(k.r, k.t, motion) if material else None
+    def water(self, r: jax.Array, t: jax.Array, tangents: jax.Array, material: bool, current: bool = False) -> Water:
+        """What effects see around nodes r (nodes, 3) [m] of links along `tangents` (n, 3).
+
+        Du/Dt with `material`, the velocity of the current alone with `current`.
+        """
+        motion = self.at(r, t)
+        change = self.convective(r, t, motion) if material else None
         alone = None
         if current:
-            still = jnp.zeros_like(k.r)
-            alone = still if self.current is None else self.current.velocity(k.r[:, 2], k.t, self.depth)
-        return Water(motion, None if change is None else motion.acceleration + change, k.tangents, alone)
+            still = jnp.zeros_like(r)
+            alone = still if self.current is None else self.current.velocity(r[:, 2], t, self.depth)
+        return Water(motion, None if change is None else motion.acceleration + change, tangents, alone)
 
 
 class Water(NamedTuple):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.fields import component, option, parameter
+from dropper_jax.base.fields import component, option, parameter
 
 #: How kinematics are carried above the mean surface, where linear theory is not defined.
 STRETCHING = ("none", "constant", "wheeler")

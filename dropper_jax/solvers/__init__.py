@@ -5,8 +5,9 @@ iteration, `apply(factor, rows)` and `apply_transposed(factor, rows)` on `Unknow
 approximate; derivatives are refined to the exact Jacobian.
 """
 
+from dropper_jax.residual.problem import CondensedParts
 from dropper_jax.solvers.banded import Banded
-from dropper_jax.solvers.condensed import Condensed, CondensedParts
+from dropper_jax.solvers.condensed import Condensed
 from dropper_jax.solvers.dense import Dense
 from dropper_jax.solvers.network import Network
 

@@ -8,18 +8,16 @@ reaction, which is the order in which a free-ended chain of i links is always so
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.solvers.condensed import inverse3
-from dropper_jax.system import Unknowns
-
-if TYPE_CHECKING:
-    from dropper_jax.model import Model
-    from dropper_jax.problem import StepProblem
+from dropper_jax.base.numerics import inverse3
+from dropper_jax.model.model import Model
+from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.unknowns import Unknowns
 
 
 class _Factor(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.solvers.condensed import inverse3
+from dropper_jax.base.numerics import inverse3
 
 
 def multiply(a: jax.Array, b: jax.Array) -> jax.Array:

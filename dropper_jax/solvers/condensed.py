@@ -8,65 +8,17 @@ Newton converge linearly, to the same solution: by a factor of about 0.1 per ite
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.kinematics import gather_links, link_differences
-from dropper_jax.system import Unknowns
-
-if TYPE_CHECKING:
-    from dropper_jax.model import Model
-    from dropper_jax.problem import StepProblem
-
-
-class CondensedParts(NamedTuple):
-    """The matrix without K, in pieces.
-
-    Attributes:
-        pull: nodal force of unit tensions along (n, 3).
-        gradient: derivative of the axial rows with respect to link differences of x, (n, 3).
-        compliance: minus their derivative with respect to the tensions, (n,).
-    """
-
-    pull: jax.Array
-    gradient: jax.Array
-    compliance: jax.Array
-
-
-Components = tuple[jax.Array, jax.Array, jax.Array]
-
-
-def components(x: jax.Array) -> Components:
-    """The three components of vectors (..., 3) as separate arrays.
-
-    Sums over an axis of three are kernels of their own on the CPU; sums of three arrays fuse with what is around them.
-    """
-    return x[..., 0], x[..., 1], x[..., 2]
-
-
-def dot(a: Components, b: Components) -> jax.Array:
-    """Scalar products."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Components, b: Components) -> Components:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
-    """Rows of the inverses of 3x3 matrices (..., 3, 3) by cofactors, elementwise."""
-    columns = [components(node[..., :, i]) for i in range(3)]
-    crosses = [_cross(columns[1], columns[2]), _cross(columns[2], columns[0]), _cross(columns[0], columns[1])]
-    scale = 1.0 / dot(columns[0], crosses[0])
-    return tuple(tuple(c * scale for c in row) for row in crosses)
-
-
-def inverse3(m: jax.Array) -> jax.Array:
-    """Inverse of 3x3 matrices (..., 3, 3) by cofactors: elementwise work, no LAPACK call per block."""
-    return jnp.stack([jnp.stack(row, axis=-1) for row in _inverse_rows(m)], axis=-2)
+from dropper_jax.base.components import Components, components, dot, inverse_rows
+from dropper_jax.model.model import Model
+from dropper_jax.model.path import gather_links, link_differences
+from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.unknowns import Unknowns
 
 
 class _Factor(NamedTuple):
@@ -146,7 +98,7 @@ class Condensed:
     def prepare(self, problem: StepProblem, u: Unknowns) -> Any:
         """Inverses of the node blocks, kept over the iterations of a step: they change little, and cost the most."""
         node = problem.node_matrix(u)
-        return 1.0 / node if node.ndim == 1 else _inverse_rows(node)
+        return 1.0 / node if node.ndim == 1 else inverse_rows(node)
 
     def factor(self, problem: StepProblem, u: Unknowns, prepared: Any = None) -> Any:
         inverse = self.prepare(problem, u) if prepared is None else prepared

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.system import Unknowns
-
-if TYPE_CHECKING:
-    from dropper_jax.model import Model
-    from dropper_jax.problem import StepProblem
-
+from dropper_jax.model.model import Model
+from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.unknowns import Unknowns
 
 #: Diagonal added for laws: their unknowns are of the size of their rows, so that this is far below either.
 SHARING = 1e-9

@@ -11,21 +11,18 @@ there the matrix is approximate, and Newton still ends at the exact solution.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.problem import node_blocks
+from dropper_jax.model.graph import Graph
+from dropper_jax.model.model import Model
+from dropper_jax.residual.problem import StepProblem, node_blocks
+from dropper_jax.residual.unknowns import Unknowns
 from dropper_jax.solvers.blocks import multiply, solve_tridiagonal
 from dropper_jax.solvers.layout import LineRows, line_rows, point_matrix
-from dropper_jax.system import Unknowns
-
-if TYPE_CHECKING:
-    from dropper_jax.graph import Graph
-    from dropper_jax.model import Model
-    from dropper_jax.problem import StepProblem
 
 #: Compliance of a held node's friction relative to its inertia.
 SOFT = 1e-8

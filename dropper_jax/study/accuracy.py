@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dropper_jax.errors import SceneError
-from dropper_jax.scene import Scene
-from dropper_jax.simulate import build
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build
 from dropper_jax.study.advice import advice
 from dropper_jax.study.convergence import convergence
 from dropper_jax.study.euler import euler_claims

@@ -11,17 +11,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.build import build_model
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS
-from dropper_jax.effects.base import Effect
-from dropper_jax.errors import SceneError
-from dropper_jax.fields import component, parameter
-from dropper_jax.integrate import Progress, advance, begin
-from dropper_jax.integrators import make_stepper, stepper_of
-from dropper_jax.model import Model, State, state
-from dropper_jax.scene import Scene
-from dropper_jax.simulate import build
-from dropper_jax.stepping import Stepper
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State, state
+from dropper_jax.run.build import build, build_model, stepper_of
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import Progress, advance, begin
+from dropper_jax.stepping.stepper import Stepper
 
 #: Steps of one timed run, and how often the runs of all variants are interleaved.
 STEPS, ROUNDS = 2000, 7

@@ -7,9 +7,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrators import make_stepper
-from dropper_jax.scene import Scene, load_scene
-from dropper_jax.simulate import build
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import build
+from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss

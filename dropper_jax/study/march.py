@@ -9,9 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrate import Progress, begin, failed
-from dropper_jax.model import Model, State
-from dropper_jax.stepping import FULL_STEP, Stepper, step
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.stepping.integrate import Progress, begin, failed
+from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 
 class Marched(NamedTuple):

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.integrators import make_stepper
-from dropper_jax.model import Model, State
-from dropper_jax.scene import load_scene
-from dropper_jax.simulate import build
+from dropper_jax.load.source import load_scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build
+from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss

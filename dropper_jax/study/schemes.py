@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from dropper_jax.errors import SceneError
-from dropper_jax.integrators import INTEGRATORS, make_stepper
-from dropper_jax.model import Model
-from dropper_jax.stepping import Stepper
+from dropper_jax.base.errors import SceneError
+from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.model.model import Model
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.stepper import Stepper
 
 #: Schemes with a weight gamma, and the weights compared unless the user names one.
 WEIGHTS = {"theta": (0.51, 1.0), "theta_midpoint": (0.51,), "thesis_angles": (0.51,)}

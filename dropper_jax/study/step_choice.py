@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dropper_jax.analysis.lyapunov import horizon, lyapunov
-from dropper_jax.errors import SceneError
-from dropper_jax.integrators import make_stepper, stepper_of
-from dropper_jax.model import Model, State
-from dropper_jax.scene import Scene
-from dropper_jax.simulate import build
-from dropper_jax.stepping import Stepper
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build, stepper_of
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms_angle
+from dropper_jax.study.lyapunov import horizon, lyapunov
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.reference import AMPLIFICATION
 

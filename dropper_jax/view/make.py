@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
+from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
-from dropper_jax.surroundings import bed_height
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
@@ -123,7 +123,7 @@ def _water(solution: Any, run: Run) -> dict[str, Any] | None:
     import jax
     import jax.numpy as jnp
 
-    from dropper_jax.build import build_model
+    from dropper_jax.run.build import build_model
 
     sea = build_model(solution.scene, "float64").sea
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))

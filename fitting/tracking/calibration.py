@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from fitting.tracking.video import opencv, read_image
 
 #: Largest reprojection error [pixel] of a calibration that may be used; the thesis reached 0.15.

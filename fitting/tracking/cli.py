@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, number, output_file
 from dropper_jax.cli.output import listing, print_json, print_line, progress
-from dropper_jax.errors import SceneError
 
 if TYPE_CHECKING:
     from fitting.tracking.track import Tracked
@@ -121,7 +121,7 @@ def place(text: str) -> tuple[float, float]:
 
 def write_positions(tracked: Tracked, path: Path) -> Path:
     """Time, places and whether each node was seen: t, x_0, z_0, seen_0, ...; places of unseen nodes are bridged."""
-    from dropper_jax.io import atomic_write
+    from dropper_jax.base.files import atomic_write
 
     nodes = tracked.seen.shape[1]
     text = io.StringIO()

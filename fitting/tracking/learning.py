@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 from fitting.tracking.calibration import Lens
 from fitting.tracking.detection import NONE, Look, detect, learn_look
 from fitting.tracking.ordering import Chain, follow_unnamed, order

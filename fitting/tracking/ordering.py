@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 
 #: Markers that move less than this share of their radius hang on a held end or on the wall.
 STILL = 0.5

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.io import atomic_write
+from dropper_jax.base.files import atomic_write
 from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.errors import SceneError
+from dropper_jax.base.errors import SceneError
 
 #: Writers by suffix: lossless where the file is to be measured, MPEG-4 where it is to be watched.
 CODECS = {".avi": "FFV1", ".mp4": "mp4v"}

@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrate import integrate
-from dropper_jax.integrators import make_stepper
-from dropper_jax.scene import load_scene
-from dropper_jax.simulate import build, simulate
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import build
+from dropper_jax.run.simulate import simulate
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
 from dropper_jax.study.schemes import Scheme
-from dropper_jax.study.stability.catalogue import Case, Outcome
+from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.runner import run_case
 from dropper_jax.study.step_choice import choose_step
 

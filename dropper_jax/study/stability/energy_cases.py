@@ -7,9 +7,10 @@ from functools import cache
 
 import numpy as np
 
-from dropper_jax.scene import Scene, load_scene
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
 from dropper_jax.study.stability import scenes
-from dropper_jax.study.stability.catalogue import Case, Outcome
+from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.runner import Ran, run_case
 
 #: Drift of the energy balance over the energy scale that still counts as rounding: steps are solved to 1e-11, and this

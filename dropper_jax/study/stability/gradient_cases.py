@@ -10,14 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrate import integrate
-from dropper_jax.integrators import make_stepper
-from dropper_jax.model import Model, State
-from dropper_jax.scene import Scene, load_scene
-from dropper_jax.simulate import build
-from dropper_jax.stepping import Stepper
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.stability import damping_cases, energy_cases, scenes
-from dropper_jax.study.stability.catalogue import Case, Outcome
+from dropper_jax.study.stability.case import Case, Outcome
 
 #: Relative change of the parameter in the central differences.
 CHANGE = 1e-5

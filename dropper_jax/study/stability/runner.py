@@ -8,11 +8,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from dropper_jax.errors import SceneError
-from dropper_jax.integrators import make_stepper
-from dropper_jax.model import Model, State
-from dropper_jax.scene import Scene
-from dropper_jax.simulate import build
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build
+from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.study.errors import link_vectors
 from dropper_jax.study.march import Marched, grid_run, status_of
 from dropper_jax.study.schemes import Scheme

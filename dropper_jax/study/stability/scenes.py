@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.scene import Scene, load_scene
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
 
 LINKS = 7
 
@@ -80,7 +81,7 @@ def kicked_string(nodes: int = LINKS) -> Scene:
 
 def whirling(rate: float = 30.0) -> Scene:
     """A loop that turns as a whole about the line through its ends at `rate` [rad/s]."""
-    from dropper_jax.simulate import equilibrium
+    from dropper_jax.run.build import equilibrium
 
     scene = loop("whirling-loop", 0.3)
     places = equilibrium(scene).positions
@@ -92,7 +93,7 @@ def driven() -> Scene:
 
     Turning as a whole about that line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
     """
-    from dropper_jax.simulate import equilibrium
+    from dropper_jax.run.build import equilibrium
 
     scene = loop("driven-at-resonance", 0.3)
     depth = -equilibrium(scene).positions[1:-1, 2]

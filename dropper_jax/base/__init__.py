@@ -1,0 +1,1 @@
+"""What everything stands on: errors, declared fields, checked reading, numerics, files."""

@@ -1,0 +1,221 @@
+"""Reading plain values (TOML, dict) against declared fields; every refusal is one `SceneError` line.
+
+A line reads `PATH: VALUE reason; allowed: WHAT`, with the path in the syntax of `--set`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+
+#: Longest value text in an error line.
+SHOWN = 60
+
+
+def refuse(path: str, value: Any, reason: str, allowed: str) -> SceneError:
+    """The error line for a value that cannot be used."""
+    return SceneError(f"{path}: {shown(value)} {reason}; allowed: {allowed}")
+
+
+def shown(value: Any) -> str:
+    """A value on one short line."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+
+
+def plain(value: Any) -> Any:
+    """Arrays as lists, tuples as lists, also inside tables; everything else as it is."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def read_table(value: Any, path: str) -> Mapping[str, Any]:
+    """A table with text keys."""
+    if not isinstance(value, Mapping):
+        raise refuse(path, value, "is not a table", "keys with values")
+    return value
+
+
+def check_keys(table: Mapping[str, Any], known: Iterable[str], path: str) -> None:
+    """Refuse a key that is not known, naming the nearest one."""
+    known = list(known)
+    for key in table:
+        if key not in known:
+            name = " ".join(str(key).split())
+            raise SceneError(f"{join(path, name)}: unknown key; {nearest(name, known)}")
+
+
+def join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+def limits(declared: Mapping[str, Any]) -> str:
+    """The allowed range in words, with the unit, such as `> 0 kg`; empty without limits."""
+    low, high, unit = declared.get("low"), declared.get("high"), declared.get("unit", "-")
+    unit = "" if unit == "-" else f" {unit}"
+    if low is not None and high is not None:
+        return f"{'above ' if declared.get('open_low') else ''}{low:g} to {high:g}{unit}"
+    if low is not None:
+        return f"{'>' if declared.get('open_low') else '>='} {low:g}{unit}"
+    return f"<= {high:g}{unit}" if high is not None else ""
+
+
+def read_number(value: Any, path: str, declared: Mapping[str, Any], allowed: str | None = None) -> float:
+    """A finite number within its range; a truth value is not a number."""
+    allowed = allowed or f"a number {limits(declared) or _in_unit(declared)}".rstrip()
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        raise refuse(path, value, "is not a number", allowed)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise refuse(path, value, "is not finite", allowed)
+    low, high = declared.get("low"), declared.get("high")
+    below = low is not None and (number < low or (declared.get("open_low") and number == low))
+    if below or (high is not None and number > high):
+        raise refuse(path, value, "is out of range", allowed)
+    return number
+
+
+def _in_unit(declared: Mapping[str, Any]) -> str:
+    unit = declared.get("unit", "-")
+    return "" if unit == "-" else f"in {unit}"
+
+
+def read_integer(value: Any, path: str, low: int | None = None) -> int:
+    """A whole number, at least `low`."""
+    allowed = "a whole number" + ("" if low is None else f" >= {low}")
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise refuse(path, value, "is not a whole number", allowed)
+    if low is not None and value < low:
+        raise refuse(path, value, "is out of range", allowed)
+    return int(value)
+
+
+def read_text(value: Any, path: str, choices: Iterable[str] | None = None) -> str:
+    """A text, one of `choices` where given."""
+    if not isinstance(value, str):
+        raise refuse(path, value, "is not a text", "one of " + ", ".join(choices) if choices else "a text")
+    if choices is not None and value not in choices:
+        raise SceneError(f"{path}: {value!r} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}")
+    return value
+
+
+def read_list(value: Any, path: str, count: int | None, allowed: str) -> list[Any]:
+    """A list, of `count` items where given."""
+    value = plain(value)
+    if not isinstance(value, list):
+        raise refuse(path, value, "is not a list", allowed)
+    if count is not None and len(value) != count:
+        raise refuse(path, value, f"has {len(value)} entries", allowed)
+    return value
+
+
+def read_parameter(value: Any, path: str, declared: Mapping[str, Any], counts: Mapping[str, int]) -> Any:
+    """A number as float, anything longer as an array of the declared shape."""
+    shape = declared["shape"]
+    each = limits(declared) or _in_unit(declared)
+    each = f", each {each}" if each else ""
+    value = plain(value)
+    if shape == "number" or (shape == "numbers" and not isinstance(value, list)):
+        return read_number(value, path, declared)
+    if shape in ("node", "link", "joint"):
+        count = counts[shape]
+        allowed = f"a number or a list of {count} numbers{each}"
+        if not isinstance(value, list):
+            return read_number(value, path, declared, allowed)
+        return _read_numbers(value, path, declared, count, allowed)
+    if shape == "vectors":
+        allowed = f"a list of 3-vectors{each}"
+        rows = read_list(value, path, None, allowed)
+        found = [_read_numbers(row, f"{path}.{i}", declared, 3, f"3 numbers{each}") for i, row in enumerate(rows)]
+        return np.array(found).reshape(-1, 3)
+    count = 3 if shape == "vector" else None
+    return _read_numbers(value, path, declared, count, f"{'3' if count else 'a list of'} numbers{each}")
+
+
+def _read_numbers(value: Any, path: str, declared: Mapping[str, Any], count: int | None, allowed: str) -> np.ndarray:
+    items = read_list(value, path, count, allowed)
+    return np.array([read_number(item, f"{path}.{i}", declared, allowed) for i, item in enumerate(items)], float)
+
+
+def read_option(value: Any, path: str, declared: Mapping[str, Any]) -> Any:
+    """A text, whole number, truth value, tuple of whole numbers or (declared as `list`) of texts."""
+    kind, choices = declared.get("type"), declared.get("choices")
+    if kind is tuple:
+        items = read_list(value, path, None, "a list of whole numbers")
+        return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in enumerate(items))
+    if kind is list:
+        items = read_list(value, path, None, "a list of texts")
+        return tuple(read_text(item, f"{path}.{i}") for i, item in enumerate(items))
+    if kind is int:
+        return read_integer(value, path, declared.get("low"))
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise refuse(path, value, "is not a truth value", "true, false")
+        return value
+    return read_text(value, path, choices)
+
+
+def read_fields(
+    cls: type, table: Any, path: str, counts: Mapping[str, int], keys: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """All declared fields of `cls` from a table.
+
+    Args:
+        cls: a dataclass whose fields were declared with `parameter` or `option`; other fields are left alone.
+        table: the values; what is left out takes its default.
+        path: where the table stands in the scene.
+        counts: entries of a list with one value per node, link or joint.
+        keys: names in the table where they differ from the attribute.
+
+    Raises:
+        SceneError: for the first key or value that cannot be used.
+    """
+    table, keys = read_table(table, path), keys or {}
+    declared = {keys.get(f.name, f.name): f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+    check_keys(table, declared, path)
+    values = {}
+    for key, field in declared.items():
+        if key in table:
+            read = read_parameter if field.metadata["kind"] == "parameter" else read_option
+            more = (counts,) if field.metadata["kind"] == "parameter" else ()
+            values[field.name] = read(table[key], join(path, key), field.metadata, *more)
+        elif field.default is dataclasses.MISSING:
+            raise SceneError(f"{join(path, key)}: missing; needed: {_needed(field)}")
+        else:
+            values[field.name] = field.default
+    return values
+
+
+def _needed(field: dataclasses.Field) -> str:
+    """Meaning, unit and range of a missing field."""
+    words = limits(field.metadata) or _in_unit(field.metadata)
+    return field.metadata["meaning"] + (f", {words}" if words else "")
+
+
+def count(meaning: str, **kwargs: Any) -> Any:
+    """Declare a whole number of at least 1."""
+    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": 1}, **kwargs)
+
+
+def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
+    """Names in a table of all declared fields; `keys` where they differ from the attribute."""
+    return [(keys or {}).get(f.name, f.name) for f in dataclasses.fields(cls) if "kind" in f.metadata]
+
+
+def as_table(spec: Any, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The given values of a section as plain values; what is None is left out."""
+    found = {f.name: plain(getattr(spec, f.name)) for f in dataclasses.fields(spec) if "kind" in f.metadata}
+    return {(keys or {}).get(name, name): value for name, value in found.items() if value is not None}

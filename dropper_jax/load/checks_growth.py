@@ -1,0 +1,26 @@
+"""What `[line.growth]` needs."""
+
+from __future__ import annotations
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.scene.data import SceneData
+
+
+def check_growth(scene: SceneData) -> None:
+    """Growth needs water and the diameter of the bare rope, and the volume must follow from the diameter."""
+    for i, line in enumerate(scene.lines):
+        if line.growth is None:
+            continue
+        path = f"line.{i}"
+        if scene.sea is None:
+            raise SceneError(f"{path}.growth: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+        if line.diameter is None:
+            raise SceneError(f"{path}.diameter: missing; {path}.growth needs that of the bare rope, > 0 m")
+        if line.centre_of_mass is not None:
+            raise SceneError(
+                f"{path}.growth: is for point masses at the nodes, but the line has compound links; leave it out"
+            )
+        if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
+            raise SceneError(
+                f"effects.buoyancy.wet_weight: is that of the bare line, but {path}.growth changes it; leave it out"
+            )

@@ -1,0 +1,132 @@
+"""What lines and points must agree on: ends that exist, and what a system of lines needs beyond a single one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import refuse
+from dropper_jax.load.surroundings import bed_height
+from dropper_jax.scene.data import SceneData
+from dropper_jax.scene.line import LineSpec
+from dropper_jax.scene.point import BuoySpec, PointSpec
+
+#: How far below the bed a point may be for rounding [m].
+ROUNDING = 1e-9
+#: Effects that follow the links of one line.
+ONE_LINE = ("joint_friction", "nodal_force", "thesis_wave_force")
+
+
+def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
+    """Every line ends at points that exist, every point is an end of a line."""
+    names = [point.name for point in points]
+    for i, line in enumerate(lines):
+        for key, name in (("from", line.start), ("to", line.end)):
+            if name not in names:
+                raise SceneError(f"line.{i}.{key}: {name!r} is not a point; {nearest(name, names)}")
+    used = {name for line in lines for name in (line.start, line.end)}
+    for i, name in enumerate(names):
+        if name not in used:
+            raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+
+
+def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
+    """Unique names, elastic lines of one law, every point hung from a fixed one, buoys on free points."""
+    check_ends(lines, points)
+    for label, items in (("line", lines), ("buoy", buoys)):
+        names = [item.name for item in items]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise refuse(f"{label}.{i}.name", name, "is used twice", "a name of its own")
+    for i, line in enumerate(lines):
+        path = f"line.{i}"
+        if line.rigid:
+            _check_rigid(line, path, points)
+            raise refuse(
+                f"{path}.axial.law",
+                line.axial_law,
+                "does not fit a system of lines",
+                "rope, elastic (with EA), tabulated",
+            )
+        if line.axial_law != lines[0].axial_law:
+            raise refuse(f"{path}.axial.law", line.axial_law, "differs from that of the first line", lines[0].axial_law)
+        if line.centre_of_mass is not None:
+            raise SceneError(f"{path}.centre_of_mass: compound links are for single lines; allowed: leave it out")
+        if line.start == line.end and line.links < 2:
+            raise refuse(f"{path}.links", line.links, "leaves nothing free in a loop", "a whole number >= 2")
+    _check_connected(points, lines)
+    kinds = {point.name: point.kind for point in points}
+    for i, buoy in enumerate(buoys):
+        if buoy.end_added_mass != buoys[0].end_added_mass:
+            path = f"buoy.{i}.end_added_mass"
+            raise refuse(path, buoy.end_added_mass, "differs from that of the first buoy", buoys[0].end_added_mass)
+    for i, buoy in enumerate(buoys):
+        if buoy.point not in kinds:
+            raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, kinds)}")
+        if kinds[buoy.point] != "free":
+            raise refuse(f"buoy.{i}.point", buoy.point, "is a fixed point", "a point of kind 'free'")
+
+
+def _check_rigid(line: LineSpec, path: str, points: tuple[PointSpec, ...]) -> None:
+    """A rigid line shorter than its ends' distance is named for that first."""
+    start, end = (next(p for p in points if p.name == name) for name in (line.start, line.end))
+    distance = float(np.linalg.norm(end.position - start.position))
+    if start.kind == end.kind == "fixed" and line.total <= distance:
+        raise SceneError(
+            f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
+            f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
+        )
+
+
+def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> None:
+    reached = {point.name for point in points if point.kind == "fixed"}
+    grown = True
+    while grown:
+        grown = False
+        for line in lines:
+            if (line.start in reached) != (line.end in reached):
+                reached |= {line.start, line.end}
+                grown = True
+    for i, point in enumerate(points):
+        if point.name not in reached:
+            raise refuse(
+                f"point.{i}.name",
+                point.name,
+                "is not connected to any fixed point",
+                "lines from a point of kind 'fixed'",
+            )
+
+
+def check_system_effects(scene: SceneData) -> None:
+    """Effects that need one line, and bodies that need water."""
+    for name in ONE_LINE:
+        if name in scene.effects:
+            raise SceneError(f"effects.{name}: follows the nodes of one line; allowed: scenes of one line")
+    for i, buoy in enumerate(scene.buoys):
+        if scene.sea is None:
+            raise SceneError(
+                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; allowed: [sea] with `depth`"
+            )
+
+
+def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
+    """No point, and no node of a given pose (its path, and places (n, 3) [m]), starts below the seabed.
+
+    Nodes may lie as deep in the bed as the line is thick: a pose taken from a run is pressed in a little.
+    """
+    places = np.array([point.position for point in scene.points])
+    bed = bed_height(scene, places)
+    if bed is None:
+        return
+    for i in np.flatnonzero(places[:, 2] < bed - ROUNDING):
+        raise SceneError(
+            f"point.{i}.position: z = {places[i, 2]:g} m is below the bed; allowed: >= {bed[i]:g} m at its x and y"
+        )
+    if pose is None:
+        return
+    path, nodes = pose
+    bed = bed_height(scene, nodes)
+    for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
+        raise SceneError(
+            f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the bed; allowed: >= {bed[i]:g} m at its x and y"
+        )

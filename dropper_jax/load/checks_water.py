@@ -1,0 +1,134 @@
+"""What a scene with water must agree on, and what is worth a warning."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.scene.data import SceneData
+
+#: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche).
+BREAKING = 0.142
+
+
+#: Largest diameter over wavelength for Morison's equation (thesis (6.11)).
+SLENDER = 0.05
+
+
+def check_water(effect: str, scene: SceneData) -> None:
+    """An effect of the water needs a sea, a diameter, and held points above the bed."""
+    if scene.sea is None:
+        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+    line = scene.line
+    if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
+        raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")
+    for i, point in enumerate(scene.points):
+        if point.kind == "fixed" and point.position[2] < -scene.sea.depth:
+            raise SceneError(
+                f"point.{i}.position: z = {point.position[2]:g} m is below the bed; allowed: >= {-scene.sea.depth:g} m"
+            )
+
+
+def sea_warnings(scene: SceneData, sea: Any) -> tuple[str, ...]:
+    """One line for each thing about the sea that a user should know; `sea` is what `make_sea` made."""
+    if scene.sea is None:
+        return ()
+    found = _reach(scene)
+    if sea.waves is not None:
+        found += _breaking(scene, sea) + _repetition(scene, sea) + _slenderness(scene, sea) + _interpolation(sea)
+    return tuple(found)
+
+
+def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
+    """A ball that the line cannot leave while its points stay: its middle (3,) [m] and radius [m]."""
+    if scene.branched:
+        places = np.array([point.position for point in scene.points])
+        middle = np.mean(places, axis=0)
+        return middle, float(np.max(np.linalg.norm(places - middle, axis=1)) + max(line.total for line in scene.lines))
+    line = scene.lines[0]
+    first, last = scene.point(line.start), scene.point(line.end)
+    if last.kind == "fixed":
+        return 0.5 * (first.position + last.position), 0.5 * line.total
+    return first.position, line.total
+
+
+def _reach(scene: SceneData) -> list[str]:
+    """A line that can hang below the bed, since there is no seabed in the scene."""
+    if "seabed" in scene.effects:
+        return []
+    depth = scene.sea.depth
+    middle, radius = line_reach(scene)
+    low = middle[2] - radius
+    if low >= -depth:
+        return []
+    return [f"sea.depth: the line reaches down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
+
+
+def _breaking(scene: SceneData, sea: Any) -> list[str]:
+    """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
+    amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
+    if amplitude.size == 1:
+        height, number, what = 2.0 * amplitude[0], k[0], "wave height"
+    else:
+        height, what = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)), "significant wave height"
+        number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
+    limit = BREAKING * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
+    if height <= limit:
+        return []
+    return [f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"]
+
+
+def _mean_frequency(sea: Any) -> float:
+    energy = np.asarray(sea.waves.amplitude, float) ** 2
+    return float(np.sum(energy * np.asarray(sea.waves.omega)) / max(np.sum(energy), 1e-300))
+
+
+def repeat_time(omega: np.ndarray) -> float:
+    """After how long [s] evenly spaced frequencies repeat; infinity where they are not evenly spaced."""
+    steps = np.diff(np.sort(omega))
+    steps = steps[steps > 1e-9 * np.max(omega)]
+    if steps.size < 2:
+        return float("inf")
+    share = steps / steps.min()
+    even = np.max(np.abs(share - np.round(share))) < 1e-6
+    return float(2 * np.pi / steps.min()) if even else float("inf")
+
+
+def _interpolation(sea: Any) -> list[str]:
+    error = getattr(sea.waves, "error", None)
+    if error is None:
+        return []
+    velocity, acceleration = (float(x) for x in error)
+    return [
+        f"sea.interpolation: the grid errs by at most {velocity:.1g} of the rms velocity and {acceleration:.1g} of the "
+        "rms acceleration (measured at 400 places and times)"
+    ]
+
+
+def _repetition(scene: SceneData, sea: Any) -> list[str]:
+    after = repeat_time(np.asarray(sea.waves.omega, float))
+    if after >= scene.run.duration:
+        return []
+    return [f"sea.waves: the sea repeats after {after:.4g} s, within the run of {scene.run.duration:g} s"]
+
+
+def _slenderness(scene: SceneData, sea: Any) -> list[str]:
+    diameter = displaced_diameter(scene.line, scene)
+    if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
+        return []
+    shortest = float(2 * np.pi / np.max(np.asarray(sea.waves.wave_number)))
+    widest = int(np.argmax(diameter))
+    ends = np.cumsum([line.links for line in scene.lines])
+    line = int(np.searchsorted(ends, widest, side="right")) if np.ndim(diameter) else 0
+    sizes = {f"line.{scene.lines[line].name if scene.branched else line}": float(np.max(diameter))}
+    if scene.buoys:
+        buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
+        sizes[f"buoy.{buoy.name}"] = buoy.diameter
+    return [
+        f"{path}.diameter: {size / shortest:.3g} of the shortest wavelength; Morison's equation needs at most {SLENDER}"
+        for path, size in sizes.items()
+        if size > SLENDER * shortest
+    ]

@@ -1,0 +1,302 @@
+"""Line types, sections and attached points: from what a user writes to lines with one value per link.
+
+    [[line_type]]                      a rope or chain by the metre: EA, or tension tabulated over strain
+    [[line]] type, length, links       one section of one type, or
+    [[line]] sections = [{type, length, links}, ...]
+    [[line]] attach = [{point, at}]    points along the line, by arc length from its first end
+    [[line]] shelter                   factor on the current that reaches the line (`effects.morison_drag.shelter`)
+
+A line with attached points becomes as many lines as it has pieces, named `NAME-1`, `NAME-2`, ...
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.axial.force_table import ForceTable, tables_of
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import (
+    check_keys,
+    plain,
+    read_fields,
+    read_integer,
+    read_list,
+    read_number,
+    read_table,
+    refuse,
+)
+
+#: Attached points nearer than this part of the line's length would leave a piece without length.
+SAME = 1e-9
+LENGTH = {"low": 0.0, "open_low": True, "unit": "m"}
+#: Effect and key that take a coefficient of the line types where the scene leaves it out.
+COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
+
+
+@dataclasses.dataclass(frozen=True)
+class LineType:
+    """`[[line_type]]`: a rope or chain by the metre; coefficients where the scene's effects ask for them."""
+
+    name: str = option("name", type=str)
+    mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
+    diameter: float = parameter("diameter of the displaced volume", unit="m", low=0.0, open_low=True)
+    EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
+    strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
+    tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
+    law: str = option("axial law", choices=("rope", "damped_rope", "elastic", "tabulated"), default="rope")
+    damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
+    damping_ratio: float | None = parameter(
+        "internal damping over critical, per link", unit="-", low=0.0, optional=True
+    )
+    EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, optional=True)
+    breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
+    cdn: float | None = parameter("drag coefficient across", unit="-", low=0.0, optional=True)
+    cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, optional=True)
+    can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, optional=True)
+    cat: float | None = parameter("added mass coefficient along", unit="-", low=0.0, optional=True)
+
+    @property
+    def table(self) -> ForceTable | None:
+        """The table of a tabulated type."""
+        return None if self.strain is None else ForceTable(self.strain, self.tension)
+
+    def internal_damping(self, link: float) -> float:
+        """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn).
+
+        EA of a table is its largest slope.
+        """
+        if self.damping is not None:
+            return self.damping
+        stiffness = self.EA if self.table is None else self.table.stiffness
+        return (self.damping_ratio or 0.0) * link * float(np.sqrt(stiffness * self.mass))
+
+    def check(self, path: str) -> None:
+        """`EA`, or a table where the law is `tabulated`; one kind of damping."""
+        wanted, other = ("strain", "tension"), ("EA",)
+        if self.law != "tabulated":
+            wanted, other = other, wanted
+        for key in wanted:
+            if getattr(self, key) is None:
+                raise SceneError(f"{path}.{key}: missing; law {self.law!r} needs {' and '.join(wanted)}")
+        for key in other:
+            if getattr(self, key) is not None:
+                raise SceneError(f"{path}.{key}: not used by law {self.law!r}, which takes {' and '.join(wanted)}")
+        if self.law == "tabulated":
+            ForceTable.read(self.strain, self.tension, path)
+        if self.damping is not None and self.damping_ratio is not None:
+            raise SceneError(f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two")
+
+
+def equivalent_diameter(mass: float, material_density: float) -> float:
+    """Diameter [m] of a solid cylinder of `mass` per metre [kg/m] and the material's density [kg/m^3].
+
+    Chain and rope displace what their material displaces, not what their nominal diameter would: studless chain of
+    0.022 m bar and 10.91 kg/m displaces as a cylinder of 0.042 m.
+    """
+    return float(np.sqrt(4.0 * mass / (np.pi * material_density)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A stretch of a line: its type, unstretched length [m] and number of links."""
+
+    type: LineType
+    length: float
+    links: int
+
+    def cut(self, length: float) -> Section:
+        """A part of it, with as many links as belong to that part, at least one."""
+        return dataclasses.replace(self, length=length, links=max(1, round(self.links * length / self.length)))
+
+
+def expand(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene's plain values without line types, sections and attached points; a table without them is unchanged.
+
+    Raises:
+        SceneError: an unknown type, a type without a coefficient that the scene's effects need, a point attached
+            outside its line.
+    """
+    table = dict(table)
+    types = _types(table.pop("line_type", []))
+    lines = table.get("line", [])
+    if not all(isinstance(part, list | tuple) for part in (lines, table.get("point", []))):
+        return table  # refused by name later
+    if not any(isinstance(line, Mapping) and {"type", "sections", "attach"} & set(line) for line in lines):
+        if types:
+            raise SceneError("line_type: no line uses a type; allowed: lines with `type` or `sections`")
+        return table
+    table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
+    pieces: list[dict[str, Any]] = []
+    used: list[list[Section]] = []
+    shelter: list[float] = []
+    tabulated = any(kind.law == "tabulated" for kind in types.values())
+    for i, line in enumerate(lines):
+        line = dict(read_table(line, f"line.{i}"))
+        if not {"type", "sections"} & set(line):
+            raise SceneError(
+                f"line.{i}: no type; allowed: where one line has a type, all lines have `type` or `sections`"
+            )
+        sections = _sections(line, f"line.{i}", types)
+        factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
+        for piece, part in _split(line, f"line.{i}", sections, table["point"]):
+            pieces.append({**piece, **_per_link(part, f"line.{i}", tabulated)})
+            used.append(part)
+            shelter += [factor] * pieces[-1]["links"]
+    table["line"] = pieces
+    table["effects"] = _with_coefficients(table.get("effects", {}), used)
+    if any(factor != 1.0 for factor in shelter):
+        if not isinstance(table["effects"].get("morison_drag"), dict):
+            raise SceneError("line.shelter: reduces the current of [effects.morison_drag]; it is missing")
+        table["effects"]["morison_drag"]["shelter"] = shelter
+    return table
+
+
+def _types(items: Any) -> dict[str, LineType]:
+    found: dict[str, LineType] = {}
+    for i, item in enumerate(read_list(items, "line_type", None, "one or more [[line_type]] tables")):
+        kind = LineType(**read_fields(LineType, item, f"line_type.{i}", {}))
+        if kind.name in found:
+            raise refuse(f"line_type.{i}.name", kind.name, "is used twice", "a name of its own")
+        kind.check(f"line_type.{i}")
+        found[kind.name] = kind
+    return found
+
+
+def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> list[Section]:
+    """The sections of a line; takes their keys out of it."""
+    if "sections" in line:
+        for key in ("type", "length", "links"):
+            if key in line:
+                raise SceneError(f"{path}.{key}: given beside `sections`; allowed: inside each section")
+        items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
+        paths = [f"{path}.sections.{i}" for i in range(len(items))]
+    else:
+        items, paths = [{key: line.pop(key) for key in ("type", "length", "links") if key in line}], [path]
+    if not items:
+        raise refuse(f"{path}.sections", items, "is empty", "at least one {type, length, links}")
+    return [_section(item, where, types) for item, where in zip(items, paths, strict=True)]
+
+
+def _section(item: Any, path: str, types: dict[str, LineType]) -> Section:
+    item = read_table(item, path)
+    check_keys(item, ("type", "length", "links"), path)
+    for key, needed in (("type", "name of a [[line_type]]"), ("length", "length, > 0 m"), ("links", "number of links")):
+        if key not in item:
+            raise SceneError(f"{path}.{key}: missing; needed: {needed}")
+    if item["type"] not in types:
+        raise SceneError(f"{path}.type: {item['type']!r} is not a line type; {nearest(str(item['type']), types)}")
+    length = read_number(item["length"], f"{path}.length", LENGTH)
+    return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1))
+
+
+def _split(
+    line: dict[str, Any], path: str, sections: list[Section], points: list[Any]
+) -> list[tuple[dict[str, Any], list[Section]]]:
+    """The pieces between attached points. A point that the scene does not have is made, free, on the straight line."""
+    attached = line.pop("attach", None)
+    if attached is None:
+        return [(line, sections)]
+    total = sum(s.length for s in sections)
+    stops = []
+    for i, item in enumerate(read_list(attached, f"{path}.attach", None, "a list of {point, at}")):
+        item = read_table(item, f"{path}.attach.{i}")
+        check_keys(item, ("point", "at"), f"{path}.attach.{i}")
+        at = read_number(item.get("at"), f"{path}.attach.{i}.at", {"unit": "m"})
+        if not 0.0 < at < total:
+            raise refuse(
+                f"{path}.attach.{i}.at", at, "is not on the line", f"above 0 and below its length, {total:g} m"
+            )
+        stops.append((at, str(item.get("point", f"{line.get('name', 'line')}-at-{at:g}"))))
+    stops.sort()
+    for (at, name), (further, other) in pairwise(stops):
+        if further - at <= SAME * total:
+            raise SceneError(
+                f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point at one place"
+            )
+    places = {p.get("name"): p.get("position") for p in points if isinstance(p, Mapping)}
+    start, end = places.get(line.get("from")), places.get(line.get("to"))
+    for at, name in stops:
+        if name not in places and start is not None and end is not None:
+            a, b = np.asarray(start, float), np.asarray(end, float)
+            points.append({"name": name, "kind": "free", "position": (a + (b - a) * at / total).tolist()})
+    names = [line.get("from"), *(name for _, name in stops), line.get("to")]
+    cuts = [0.0, *(at for at, _ in stops), total]
+    found = []
+    for i, (first, last) in enumerate(zip(names[:-1], names[1:], strict=True)):
+        name = line.get("name", "line")
+        piece = {**copy.copy(line), "name": f"{name}-{i + 1}", "piece_of": name, "from": first, "to": last}
+        found.append((piece, _between(sections, cuts[i], cuts[i + 1])))
+    return found
+
+
+def _between(sections: list[Section], low: float, high: float) -> list[Section]:
+    """The part of the sections from arc length `low` to `high` [m]."""
+    found, begin = [], 0.0
+    for section in sections:
+        length = min(high, begin + section.length) - max(low, begin)
+        if length > 1e-9 * section.length:
+            found.append(section.cut(length))
+        begin += section.length
+    return found
+
+
+def _each(sections: list[Section], value: Any) -> list[float]:
+    return [float(value(s)) for s in sections for _ in range(s.links)]
+
+
+def _axial(sections: list[Section], path: str, tabulated: bool) -> dict[str, Any]:
+    """The axial law with one value per link; where some type of the scene is `tabulated`, ropes are tables as well."""
+    laws = {s.type.law for s in sections}
+    damping = _each(sections, lambda s: s.type.internal_damping(s.length / s.links))
+    if tabulated and laws <= {"rope", "tabulated"}:
+        tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
+        return {"law": "tabulated", **tables_of(tables), "damping": damping}
+    if len(laws) > 1:
+        raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law in a line")
+    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping}
+
+
+def _per_link(sections: list[Section], path: str, tabulated: bool) -> dict[str, Any]:
+    """Keys of a `[[line]]` with one value per link."""
+    found = {
+        "links": sum(s.links for s in sections),
+        "nodes": "shared",
+        "length": _each(sections, lambda s: s.length / s.links),
+        "mass": _each(sections, lambda s: s.type.mass * s.length / s.links),
+        "diameter": _each(sections, lambda s: s.type.diameter),
+        "axial": _axial(sections, path, tabulated),
+    }
+    if all(s.type.breaking_load is not None for s in sections):
+        found["breaking_load"] = _each(sections, lambda s: s.type.breaking_load)
+    return found
+
+
+def _with_coefficients(effects: Any, used: list[list[Section]]) -> Any:
+    """Effects with the coefficients of the line types where the scene leaves them out."""
+    if not isinstance(effects, Mapping):
+        return effects
+    effects = {name: dict(values) if isinstance(values, Mapping) else values for name, values in effects.items()}
+    sections = [s for part in used for s in part]
+    stiff = next((s.type.name for s in sections if s.type.EI), None)
+    if stiff is not None and "bending" not in effects:
+        raise SceneError(f"line_type.{stiff}.EI: is for [effects.bending], which is missing")
+    if stiff is not None and isinstance(effects["bending"], dict):
+        effects["bending"].setdefault("EI", _each(sections, lambda s: s.type.EI or 0.0))
+    for key, effect in COEFFICIENTS.items():
+        if not isinstance(effects.get(effect), dict) or key in effects[effect]:
+            continue
+        lacking = [s.type.name for s in sections if getattr(s.type, key) is None]
+        if not lacking:
+            effects[effect][key] = plain(_each(sections, lambda s, key=key: getattr(s.type, key)))
+        elif len(lacking) < len(sections):
+            raise SceneError(
+                f"line_type.{lacking[0]}.{key}: missing; other types have it, and effects.{effect} takes it"
+            )
+    return effects

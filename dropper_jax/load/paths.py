@@ -1,0 +1,123 @@
+"""Values of a scene by path: `effects.linear_damping.b_l`, `line.0.mass`, `point.right.position.0`."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import field_keys
+from dropper_jax.effects import EFFECTS
+from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene.growth import GrowthSpec
+from dropper_jax.scene.line import LineSpec
+from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene.start import StartSpec
+from dropper_jax.sea.spec import SeaSpec
+
+AXIAL = ("law", "EA", "damping", "strain", "tension")
+#: Sections that are lists of tables, whose items go by number or name.
+LISTED = ("point", "line", "buoy", "failure")
+#: Longest list of valid paths in an error line.
+SHOWN = 20
+
+
+def paths(table: Mapping[str, Any]) -> list[str]:
+    """All paths that a value of this scene may have, list entries aside."""
+    found = ["name", "description"]
+    found += [f"run.{key}" for key in field_keys(RunSpec)]
+    found += [f"start.{key}" for key in field_keys(StartSpec)]
+    found += SeaSpec.paths()
+    found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in field_keys(cls)]
+    line_keys = [*field_keys(LineSpec, LineSpec.KEYS), *(f"axial.{key}" for key in AXIAL)]
+    line_keys += [f"growth.{key}" for key in field_keys(GrowthSpec)]
+    for section, keys in (("point", field_keys(PointSpec)), ("line", line_keys), ("buoy", field_keys(BuoySpec))):
+        for i, item in enumerate(table.get(section, [])):
+            found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
+    found += [f"failure.{i}.{key}" for i in range(len(table.get("failure", []))) for key in field_keys(FailureSpec)]
+    return found
+
+
+def put(table: dict[str, Any], path: str, value: Any, known: Iterable[str] = ()) -> None:
+    """Put a value at a path of plain values; numbers at the end of the path are entries of a list.
+
+    Args:
+        known: further paths that the error line may name.
+
+    Raises:
+        SceneError: there is no such path (with the nearest), or no such entry.
+    """
+    parent, key = _place(table, path, known)
+    parent[key] = value
+
+
+def get(table: dict[str, Any], path: str) -> Any:
+    """The plain value at a path.
+
+    Raises:
+        SceneError: there is no such path or entry, or nothing is given there.
+    """
+    parent, key = _place(copy.deepcopy(table), path, ())
+    if isinstance(parent, dict) and key not in parent:
+        raise SceneError(f"{path}: is not given in the scene")
+    return parent[key]
+
+
+def _place(table: dict[str, Any], path: str, known: Iterable[str]) -> tuple[Any, Any]:
+    """What holds the value of a path, and its key in it; tables that are missing are made."""
+    own = paths(table)
+    field = next((p for p in sorted(own, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
+    entries = [] if field is None else path[len(field) :].strip(".").split(".")
+    entries = [] if entries == [""] else entries
+    if field is None or not all(number.isdecimal() for number in entries):
+        raise SceneError(f"{path}: unknown path; {_hint(path, {*own, *known})}")
+    parent, key = _parent(table, field)
+    for number in entries:
+        parent, key, path = entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(number), path)
+    return parent, key
+
+
+def _hint(path: str, known: set[str]) -> str:
+    """The nearest path, else those of the same section, else the sections."""
+    hint = nearest(path, known)
+    if not hint.startswith("known:") or len(known) <= SHOWN:
+        return hint
+    section = path.split(".")[0]
+    near = sorted(p for p in known if p.split(".")[0] == section)
+    if not near:
+        return f"known sections: {', '.join(sorted({p.split('.')[0] for p in known}))}"
+    return f"known: {', '.join(near[:SHOWN])}{', ...' if len(near) > SHOWN else ''}"
+
+
+def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
+    """The table that holds a known field, and the field's key in it; tables that are missing are made."""
+    section, _, rest = field.partition(".")
+    if not rest:
+        return table, section
+    if section not in LISTED:
+        *tables, key = rest.split(".")
+        parent = table.setdefault(section, {})
+    else:
+        items = table[section]
+        label, item = next(
+            (label, item)
+            for i, item in enumerate(items)
+            for label in (str(i), item.get("name", str(i)))
+            if rest.startswith(label + ".")
+        )
+        *tables, key = rest[len(label) + 1 :].split(".")
+        parent = item
+    for name in tables:
+        parent = parent.setdefault(name, {})
+    return parent, key
+
+
+def entry(items: Any, index: int, path: str) -> tuple[list[Any], int, str]:
+    """A list that has an entry of that number, the number and the path."""
+    if not isinstance(items, list):
+        raise SceneError(f"{path}: has no entries, it is {items!r}; allowed: the path without a number at its end")
+    if index >= len(items):
+        raise SceneError(f"{path}: entry {index} does not exist; allowed: 0 to {len(items) - 1}")
+    return items, index, path

@@ -1,0 +1,153 @@
+"""The scene: a declarative description in SI units, validated here so that nothing has to be checked later."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import check_keys, plain, read_fields, read_list, read_table, read_text
+from dropper_jax.effects import EFFECTS
+from dropper_jax.load.checks_growth import check_growth
+from dropper_jax.load.checks_line import check_line, check_points
+from dropper_jax.load.checks_system import check_bed, check_system, check_system_effects
+from dropper_jax.load.checks_water import check_water
+from dropper_jax.load.given_pose import check_pose, given_pose
+from dropper_jax.load.line_types import expand
+from dropper_jax.load.paths import get, put
+from dropper_jax.load.written import Written
+from dropper_jax.scene.data import SceneData, is_branched, point_named
+from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene.line import LineSpec
+from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene.start import StartSpec
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.stepping.choose import check_names
+
+SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scene(SceneData):
+    """A scene, read and checked, that remembers how it was written.
+
+    Attributes:
+        written: line types, sections and attached points as they were written; None without any.
+    """
+
+    written: Written | None = None
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
+        """A scene from plain values; `name` where the table has none.
+
+        Raises:
+            SceneError: one line with the path, the value and what is allowed.
+        """
+        given = read_table(table, "scene")
+        table = expand(given)
+        check_keys(table, SECTIONS, "")
+        points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
+        lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
+        buoys = tuple(BuoySpec.read(item, f"buoy.{i}") for i, item in enumerate(_list(table, "buoy")))
+        check_points(points)
+        branched = is_branched(points, lines, buoys)
+        if branched:
+            check_system(points, lines, buoys)
+        else:
+            check_line(lines[0], points)
+        held = branched or point_named(points, lines[0].end).kind == "fixed"
+        if "run" not in table:
+            raise SceneError("run: missing; needed: a table with `dt` and `duration`")
+        scene = cls(
+            name=read_text(table.get("name", name), "name"),
+            description=read_text(table.get("description", ""), "description"),
+            points=points,
+            lines=lines,
+            buoys=buoys,
+            effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
+            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
+            run=RunSpec.read(table["run"], "run"),
+            sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
+            failures=tuple(
+                FailureSpec.read(item, f"failure.{i}", lines) for i, item in enumerate(_list(table, "failure"))
+            ),
+            notes=tuple(
+                read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
+            ),
+            written=Written.of(given, table),
+        )
+        check_names(scene.run.integrator, scene.run.solver)
+        if branched:
+            check_system_effects(scene)
+        for effect, values in scene.effects.items():
+            if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
+                check_water(effect, scene)
+            EFFECTS[effect].check(values, scene)
+        check_growth(scene)
+        pose = None if branched else given_pose(scene)
+        if pose is not None:
+            check_pose(scene, *pose)
+        check_bed(scene, pose)
+        return scene
+
+    def as_written(self) -> dict[str, Any]:
+        """Plain values as `to_dict`, with line types, sections and attached points as they were written."""
+        return self.to_dict() if self.written is None else self.written.table(self.to_dict())
+
+    def with_values(self, values: Mapping[str, Any]) -> Scene:
+        """The scene with some values changed, all at once, validated again.
+
+        Args:
+            values: by path, such as `effects.linear_damping.b_l`, `line.0.mass` or `point.right.position.0`; lines
+                and points go by number or name. Of lines with types, keys mean what they mean in the file:
+                `line.leg.length` is that of the whole line, `line_type.chain.EA` that of all lines of the type. An
+                effect that the scene lacks is added by its first value.
+        """
+        table = self.to_dict()
+        values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
+        if "sea.packaged" in values:  # another sea takes the place of this one's waves and water
+            table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
+        if self.written is not None:
+            return Scene.from_dict(self.written.changed(table, values))
+        for path, value in values.items():
+            put(table, path, value)
+        return Scene.from_dict(table)
+
+    def value(self, path: str) -> Any:
+        """The plain value at a path, such as those of `with_values`.
+
+        Raises:
+            SceneError: no such path, or nothing given there.
+        """
+        table = self.as_written()
+        found = None if self.written is None else self.written.locate(path, self.written.places(table))
+        if found is None:
+            return get(self.to_dict(), path)
+        parent, key = found
+        if isinstance(parent, dict) and key not in parent:
+            raise SceneError(f"{path}: is not given in the scene")
+        return parent[key]
+
+
+def _items(table: Mapping[str, Any], section: str) -> Iterator[tuple[int, Any]]:
+    items = read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")
+    if not items:
+        raise SceneError(f"{section}: missing; needed: one or more [[{section}]] tables")
+    return enumerate(items)
+
+
+def _list(table: Mapping[str, Any], section: str, allowed: str | None = None) -> list[Any]:
+    return read_list(table.get(section, []), section, None, allowed or f"one or more [[{section}]] tables")
+
+
+def _read_effects(table: Any, links: int) -> dict[str, dict[str, Any]]:
+    table = read_table(table, "effects")
+    check_keys(table, EFFECTS, "effects")
+    counts = {"node": links, "link": links, "joint": links + 1}
+    return {
+        name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
+    }

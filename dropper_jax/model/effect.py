@@ -1,0 +1,153 @@
+"""What an effect is: one frozen dataclass that adds to some of the named slots below.
+
+Slots (all pure functions; what a class does not define does not exist in the compiled program):
+
+- `force(k)`        nodal force on the free nodes, (nodes, 3) [N]
+- `potential(k)`    potential energy whose negative gradient is `force`, scalar [J]; an effect that has one is
+                    conservative: its energy is part of the balance, otherwise its work is
+- `inertia(k, a)`   inertia force of added mass for nodal accelerations a, (nodes, 3) [N]; with `kinetic(k)` [J]
+- `prepare(k)`      anything expensive that may be frozen over a step, evaluated once at the predicted midpoint
+                    and passed back to `force` as `k.prepared(self)`
+- `displace(t)`     prescribed displacement of the point `point`, (3,) [m]
+- `point_mass(m)`   constant mass that it adds to the free nodes, (nodes,) [kg]; systems of lines only
+- a law with unknowns of its own (dry friction): see `Law`
+
+`k` is a `dropper_jax.model.kinematics.Kinematics`: positions, velocities, link vectors, rates, computed on demand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.model.geometry import Geometry
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.line import Line
+from dropper_jax.scene.data import SceneData
+
+
+class Effect:
+    """Base of all effects; subclasses are `component` dataclasses with a `name`, the key in `[effects.NAME]`."""
+
+    name: ClassVar[str]
+    #: How far a force reaches: 0 own node, 1 neighbouring nodes, 2 next neighbours. Solvers rely on it.
+    reach: ClassVar[int] = 0
+    #: Whether the force depends on neither positions nor velocities, so that it adds nothing to a Jacobian.
+    constant: ClassVar[bool] = False
+    #: Whether its `displace` takes the sea as a second argument.
+    needs_sea: ClassVar[bool] = False
+    #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are taken once per step.
+    needs_water: ClassVar[bool] = False
+    #: Whether a part of its potential is lost with a link that parts (see `failure`).
+    parts: ClassVar[bool] = False
+
+    @property
+    def needs_material(self) -> bool:
+        """Whether it reads `k.water.material`, the material acceleration of the water."""
+        return False
+
+    @property
+    def needs_current(self) -> bool:
+        """Whether it reads `k.water.current`, the current alone."""
+        return False
+
+    def force(self, k: Kinematics) -> jax.Array | None:
+        return None
+
+    def moves(self, name: str) -> bool:
+        """Whether `displace` moves the held point of that name: that of the option `point`."""
+        return name == getattr(self, "point", None)
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        """Raise `SceneError` for combinations of values that single-field ranges cannot express."""
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+        """Make the effect from validated scene values (None where left out)."""
+        return cls(**values)
+
+
+class HeldMotion(Effect):
+    """An effect that moves held points together: it has the options `point` and `also`, and `displace`."""
+
+    point: str
+    also: tuple[str, ...]
+
+    def moves(self, name: str) -> bool:
+        """Whether a held point of that name moves: `point` and those that move with it."""
+        return name == self.point or name in self.also
+
+    @classmethod
+    def check_points(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        """Refuse points that are not held."""
+        held = [p.name for p in scene.points if p.kind == "fixed"]
+        named = {"point": values["point"], **{f"also.{i}": name for i, name in enumerate(values["also"])}}
+        for key, name in named.items():
+            if name not in held:
+                raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a held point; {nearest(name, held)}")
+
+
+class Law(Effect):
+    """An effect with unknowns of its own, `components` per joint, solved together with the step.
+
+    Joint j sits at node j, j = 0..n (the last one only where the end is held). The unknown z (joints, c) enters
+    the motion through `law_force` and is determined by `law_residual` = 0. Both reach one neighbour at most.
+    """
+
+    #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.
+    node_local: ClassVar[bool] = False
+
+    @property
+    def components(self) -> int:
+        raise NotImplementedError
+
+    def rows(self, model: Geometry) -> int:
+        """Number of rows of z."""
+        return model.free_nodes if self.node_local else model.line.links + (1 if model.end_held else 0)
+
+    def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
+        """Nodal force of the unknown, (nodes, 3) [N]."""
+        raise NotImplementedError
+
+    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
+        """Rows that determine z, same shape as z; `k` is the middle of the step.
+
+        With `easing` (scalar, 1 to 0) those of a smoothed law, which is the law itself at 0.
+        """
+        raise NotImplementedError
+
+    def admissible(self, z: jax.Array) -> jax.Array:
+        """The nearest z that the law allows at all."""
+        raise NotImplementedError
+
+    def rates(self, k: Kinematics) -> jax.Array:
+        """Rates (joints, c) on which z works: the power of `law_force` is `sum(z * rates)`."""
+        raise NotImplementedError
+
+    def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
+        """Which joints (joints, 1) were held still in the middle of the step."""
+        raise NotImplementedError
+
+    def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        """Of a node-local law: end velocities (nodes, 3) [m/s], those of nodes it held in the middle stopped."""
+        raise NotImplementedError
+
+    def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
+        """Size of a row, scalar: the residual tolerance is relative to it."""
+        raise NotImplementedError
+
+
+def per_node(value: jax.Array, nodes: int) -> jax.Array:
+    """A number or one value per node (n,) as a column that multiplies (nodes, 3); a held end's entry is dropped."""
+    return value if jnp.ndim(value) == 0 else value[:nodes, None]
+
+
+def has(effect: Effect, slot: str) -> bool:
+    """Whether the effect fills a slot."""
+    found = getattr(type(effect), slot, None)
+    return found is not None and found is not getattr(Effect, slot, None)

@@ -1,0 +1,84 @@
+"""Positions and velocities of a line at one instant, and what follows from them, computed only when asked."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import jax
+
+from dropper_jax.base.numerics import cross, safe_norm
+from dropper_jax.model.geometry import Ends, Geometry
+from dropper_jax.model.line import Line
+from dropper_jax.sea import Water
+
+
+class Kinematics:
+    """One instant of a line, as effects see it.
+
+    Attributes:
+        model, line: what moves.
+        r, v: free nodes (nodes, 3) [m], [m/s].
+        t: time [s].
+        free: number of free nodes.
+        h: the step [s] of which this is the middle; None at a plain instant.
+    """
+
+    def __init__(
+        self,
+        model: Geometry,
+        r: jax.Array,
+        v: jax.Array,
+        t: jax.Array,
+        ends: Ends,
+        prepared: dict[str, Any] | None = None,
+        h: jax.Array | None = None,
+    ):
+        self.model, self.r, self.v, self.t, self.ends, self.h = model, r, v, t, ends, h
+        self._prepared = prepared or {}
+
+    @property
+    def line(self) -> Line:
+        return self.model.line
+
+    @property
+    def free(self) -> int:
+        return self.r.shape[0]
+
+    def with_velocity(self, v: jax.Array) -> Kinematics:
+        """The same places with other velocities of the free nodes."""
+        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h)
+
+    def prepared(self, effect: Any) -> Any:
+        """What the effect's `prepare` returned for this step."""
+        return self._prepared[effect.name]
+
+    @property
+    def water(self) -> Water:
+        """The water around the free nodes, frozen over the step (see `dropper_jax.sea`)."""
+        return self._prepared["water"]
+
+    @cached_property
+    def nodes(self) -> jax.Array:
+        """All nodes (n + 1, 3) [m]."""
+        return self.model.nodes(self.r, self.ends)
+
+    @cached_property
+    def links(self) -> jax.Array:
+        """Link vectors (n, 3) [m]."""
+        return self.model.differences(self.r, self.ends)
+
+    @cached_property
+    def link_velocities(self) -> jax.Array:
+        """Rates of the link vectors (n, 3) [m/s]."""
+        return self.model.differences(self.v, self.ends, rates=True)
+
+    @cached_property
+    def tangents(self) -> jax.Array:
+        """Unit vectors along the links (n, 3)."""
+        return self.links / safe_norm(self.links)[:, None]
+
+    @cached_property
+    def angular_rates(self) -> jax.Array:
+        """Angular velocity of each link, without spin (n, 3) [rad/s]: `q x q'`."""
+        return cross(self.tangents, self.link_velocities) / safe_norm(self.links)[:, None]

@@ -1,0 +1,40 @@
+"""What has parted so far, and the model without it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.fields import component
+from dropper_jax.model.model import Model
+
+
+@component
+class Parted:
+    """What has parted so far, by entry (m,): the link's index (-1: none), when [s], and the tension then [N]."""
+
+    link: jax.Array
+    t: jax.Array
+    tension: jax.Array
+
+
+def nothing_parted(model: Model) -> Parted | None:
+    """The start of a run; None for a model in which nothing can break."""
+    failures = model.line.failures
+    if failures is None:
+        return None
+    entries = len(failures.named)
+    zero = jnp.zeros(entries, model.dtype)
+    return Parted(jnp.full(entries, -1, jnp.int32), zero, zero)
+
+
+def as_parted(model: Model, parted: Parted | None) -> Model:
+    """The model whose parted links carry nothing."""
+    if parted is None:
+        return model
+    line = model.line
+    gone = jnp.any(parted.link[:, None] == jnp.arange(line.links), axis=0)
+    axial = dataclasses.replace(line.axial, intact=1.0 - gone.astype(model.dtype))
+    return dataclasses.replace(model, lines=(dataclasses.replace(line, axial=axial),))

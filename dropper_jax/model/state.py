@@ -1,0 +1,73 @@
+"""What a run carries from step to step, and the names of the works that it counts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.axial import Rope
+from dropper_jax.base.fields import component
+from dropper_jax.model.effect import has
+from dropper_jax.model.model import Model
+from dropper_jax.model.parted import Parted, nothing_parted
+
+
+@component
+class State:
+    """What a run carries from step to step.
+
+    Attributes:
+        r, v: free nodes (nodes, 3) [m], [m/s].
+        tension: (n,) [N], the last step's, and the next one's first guess.
+        t: time [s].
+        acceleration: last step's change of velocity per time (nodes, 3) [m/s^2]; a first guess, but
+            what generalized_alpha carries from step to step.
+        law: unknowns of effects with laws of their own; a first guess only.
+        work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
+        angles: polar and azimuth angles and rates, each (n,), for schemes that keep these instead (else None).
+        parted: links that have broken, where the scene has failures (else None).
+    """
+
+    r: jax.Array
+    v: jax.Array
+    tension: jax.Array
+    t: jax.Array
+    acceleration: jax.Array
+    law: tuple[jax.Array, ...]
+    work: jax.Array
+    angles: tuple[jax.Array, ...] | None = None
+    parted: Parted | None = None
+
+
+def work_names(model: Model) -> tuple[str, ...]:
+    """What `State.work` counts, in order: non-conservative effects, laws, turning added mass, damping, moving
+    ends, broken links."""
+    names = [e.name for e in model.effects if has(e, "force") and not has(e, "potential")]
+    names += [e.name for e in model.laws if e.name not in names]
+    names += [f"{e.name}_turning" for e in model.effects if has(e, "kinetic")]
+    if model.line.axial.elastic and model.line.axial.damping is not None:
+        names.append("internal_damping")
+    if isinstance(model.line.axial, Rope):
+        names.append("axial_ringing")
+    if model.moving:
+        names.append("moving_ends")
+    if model.line.failures is not None:
+        names.append("breaking")
+    return tuple(names)
+
+
+def state(model: Model, r: jax.Array, v: jax.Array | None = None, tension: Any = None, t: float = 0.0) -> State:
+    """A state from free-node positions (nodes, 3) [m] and velocities; what is not given is zero."""
+    r = jnp.asarray(r, model.dtype)
+    return State(
+        r=r,
+        v=jnp.zeros_like(r) if v is None else jnp.asarray(v, model.dtype),
+        tension=jnp.zeros(model.line.links, model.dtype) if tension is None else jnp.asarray(tension, model.dtype),
+        t=jnp.asarray(t, model.dtype),
+        acceleration=jnp.zeros_like(r),
+        law=tuple(jnp.zeros((law.rows(model), law.components), model.dtype) for law in model.laws),
+        work=jnp.zeros(len(work_names(model)), model.dtype),
+        parted=nothing_parted(model),
+    )

@@ -1,0 +1,111 @@
+"""What lines of a MoorDyn file end at, as `[[point]]` and `[[buoy]]` tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from dropper_jax.moordyn.reading.sections import Deck, Row
+from dropper_jax.moordyn.reading.spar import spar
+from dropper_jax.moordyn.reading.values import columns, number
+
+FIXED = ("fixed", "fix", "anchor")
+COUPLED = ("coupled", "vessel", "cpld", "ves")
+FREE = ("free", "connect", "con", "point", "connection")
+BODY = (("mass", "Mass"), ("volume", "Volume"), ("drag_area", "CdA"), ("added_mass", "Ca"))
+#: Column names of version 1, whose points also take steady forces between volume and drag area.
+FORCES = ("FX", "FY", "FZ")
+
+
+@dataclass
+class Ends:
+    """Ends of lines: the points of the scene, its buoys, and the name of the point for each word of a file."""
+
+    points: list[dict[str, Any]] = field(default_factory=list)
+    buoys: list[dict[str, Any]] = field(default_factory=list)
+    names: dict[str, str] = field(default_factory=dict)
+
+
+def read_ends(deck: Deck, notes: list[str]) -> Ends:
+    """Points, and rods that lines end at."""
+    found = Ends()
+    for row in deck.rows.get("points", []):
+        _point(deck, row, found, notes)
+    bodies = {row.words[0]: row for row in deck.rows.get("bodies", [])}
+    used = {w.upper() for row in deck.rows.get("lines", []) for w in _ends(deck, row)}
+    taken = set()
+    for row in deck.rows.get("rods", []):
+        word = f"R{row.words[0]}"
+        if not {f"{word}A", f"{word}B"} & used:
+            notes.append(f"line {row.number}: rod {row.words[0]} is not represented: nothing hangs on it")
+            continue
+        taken.add(_rod(deck, row, bodies, found, used))
+    for key, row in bodies.items():
+        if key not in taken:
+            notes.append(f"line {row.number}: body {key} is not represented: nothing of the scene is on it")
+    return found
+
+
+def _ends(deck: Deck, row: Row) -> tuple[str, str]:
+    """Words of the two ends of a line; version 1 has them after length and segments."""
+    columns(deck, row, 6, "line")
+    return row.words[2:4] if not first_version(deck) else row.words[4:6]
+
+
+def first_version(deck: Deck) -> bool:
+    """Whether lines have length and segments before their ends, told by the names of the columns."""
+    names = [word.lower() for word in deck.columns.get("lines", ())]
+    return len(names) > 2 and names[2].startswith(("unstr", "length", "len"))
+
+
+def _point(deck: Deck, row: Row, found: Ends, notes: list[str]) -> None:
+    columns(deck, row, 5, "point")
+    key, kind = row.words[0], row.words[1].lower()
+    if key in found.names:
+        deck.refuse(row.number, f"point {key} is given twice")
+    name = row.name or f"point-{key}"
+    place = [number(deck, row, w, "X, Y, Z") for w in row.words[2:5]]
+    point: dict[str, Any] = {"name": name, "position": place}
+    if kind in FREE:
+        point["kind"] = "free"
+        point.update(_body(deck, row, notes))
+    elif kind in COUPLED:
+        notes.append(f"line {row.number}: point {key} is coupled: it is held in its place; effects.end_motion moves it")
+    elif kind.startswith(("body", "turbine")):
+        deck.refuse(row.number, f"point {key} on {row.words[1]!r}: bodies are not represented; allowed: Fixed, Free")
+    elif kind not in FIXED:
+        deck.refuse(row.number, f"point {key}: {row.words[1]!r} is unknown; allowed: Fixed, Coupled, Free")
+    found.names[key] = name
+    found.points.append(point)
+
+
+def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
+    """Mass, volume, drag area and added mass of a free point, where it has any."""
+    names = [word.upper() for word in deck.columns.get("points", ())]
+    words = list(row.words[5:])
+    if names[7:10] == list(FORCES):
+        forces = [number(deck, row, w, "FX, FY, FZ") for w in words[2:5]]
+        if any(forces):
+            notes.append(f"line {row.number}: forces {forces} on point {row.words[0]} are not represented")
+        words = words[:2] + words[5:]
+    values = {key: number(deck, row, w, label, 0.0) for (key, label), w in zip(BODY, words, strict=False)}
+    return {key: value for key, value in values.items() if value}
+
+
+def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str]) -> str:
+    """A spar buoy and its point; returns its body."""
+    key, holder = row.words[0], row.words[2]
+    body = bodies.get(holder[4:]) if holder.lower().startswith("body") else None
+    name = row.name or f"buoy-{key}"
+    buoy = None if body is None else spar(deck, body, row, name)
+    if buoy is None or f"R{key}B" in used:
+        deck.refuse(
+            row.number,
+            f"rod {key}: is not represented; allowed: an upright rod without mass on a free body that cannot turn "
+            "(moment of inertia 1e10 kg m^2 or more), with lines at its end A",
+        )
+    point = body.name or f"point-R{key}A"
+    found.points.append({"name": point, "kind": "free", "position": buoy.pop("position")})
+    found.buoys.append({**buoy, "point": point})
+    found.names[f"R{key}A"] = point
+    return body.words[0]

@@ -1,0 +1,210 @@
+"""From a MoorDyn input file to the plain values of a scene."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.moordyn.reading.options import Options, read_options
+from dropper_jax.moordyn.reading.points import first_version, read_ends
+from dropper_jax.moordyn.reading.sections import Deck, split_file
+from dropper_jax.moordyn.reading.types import read_seafloor, read_types
+from dropper_jax.moordyn.reading.values import columns, number, whole
+from dropper_jax.moordyn.reading.water import read_current, read_waves
+
+#: Where the file says nothing: its driver does.
+STEP, DURATION = 0.01, 60.0
+#: Sections without a place in a scene.
+WITHOUT = ("control", "external loads", "syrope ic")
+
+
+def read_moordyn(path: str | Path) -> dict[str, Any]:
+    """The plain values of the scene of a MoorDyn input, version 1 or 2; what it lacks is listed under `notes`.
+
+    Lines are tension-only ropes of their type; damping acts on taut links only (MoorDyn keeps it on slack ones). Points
+    that move with a vessel are held. Wave and current files are looked for beside the input, as MoorDyn does.
+
+    Raises:
+        SceneError: with file and line: an unknown section or option, a value that is no number, a line whose type or
+            points are not in the file.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+    deck = split_file(path, text)
+    notes: list[str] = []
+    options = read_options(deck)
+    types = read_types(deck, notes)
+    ends = read_ends(deck, notes)
+    lines = _lines(deck, types, ends.names, notes)
+    at_ends = {line[key] for line in lines for key in ("from", "to")}
+    for point in ends.points:
+        if point["name"] not in at_ends:
+            notes.append(f"point {point['name']!r} is not represented: no line ends there")
+    scene = {
+        "name": path.stem,
+        "description": "",
+        "run": _run(options, notes),
+        "line_type": (used := [types[name] for name in types if any(line["type"] == name for line in lines)]),
+        "point": [point for point in ends.points if point["name"] in at_ends],
+        "line": lines,
+        **({"buoy": ends.buoys} if ends.buoys else {}),
+        "effects": _effects(options, path.parent, any("EI" in kind for kind in used)),
+        **({"failure": broken} if (broken := _failures(deck, lines, ends.names, notes)) else {}),
+        **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
+        **_sea(deck, options, notes),
+    }
+    for section in WITHOUT:
+        if deck.rows.get(section):
+            notes.append(f"line {deck.first[section]}: section {section.upper()} is not represented")
+    if options.left:
+        notes.append(f"options without a counterpart: {', '.join(options.left)}")
+    _given(deck, scene)
+    if "duration" not in scene["run"]:
+        scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
+        notes.append(f"the file has no duration: {scene['run']['duration']:g} s are taken")
+    return {**scene, **({"notes": [f"{path.name}: {note}" for note in notes]} if notes else {})}
+
+
+def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = []
+    taken: set[str] = set()
+    by_upper = {key.upper(): name for key, name in names.items()}
+    for row in deck.need("lines"):
+        columns(deck, row, 6, "line")
+        if first_version(deck):
+            length, links, start, end = row.words[2:6]
+        else:
+            start, end, length, links = row.words[2:6]
+        if row.words[0] in taken:
+            deck.refuse(row.number, f"line {row.words[0]} is given twice")
+        taken.add(row.words[0])
+        if row.words[1] not in types:
+            deck.refuse(row.number, f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
+        for end_word in (start, end):
+            if end_word.upper() not in by_upper:
+                deck.refuse(row.number, f"{end_word!r} is no point of the file; {nearest(end_word, names)}")
+        found.append(
+            {
+                "name": row.name or f"line-{row.words[0]}",
+                "from": by_upper[start.upper()],
+                "to": by_upper[end.upper()],
+                "type": row.words[1],
+                "length": number(deck, row, length, "UnstrLen", 0.0, open_low=True),
+                "links": whole(deck, row, links, "NumSegs"),
+            }
+        )
+    return found
+
+
+def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
+    """`[[failure]]` entries: the first or last link of each line that comes off a point."""
+    found: list[dict[str, Any]] = []
+    by_upper = {key.upper(): name for key, name in names.items()}
+    numbers = [row.words[0] for row in deck.rows.get("lines", [])]
+    for row in deck.rows.get("failure", []):
+        columns(deck, row, 5, "failure")
+        point = by_upper.get(row.words[1].upper())
+        time, load = (number(deck, row, row.words[i], key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
+        given = {**({"time": time} if time > 0.0 else {}), **({"load": load} if load > 0.0 else {})}
+        for word in row.words[2].split(","):
+            line = lines[numbers.index(word)] if word in numbers else None
+            if line is None or point not in (line["from"], line["to"]):
+                deck.refuse(row.number, f"line {word} does not end at point {row.words[1]}")
+            if given:
+                link = 1 if line["from"] == point else line["links"]
+                found.append({"line": line["name"], "link": link, **given})
+        if load > 0.0 and "," in row.words[2]:
+            notes.append(f"line {row.number}: the lines of a failure come off one by one, each at its own tension")
+    return found
+
+
+def _run(options: Options, notes: list[str]) -> dict[str, Any]:
+    dt = options.values["dtm"]
+    if dt is None or dt <= 0.0:
+        notes.append(f"the file has no time step dtM: {STEP:g} s is taken")
+        dt = STEP
+    every = max(1, round(options.values["dtout"] / dt))
+    return {"dt": dt, **({"save_every": every} if every > 1 else {})}
+
+
+def _effects(options: Options, folder: Path, stiff: bool) -> dict[str, Any]:
+    values = options.values
+    bed: dict[str, Any] = {"stiffness": values["kbot"], "damping": values["cbot"]}
+    if "seafloorfile" in options.texts:
+        bed.update(read_seafloor(folder / options.texts["seafloorfile"]))
+    elif not values["rho"]:
+        bed["depth"] = values["wtrdpth"]
+    wet = {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}} if values["rho"] else {}
+    friction = {}
+    if values["frictioncoefficient"]:
+        friction = {"seabed_friction": {"kinetic": values["frictioncoefficient"]}}
+        if values["statdynfricscale"] > 1.0:
+            friction["seabed_friction"]["static"] = values["frictioncoefficient"] * values["statdynfricscale"]
+    seabed = {"seabed": bed} if values["wtrdpth"] or "bed_x" in bed else {}
+    bending = {"bending": {}} if stiff else {}
+    return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {}), **bending}
+
+
+def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
+    """`[sea]`; none where the water has no density."""
+    values, folder = options.values, deck.path.parent
+    if not values["rho"]:
+        return {}
+    depth = values["wtrdpth"]
+    if "seafloorfile" in options.texts and not depth:
+        depths = read_seafloor(folder / options.texts["seafloorfile"])["bed_depth"]
+        depth = sum(depths) / len(depths)
+    if not depth or depth <= 0.0:
+        deck.refuse(options.lines.get("wtrdpth", deck.first.get("options", 1)), "WtrDpth: missing; needed: > 0 m")
+    sea: dict[str, Any] = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
+    waves, current = values["wavekin"], values["currents"]
+    if waves in (2.0, 3.0, 7.0):
+        sea["waves"] = read_waves(folder, int(waves), values["dtwave"])
+        if waves == 2.0:
+            notes.append("WaveKin 2: components are summed as they are listed, not interpolated to even frequencies")
+    elif waves:
+        notes.append(f"WaveKin {waves:g} is not represented: the water has no waves")
+    if values["wavekin_rampt"] and "waves" in sea:
+        sea["ramp"] = values["wavekin_rampt"]
+        notes.append("waveKin_rampT: MoorDyn's ramp is linear, ours is sin^2 of the same length")
+    if current == 1.0:
+        sea["current"] = read_current(folder)
+    elif current:
+        notes.append(f"Currents {current:g} is not represented: the water has no current")
+    return {"sea": sea}
+
+
+def _given(deck: Deck, scene: dict[str, Any]) -> None:
+    """Names, run settings and lines that are in pieces, from the free text."""
+    for key, text in deck.given.items():
+        if key not in ("name", "description", "pieces", "law") and not key.startswith("run."):
+            continue
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            continue  # a remark of somebody, not a value of ours
+        if key == "pieces":
+            _join_pieces(scene["line"], value)
+        elif key == "law":
+            for kind in scene["line_type"]:
+                kind.setdefault("law", value)  # tables have theirs
+        elif key.startswith("run."):
+            scene["run"][key.removeprefix("run.")] = value
+        else:
+            scene[key] = value
+
+
+def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
+    """Tell lines which line they are a piece of; a list of anything else is somebody's remark."""
+    for names in given if isinstance(given, list) else ():
+        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
+            for line in lines:
+                if line["name"] in names[1:]:
+                    line["piece_of"] = names[0]

@@ -1,0 +1,165 @@
+"""A MoorDyn input file as sections of rows, each with its line number. Plain text only; nothing is interpreted here.
+
+Sections are found by their header, words between dashes. What stands before the first one is free text, where MoorDyn
+looks for nothing; lines of the form `! KEY = VALUE` there are values of the scene that MoorDyn's tables have no place
+for (names, run settings).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+
+from dropper_jax.base.errors import SceneError, nearest
+
+#: Headers of both versions, and the section that they begin.
+HEADERS = {
+    "LINE TYPES": "line types",
+    "LINE DICTIONARY": "line types",
+    "ROD TYPES": "rod types",
+    "ROD DICTIONARY": "rod types",
+    "BODIES": "bodies",
+    "BODY LIST": "bodies",
+    "BODY PROPERTIES": "bodies",
+    "RODS": "rods",
+    "ROD LIST": "rods",
+    "ROD PROPERTIES": "rods",
+    "POINTS": "points",
+    "POINT LIST": "points",
+    "POINT PROPERTIES": "points",
+    "CONNECTION PROPERTIES": "points",
+    "NODE PROPERTIES": "points",
+    "LINES": "lines",
+    "LINE LIST": "lines",
+    "LINE PROPERTIES": "lines",
+    "FAILURE": "failure",
+    "CONTROL": "control",
+    "EXTERNAL LOADS": "external loads",
+    "SYROPE IC": "syrope ic",
+    "OPTIONS": "options",
+    "SOLVER OPTIONS": "options",
+    "OUTPUTS": "outputs",
+}
+#: Sections whose first two lines are column names and units.
+TABLES = {"line types", "rod types", "bodies", "rods", "points", "lines", "failure", "control", "external loads"}
+TABLES |= {"syrope ic"}
+#: Headers that end the file.
+LAST = ("NEED THIS LINE", "END")
+_HEADER = re.compile(r"^\s*-{3,}\s*(.*?)\s*-*\s*$")
+_NOTE = re.compile(r"^\s*!\s*([A-Za-z_][\w.]*)\s*=\s*(.+?)\s*$")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table: its number in the file, its words, and the comment that follows them."""
+
+    number: int
+    words: tuple[str, ...]
+    comment: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name that a comment `name: NAME` gives, empty where there is none; MoorDyn itself only numbers things."""
+        label, colon, name = self.comment.partition(":")
+        return name.strip() if colon and label.strip() == "name" else ""
+
+
+@dataclass
+class Deck:
+    """A file in sections.
+
+    Attributes:
+        path: where it is.
+        rows: of each section that the file has.
+        first: line of each section's header.
+        columns: words of the line of column names of each table.
+        given: values of the free text, by key.
+    """
+
+    path: Path
+    rows: dict[str, list[Row]] = field(default_factory=dict)
+    first: dict[str, int] = field(default_factory=dict)
+    columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    given: dict[str, str] = field(default_factory=dict)
+
+    def refuse(self, number: int, text: str) -> NoReturn:
+        """Raise the error of a line of this file."""
+        raise SceneError(f"{self.path}:{number}: {text}")
+
+    def need(self, section: str) -> list[Row]:
+        """Rows of a section that must be there."""
+        if not self.rows.get(section):
+            at = self.first.get(section, 1)
+            self.refuse(at, f"section {section.upper()!r} is {'empty' if section in self.first else 'missing'}")
+        return self.rows[section]
+
+
+def header(line: str) -> str | None:
+    """Words of a header line in capitals; None where the line is none."""
+    found = _HEADER.match(line)
+    return None if found is None else " ".join(found.group(1).strip("- ").upper().split())
+
+
+def _name(words: str) -> str | None:
+    """The section that a header begins: some files add words to it, in brackets or after a colon."""
+    words = re.split(r"[(:,]", words)[0].strip()
+    return HEADERS.get(words)
+
+
+def looks_like_moordyn(text: str) -> bool:
+    """Whether a text has the header of MoorDyn's line types."""
+    return any(_name(words) == "line types" for line in text.splitlines() if (words := header(line)) is not None)
+
+
+def split_file(path: str | Path, text: str) -> Deck:
+    """The sections of a file.
+
+    Raises:
+        SceneError: a header after the first section that is not known, or a section given twice, with its line.
+    """
+    deck, section, skip = Deck(Path(path)), None, 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = header(line)
+        if words is not None:
+            if section is not None and any(last in words for last in LAST):
+                break
+            name = _name(words)
+            if name is None and section is not None:
+                if not words:
+                    continue  # a rule without words
+                deck.refuse(number, f"section {words!r} is unknown; {nearest(words, HEADERS)}")
+            if name is not None:
+                if name in deck.rows:
+                    deck.refuse(number, f"section {words!r} is given twice, first in line {deck.first[name]}")
+                section, skip = name, 2 if name in TABLES else 0
+                deck.rows[name], deck.first[name] = [], number
+            continue
+        if section is None:
+            _free_text(deck, line)
+            continue
+        row = _row(number, line)
+        if skip:
+            if skip == 2:
+                deck.columns[section] = row.words
+            skip -= 1
+        elif section == "outputs" and row.words[:1] == ("END",):
+            break
+        elif row.words:
+            deck.rows[section].append(row)
+    return deck
+
+
+def _free_text(deck: Deck, line: str) -> None:
+    found = _NOTE.match(line)
+    if found is not None:
+        deck.given[found.group(1)] = found.group(2)
+
+
+def _row(number: int, line: str) -> Row:
+    """Words up to a comment, which begins with `!`, `#` or `%` (a `#` inside a word is part of it)."""
+    found = re.search(r"(^|\s)[!#%]", line)
+    if found is None:
+        return Row(number, tuple(line.split()))
+    return Row(number, tuple(line[: found.start()].split()), line[found.end() :].strip())

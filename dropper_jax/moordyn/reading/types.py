@@ -1,0 +1,118 @@
+"""Line types of a MoorDyn file as `[[line_type]]` tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dropper_jax.axial.force_table import ForceTable
+from dropper_jax.base.errors import SceneError
+from dropper_jax.moordyn.reading.sections import Deck, Row
+from dropper_jax.moordyn.reading.values import columns, number
+
+#: Coefficients in the columns after BA in version 1, and after EI in version 2.
+FIRST = ("can", "cat", "cdn", "cdt")
+SECOND = ("cdn", "can", "cdt", "cat")
+
+
+def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
+    """Line types by name; what they have and a scene has not goes into the notes.
+
+    Version 1 has nine columns, version 2 ten or more, with EI in the sixth.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for row in deck.need("line types"):
+        columns(deck, row, 9, "line type")
+        name = row.words[0]
+        if name in found:
+            deck.refuse(row.number, f"line type {name!r} is given twice")
+        second = len(row.words) >= 10
+        kind: dict[str, Any] = {
+            "name": name,
+            "diameter": number(deck, row, row.words[1], "Diam", 0.0, open_low=True),
+            "mass": number(deck, row, row.words[2], "Mass/m", 0.0, open_low=True),
+            **_stiffness(deck, row, notes),
+            **_damping(deck, row, notes),
+        }
+        texts = row.words[6:10] if second else row.words[5:9]
+        for key, text in zip(SECOND if second else FIRST, texts, strict=True):
+            kind[key] = number(deck, row, text, key, 0.0)
+        if second:
+            kind.update(_bending(deck, row, notes))
+        if len(row.words) > 10 and number(deck, row, row.words[10], "Cl", 0.0) > 0.0:
+            notes.append(f"line {row.number}: Cl of {name!r} is not represented: no vortex-induced forces")
+        found[name] = kind
+    return found
+
+
+def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
+    """`EI` [N m^2] where there is any; of a table of moments nothing, with a note."""
+    text = row.words[5]
+    try:
+        float(text)
+    except ValueError:
+        notes.append(f"line {row.number}: EI {text} of {row.words[0]!r} is not represented: lines bend freely")
+        return {}
+    value = number(deck, row, text, "EI", 0.0)
+    return {"EI": value} if value else {}
+
+
+def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
+    """`EA` [N], or the table of a file; of a viscoelastic rope its static part, with a note."""
+    text = row.words[3]
+    if "|" in text:
+        static = text.split("|")[0]
+        notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} is taken")
+        if static.upper().startswith("SYROPE:"):
+            deck.refuse(row.number, "EA: working curves (SYROPE) are not represented; allowed: a number or a table")
+        text = static
+    try:
+        float(text)
+    except ValueError:
+        return {"law": "tabulated", **_table(deck, row, text)}
+    return {"EA": number(deck, row, text, "EA", 0.0, open_low=True)}
+
+
+def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
+    """Strain and tension [N] of a file with three header lines; `force_table` joins its rows smoothly."""
+    try:
+        lines = (deck.path.parent / text).read_text(encoding="utf-8").splitlines()[3:]
+        rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
+        strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
+    except OSError as error:
+        deck.refuse(row.number, f"EA: {text!r} is no number, and no such file: {error.strerror}")
+    except (ValueError, IndexError):
+        deck.refuse(row.number, f"EA: {text!r} is no table of strain and tension after three header lines")
+    try:
+        ForceTable.read(strain, tension, text)
+    except SceneError as error:
+        deck.refuse(row.number, f"EA: {error}")
+    return {"strain": strain, "tension": tension}
+
+
+def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
+    """BA [N s] or, where negative, the ratio of critical damping."""
+    text = row.words[4]
+    if "|" in text:
+        notes.append(f"line {row.number}: BA {text} is not represented: the static part is taken")
+        text = text.split("|")[0]
+    value = number(deck, row, text, "BA/-zeta")
+    if value < 0.0:
+        return {"damping_ratio": -value}
+    return {"damping": value} if value > 0.0 else {}
+
+
+def read_seafloor(path: Any) -> dict[str, list[float]]:
+    """`bed_x`, `bed_y`, `bed_depth` of `[effects.seabed]` from a file of MoorDyn-C: sizes, x, y, then x y depth."""
+    try:
+        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        x, y = sorted(float(w) for w in lines[1]), sorted(float(w) for w in lines[2])
+        places = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
+        depths = [places[a, b] for a in x for b in y]
+    except (ValueError, IndexError):
+        raise SceneError(f"{path}: is no seafloor file: sizes, all x, all y, then rows of x y depth") from None
+    except KeyError as error:
+        raise SceneError(f"{path}: has no depth at x, y = {error.args[0]}") from None
+    return {"bed_x": x, "bed_y": y, "bed_depth": depths}

@@ -1,0 +1,90 @@
+"""Wave and current files that stand beside a MoorDyn input, read as `[sea.waves]` and `[sea.current]` and written back.
+
+MoorDyn's components are `eta = sum A sin(w t - k . x + e)` with `A exp(i e)` given by real and imaginary part; ours are
+`a cos(k . x - w t + p)`, so that `p = pi/2 - e`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.sea.readers import elevation_components
+
+FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", "current_profile.txt"
+
+
+#: Digits that survive the way through real and imaginary part and back.
+DIGITS = 12
+
+
+def read_waves(folder: Path, kind: int, step: float) -> dict[str, Any]:
+    """`[sea.waves]` of WaveKin 2, 3 or 7.
+
+    Args:
+        folder: where the file stands.
+        kind: MoorDyn's WaveKin.
+        step: dtWave [s], to which an elevation series is resampled first, as MoorDyn does.
+
+    Raises:
+        SceneError: a missing file or a line that is no row of numbers.
+    """
+    if kind == 3:
+        t, eta = np.array([row[:2] for _, row in _rows(folder / ELEVATION, 2, 0)]).T
+        even = np.arange(t[0], t[-1] + 1e-9 * step, step)
+        return {"kind": "components", "direction": 0.0, **_plain(elevation_components(even, np.interp(even, t, eta)))}
+    rows = [row for _, row in _rows(folder / FREQUENCIES, 3, 0) if row[0] > 0.0 and (row[1] or row[2])]
+    if not rows:
+        raise SceneError(f"{folder / FREQUENCIES}: holds no component above 0 rad/s")
+    omega, real, imaginary = np.array([row[:3] for row in rows]).T
+    found = {
+        "amplitude": _short(np.hypot(real, imaginary)),
+        "period": _short(2 * np.pi / omega),
+        "phase": _short(np.mod(0.5 * np.pi - np.arctan2(imaginary, real), 2 * np.pi)),
+    }
+    courses = [row[3] if len(row) > 3 else 0.0 for row in rows]
+    if len(rows) == 1:
+        return {"kind": "regular", "direction": courses[0], **{key: value[0] for key, value in found.items()}}
+    return {"kind": "components", "direction": courses if len(set(courses)) > 1 else courses[0], **found}
+
+
+def read_current(folder: Path) -> dict[str, Any]:
+    """`[sea.current]` of Currents 1: a steady profile over height."""
+    rows = sorted(row for _, row in _rows(folder / CURRENT, 4, 3))
+    if len(rows) == 1:
+        rows = [[rows[0][0] - 1.0, *rows[0][1:]], rows[0]]
+    return {"kind": "table", "heights": [row[0] for row in rows], "velocities": [row[1:4] for row in rows]}
+
+
+def _short(values: np.ndarray) -> list[float]:
+    """Numbers without the rounding of the last digits, so that what was written is read again."""
+    return [float(f"{x:.{DIGITS}g}") for x in values]
+
+
+def _plain(found: dict[str, np.ndarray]) -> dict[str, list[float]]:
+    return {key: value.tolist() for key, value in found.items()}
+
+
+def _rows(path: Path, least: int, skip: int) -> list[tuple[int, list[float]]]:
+    """Rows of numbers with their line numbers."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    found = []
+    for number, line in enumerate(lines, start=1):
+        if number <= skip or not line.strip():
+            continue
+        try:
+            row = [float(word) for word in line.split()]
+        except ValueError:
+            raise SceneError(f"{path}:{number}: {line.strip()!r} is not all numbers") from None
+        if len(row) < least or not np.all(np.isfinite(row)):
+            raise SceneError(f"{path}:{number}: needs at least {least} finite numbers")
+        found.append((number, row))
+    if not found:
+        raise SceneError(f"{path}: has no rows of numbers")
+    return found

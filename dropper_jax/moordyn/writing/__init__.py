@@ -1,0 +1,1 @@
+"""Scenes as MoorDyn inputs, and runs as tables of MoorDyn's channels."""

@@ -1,0 +1,104 @@
+"""Stretches of equal links, which are MoorDyn's lines: their types, and the failures at their ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.axial.force_table import ForceTable
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.load.scene import Scene
+from dropper_jax.scene.failure import FailureSpec
+
+#: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.
+DIGITS = 12
+COEFFICIENTS = (
+    ("bending", "EI"),
+    ("morison_drag", "cdn"),
+    ("morison_inertia", "can"),
+    ("morison_drag", "cdt"),
+    ("morison_inertia", "cat"),
+)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of equal links: the values of its line type, its number of links and its length [m].
+
+    `table` holds the rows (strain, tension [N]) of a tabulated law; the type's EA has no say then.
+    """
+
+    type: tuple[float, ...]
+    links: int
+    length: float
+    table: tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What makes two stretches of one line type."""
+        return (*self.type, self.table)
+
+
+def pieces(scene: Scene, index: int) -> list[Piece]:
+    """Stretches of equal links of a line."""
+    line = scene.lines[index]
+    first = sum(other.links for other in scene.lines[:index])
+    span = slice(first, first + line.links)
+    total = scene.line.links
+
+    def each(value: Any) -> np.ndarray:
+        return np.broadcast_to(np.asarray(0.0 if value is None else value, float), (total,))[span]
+
+    coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]
+    damping = np.zeros(line.links) if line.axial_damping is None else line.axial_damping
+    diameter = each(displaced_diameter(scene.line, scene))
+    rows = np.stack([diameter, line.mass / line.length, line.EA, damping, *coefficients, line.length], axis=1)
+    tables = [_rows(table) for table in line.tables] if line.tables is not None else [None] * line.links
+    same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
+    same = same & np.array([a == b for a, b in pairwise(tables)], bool)
+    cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
+    found = []
+    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        kind = [float(x) for x in rows[a, :-1]]
+        kind[1] = short(kind[1])
+        found.append(Piece(tuple(kind), int(b - a), short(np.sum(line.length[a:b])), tables[a]))
+    return found
+
+
+def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
+    return tuple(zip(table.strain.tolist(), table.tension.tolist(), strict=True))
+
+
+def line_types(parts: list[list[Piece]]) -> dict[tuple[Any, ...], str]:
+    """Names of the line types."""
+    kinds: dict[tuple[Any, ...], str] = {}
+    for piece in (piece for part in parts for piece in part):
+        kinds.setdefault(piece.kind, f"type{len(kinds) + 1}")
+    return kinds
+
+
+def short(x: float) -> float:
+    return float(f"{x:.{DIGITS}g}")
+
+
+class Detachment(NamedTuple):
+    """Where MoorDyn takes a line off a point: the stretch of the line, and whether at its first end."""
+
+    stretch: int
+    first: bool
+
+
+def detachment(scene: Scene, failure: FailureSpec) -> Detachment | None:
+    """Where a failure's link ends at a point of the file; None for other links, and where no link is named."""
+    if failure.link is None:
+        return None
+    index = next(i for i, line in enumerate(scene.lines) if line.name == failure.line)
+    begin = 0
+    for i, piece in enumerate(pieces(scene, index)):
+        if failure.link in (begin + 1, begin + piece.links):
+            return Detachment(i, failure.link == begin + 1)
+        begin += piece.links
+    return None

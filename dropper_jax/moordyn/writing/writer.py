@@ -1,0 +1,290 @@
+"""From a scene to a MoorDyn v2 input, with its wave and current files beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.moordyn.reading.spar import SEGMENTS, UPRIGHT
+from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
+from dropper_jax.moordyn.writing.differences import differences
+from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
+from dropper_jax.moordyn.writing.water import current_text, waves_text
+from dropper_jax.scene.line import LineSpec
+from dropper_jax.scene.point import BuoySpec
+
+
+def write_moordyn(
+    scene: str | Path | Mapping[str, Any] | Scene,
+    path: str | Path,
+    *,
+    dt: float | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> list[str]:
+    """Write a system of lines as a MoorDyn v2 input; returns what the file cannot say, one line each.
+
+    Lines of unequal links become several lines joined at free points. Spar buoys become upright massless rods on
+    bodies that cannot turn. `wave_frequencies.txt` and `current_profile.txt` are written to the same folder.
+
+    Args:
+        scene: lines of elastic links (`rope` or `elastic`).
+        path: the file to write.
+        dt: MoorDyn's time step [s] where it must be smaller than the scene's: its schemes are explicit.
+        options: further MoorDyn options by name, such as tScheme.
+
+    Raises:
+        SceneError: rigid links, links without a diameter, or a scene that is no system of lines.
+    """
+    scene, path = load_scene(scene), Path(path)
+    if not scene.branched or any(line.rigid for line in scene.lines):
+        raise SceneError(
+            "scene: MoorDyn's lines are elastic; allowed: a system of lines with EA (a line with a [[line_type]])"
+        )
+    if displaced_diameter(scene.line, scene) is None:
+        raise SceneError("line.diameter: missing; MoorDyn needs the diameter of every line [m]")
+    for i, buoy in enumerate(scene.buoys):
+        if any(other.point == buoy.point for other in scene.buoys[:i]):
+            raise SceneError(f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each")
+    notes = differences(scene)
+    text = [*_front(scene), *_tables(scene), *_options(scene, dt, options or {}), *_outputs(scene)]
+    for name, words in _files(scene).items():
+        atomic_write(path.parent / name, words)
+    atomic_write(path, "\n".join(text) + "\n")
+    return notes
+
+
+def _rule(words: str) -> str:
+    return f"{'-' * 22} {words} {'-' * 40}"
+
+
+def _value(x: Any) -> str:
+    return repr(float(x))
+
+
+def _front(scene: Scene) -> Iterator[str]:
+    """Free text: what MoorDyn has no place for."""
+    yield _rule("MoorDyn input, written by dropper-jax")
+    yield f"! name = {json.dumps(scene.name)}"
+    yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
+    for key, value in scene.to_dict()["run"].items():
+        yield f"! run.{key} = {json.dumps(value)}"
+    if any(line.axial_law == "damped_rope" for line in scene.lines):
+        yield '! law = "damped_rope"'  # what MoorDyn's lines are, where ours are ropes unless told otherwise
+    whole = _whole(scene)
+    if whole:
+        yield f"! pieces = {json.dumps(whole)}"
+
+
+def _whole(scene: Scene) -> list[list[str]]:
+    """Lines that the file has in pieces: the name of each, then those of its pieces."""
+    found: dict[str, list[str]] = {}
+    for i, line in enumerate(scene.lines):
+        part = pieces(scene, i)
+        name = line.piece_of or (line.name if len(part) > 1 else None)
+        if name is not None:
+            found.setdefault(name, []).extend(_names(line, part))
+    return [[name, *own] for name, own in found.items()]
+
+
+def _tables(scene: Scene) -> Iterator[str]:
+    parts = [pieces(scene, i) for i in range(len(scene.lines))]
+    kinds = line_types(parts)
+    yield _rule("LINE TYPES")
+    yield "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
+    yield "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)"
+    for (*values, table), name in kinds.items():
+        words = [_value(x) for x in values]
+        if table is not None:
+            words[2] = _table_file(name)
+        yield " ".join([name, *words])
+    if scene.buoys:
+        yield from _buoys(scene)
+    words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}
+    rows = []
+    motion = scene.effects.get("end_motion")
+    moved = () if motion is None else (motion["point"], *motion["also"])
+    for point in scene.points:
+        if point.name in words:
+            continue
+        words[point.name] = str(len(rows) + 1)
+        kind = "Free" if point.kind == "free" else "Coupled" if point.name in moved else "Fixed"
+        body = [point.mass, point.volume, point.drag_area, point.added_mass]
+        rows.append(_point(len(rows) + 1, kind, point.position, body, point.name))
+    lines = []
+    first: dict[str, int] = {}
+    for line, part in zip(scene.lines, parts, strict=True):
+        _join(scene, line, part, words, rows)
+        first[line.name] = len(lines) + 1
+        ends = [line.start, *_joints(line, part), line.end]
+        for i, (name, piece) in enumerate(zip(_names(line, part), part, strict=True)):
+            begin, end = words[ends[i]], words[ends[i + 1]]
+            row = [len(lines) + 1, kinds[piece.kind], begin, end, _value(piece.length), piece.links, "-"]
+            lines.append(" ".join(str(x) for x in row) + f"  ! name: {name}")
+    yield _rule("POINTS")
+    yield "ID Attachment X Y Z Mass Volume CdA Ca"
+    yield "(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)"
+    yield from rows
+    yield _rule("LINES")
+    yield "ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs"
+    yield "(#) (name) (ID) (ID) (m) (-) (-)"
+    yield from lines
+    yield from _failures(scene, parts, words, first)
+
+
+def _names(line: LineSpec, part: list[Piece]) -> list[str]:
+    """Names of the stretches of a line."""
+    return [line.name] if len(part) == 1 else [f"{line.name}-{i + 1}" for i in range(len(part))]
+
+
+def _joints(line: LineSpec, part: list[Piece]) -> list[str]:
+    """Names of the points between the stretches of a line."""
+    return [f"{line.name}-{i + 1}" for i in range(len(part) - 1)]
+
+
+def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], first: dict[str, int]) -> Iterator[str]:
+    """Lines that come off a point at a time or a tension; `first` numbers the first stretch of each line."""
+    rows = []
+    for failure in scene.failures:
+        place = detachment(scene, failure)
+        if place is None:
+            continue
+        i, line = next((i, line) for i, line in enumerate(scene.lines) if line.name == failure.line)
+        ends = [line.start, *_joints(line, parts[i]), line.end]
+        point = words[ends[place.stretch + (not place.first)]]
+        load = failure.load
+        if load is None and failure.time is None:
+            load = float(line.breaking_load[failure.link - 1])
+        times = f"{_value(failure.time or 0.0)} {_value(load or 0.0)}"
+        rows.append(f"{len(rows) + 1} {point} {first[line.name] + place.stretch} {times}")
+    if rows:
+        yield _rule("FAILURE")
+        yield "ID Point Lines FailTime FailTen"
+        yield "(#) (#) (,) (s) (N)"
+        yield from rows
+
+
+def _point(number: int, kind: str, position: Any, body: list[float | None], name: str) -> str:
+    return " ".join([str(number), kind, *(_value(x) for x in position), *(_value(x or 0.0) for x in body)]) + (
+        f"  ! name: {name}"
+    )
+
+
+def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str], rows: list[str]) -> None:
+    """Free points between the stretches of a line, on the straight line between its ends."""
+    start, end = scene.point(line.start).position, scene.point(line.end).position
+    along = np.cumsum([piece.length for piece in part]) / sum(piece.length for piece in part)
+    for name, share in zip(_joints(line, part), along[:-1], strict=True):
+        if name in words:
+            raise SceneError(f"point {name!r}: is needed for a joint of line {line.name!r}; allowed: another name")
+        words[name] = str(len(rows) + 1)
+        rows.append(_point(len(rows) + 1, "Free", start + share * (end - start), [None] * 4, name))
+
+
+def _buoys(scene: Scene) -> Iterator[str]:
+    yield _rule("ROD TYPES")
+    yield "TypeName Diam Mass/m Cd Ca CdEnd CaEnd"
+    yield "(name) (m) (kg/m) (-) (-) (-) (-)"
+    for i, b in enumerate(scene.buoys):
+        yield " ".join([f"buoy{i + 1}", _value(b.diameter), "0.0", *(_value(x) for x in (b.cdn, b.can, b.cdt, b.cat))])
+    yield _rule("BODIES")
+    yield "ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca"
+    yield "(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)"
+    for i, b in enumerate(scene.buoys):
+        place = " ".join(_value(x) for x in _base(scene, b))
+        yield f"{i + 1} Free {place} 0 0 0 {_value(b.mass)} 0 {_value(100 * UPRIGHT)} 0 0 0  ! name: {b.point}"
+    yield _rule("RODS")
+    yield "ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs"
+    yield "(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)"
+    for i, b in enumerate(scene.buoys):
+        yield f"{i + 1} buoy{i + 1} Body{i + 1} 0 0 0 0 0 {_value(b.height)} {SEGMENTS} -  ! name: {b.name}"
+
+
+def _base(scene: Scene, buoy: BuoySpec) -> np.ndarray:
+    """Where the buoy's point is; MoorDyn hangs lines on the base."""
+    return scene.point(buoy.point).position
+
+
+def _options(scene: Scene, dt: float | None, more: Mapping[str, Any]) -> Iterator[str]:
+    run, sea, bed = scene.run, scene.sea, scene.effects.get("seabed")
+    depth = sea.depth if sea is not None else (bed or {}).get("depth")
+    values: dict[str, Any] = {
+        "dtM": run.dt if dt is None else dt,
+        "dtOut": run.dt * run.save_every,
+        "g": scene.effects.get("weight", {}).get("gravity", 9.81 if sea is None else sea.gravity),
+        "rho": 0.0 if sea is None else sea.density,
+        "WtrDpth": depth if depth is not None else _below(scene),
+    }
+    if bed is not None:
+        values.update({"kBot": bed["stiffness"], "cBot": bed["damping"]})
+        if bed["bed_x"] is not None:
+            values["SeafloorFile"] = "seafloor.txt"
+    friction = scene.effects.get("seabed_friction")
+    if friction is not None:
+        values["FrictionCoefficient"] = friction["kinetic"]
+        if friction["static"] is not None and friction["kinetic"] > 0.0:
+            values["StatDynFricScale"] = float(f"{friction['static'] / friction['kinetic']:.{DIGITS}g}")
+    if sea is not None and sea.waves is not None:
+        values["WaveKin"] = 7
+        if sea.ramp is not None:
+            values["waveKin_rampT"] = sea.ramp
+    if sea is not None and sea.current is not None:
+        values["Currents"] = 1
+    if scene.start.kind == "points":
+        values["TmaxIC"] = 0
+    yield _rule("OPTIONS")
+    for key, value in {**values, **more}.items():
+        yield f"{value if isinstance(value, int | str) else _value(value)} {key}"
+
+
+def _below(scene: Scene) -> float:
+    """A depth [m] that nothing reaches, where the scene has no bed."""
+    return 10.0 * (sum(line.total for line in scene.lines) + max(np.max(np.abs(p.position)) for p in scene.points))
+
+
+def _outputs(scene: Scene) -> Iterator[str]:
+    yield _rule("OUTPUTS")
+    for i in range(sum(len(pieces(scene, j)) for j in range(len(scene.lines)))):
+        yield f"FairTen{i + 1}"
+        yield f"AnchTen{i + 1}"
+    yield _rule("need this line")
+
+
+def _table_file(name: str) -> str:
+    return f"{name}-axial.txt"
+
+
+def _files(scene: Scene) -> dict[str, str]:
+    """Text of the files beside the input, by name."""
+    found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
+    for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
+        if table is not None:
+            rows = [f"{_value(e)} {_value(pull)}" for e, pull in table]
+            head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
+            found[_table_file(name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
+    if sea is not None and sea.waves is not None:
+        from dropper_jax.sea.make import wave_components
+
+        drawn = wave_components(sea.waves, sea.depth, sea.gravity)
+        arrays = (drawn.amplitude, drawn.omega, drawn.phase, drawn.direction)
+        found[FREQUENCIES] = waves_text(*(np.asarray(a, float) for a in arrays))
+    if sea is not None and sea.current is not None:
+        from dropper_jax.sea.make import make_current
+
+        current = make_current(sea.current)
+        found[CURRENT] = current_text(sea.current, lambda z: np.asarray(current.profile(z, sea.depth)), sea.depth)
+    if bed is not None and bed["bed_x"] is not None:
+        x, y, z = (np.asarray(bed[key], float) for key in ("bed_x", "bed_y", "bed_depth"))
+        rows = [f"{_value(a)} {_value(b)} {_value(-c)}" for (a, b), c in zip(product(x, y), z, strict=True)]
+        head = [f"{len(x)} {len(y)}", *(" ".join(_value(v) for v in axis) for axis in (x, y))]
+        found["seafloor.txt"] = "\n".join([*head, *rows]) + "\n"
+    return found

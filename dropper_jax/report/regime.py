@@ -1,0 +1,64 @@
+"""The numbers that say which flow it is: Keulegan-Carpenter, Reynolds, diameter over wavelength."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.run.build import build_model
+from dropper_jax.run.solution import Solution
+
+#: Kinematic viscosity of sea water at 10 degrees [m^2/s].
+VISCOSITY = 1.35e-6
+#: Most times at which the water is looked at.
+LOOKS = 400
+
+
+def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:
+    """KC, Reynolds number and D/wavelength of a run, at the node where each is largest.
+
+    `KC = u T/D` and `Re = u D/nu`, u the largest speed of the water relative to the node across its link [m/s], T the
+    peak period (that of the largest component); without waves KC is NaN and so is D/wavelength.
+
+    Raises:
+        ValueError: the scene has no water or no diameter.
+    """
+    model = build_model(solution.scene, "float64")
+    if model.sea is None or model.line.diameter is None:
+        raise ValueError("solution: its scene has no [sea] or no diameter; allowed: a scene with both")
+    every = max(1, len(solution.t) // LOOKS)
+    free, links = _far_ends(solution, model)
+    looked = (solution.positions[::every], solution.velocities[::every, free], solution.t[::every])
+
+    def across(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+        r = nodes[free]
+        along = r - nodes[free - 1]
+        # the ends of a slack rope may meet
+        tangent = along / jnp.maximum(jnp.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        motion = model.sea.at(r, t)
+        u = jnp.where((r[:, 2] < motion.elevation)[:, None], motion.velocity - v, 0.0)
+        return jnp.linalg.norm(u - jnp.sum(u * tangent, axis=1, keepdims=True) * tangent, axis=1)
+
+    speed = np.asarray(jax.jit(jax.vmap(across))(*(jnp.asarray(a) for a in looked))).max(axis=0)
+    diameter = np.asarray(model.line.diameter)[links]
+    period = shortest = float("nan")
+    if model.sea.waves is not None:
+        waves = model.sea.waves
+        period = float(2 * np.pi / waves.omega[int(np.argmax(waves.amplitude))])
+        shortest = float(2 * np.pi / np.max(waves.wave_number))
+    return {
+        "relative_speed_m_per_s": float(speed.max()),
+        "keulegan_carpenter": float(np.max(speed / diameter) * period),
+        "reynolds": float(np.max(speed * diameter) / viscosity),
+        "diameter_over_wavelength": float(diameter.max() / shortest),
+    }
+
+
+def _far_ends(solution: Solution, model: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Far nodes of the links that are looked at, and the links: of one line all but a held end, of a system all."""
+    nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
+    kept = np.arange(len(nodes) if model.branched else model.free_nodes)
+    return nodes[kept], kept

@@ -1,0 +1,1 @@
+"""The residual of a step: unknowns, rows, and Newton's method on them."""

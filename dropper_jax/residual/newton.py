@@ -1,0 +1,113 @@
+"""Newton on a step's rows, and linear solves with its Jacobian that are exact to rounding."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.unknowns import Unknowns, add, norm
+
+#: Fractions of a correction tried by the damped iteration; the residual must fall.
+FRACTIONS = (1.0, 0.5, 0.2, 0.05)
+#: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
+EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
+#: Most preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton does.
+REFINEMENTS = 200
+
+
+def newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
+    """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row."""
+
+    prepared = solver.prepare(problem, u)
+
+    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+        return add(u, solver.apply(solver.factor(problem, u, prepared), problem.residual(u)), -1.0), None
+
+    u, _ = jax.lax.scan(correct, u, None, length=iterations)
+    return u, norm(problem.residual(u), problem.row_scale())
+
+
+def newton_until(problem: StepProblem, solver: Any, u: Unknowns, most: int, limit: float) -> tuple[Unknowns, jax.Array]:
+    """The same until the rows are below `limit`, at most `most` times.
+
+    For systems with slack lines and contact: most steps need three corrections, those with a switch up to a dozen.
+    """
+    scale = problem.row_scale()
+    rows = problem.residual(u)
+
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, _, size, count = carry
+        return (size > limit) & (count < most)  # a NaN compares false: iterating cannot mend it
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        u, rows, _, count = carry
+        u = add(u, solver.apply(solver.factor(problem, u), rows), -1.0)
+        rows = problem.residual(u)
+        return u, rows, norm(rows, scale), count + 1
+
+    u, _, size, _ = jax.lax.while_loop(unfinished, correct, (u, rows, norm(rows, scale), jnp.zeros((), jnp.int32)))
+    return u, size
+
+
+def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
+    """The same with each correction shortened where that leaves a smaller residual; for steps that resist."""
+    if problem.model.laws:
+        return follow(problem, solver, u)
+    scale = problem.row_scale()
+    fractions = jnp.asarray(FRACTIONS, u.x.dtype)
+
+    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+        du = solver.apply(solver.factor(problem, u), problem.residual(u))
+        trial = jax.vmap(lambda f: norm(problem.residual(add(u, du, -f)), scale))(fractions)
+        finite = jnp.isfinite(trial)
+        best = fractions[jnp.argmin(jnp.where(finite, trial, jnp.inf))]
+        moved = add(u, du, -best)
+        return jax.tree.map(lambda a, b: jnp.where(jnp.any(finite), a, b), moved, u), None
+
+    u, _ = jax.lax.scan(correct, u, None, length=iterations)
+    return u, norm(problem.residual(u), scale)
+
+
+def follow(problem: StepProblem, solver: Any, u: Unknowns) -> tuple[Unknowns, jax.Array]:
+    """Solutions of the smoothed laws, smoothed less and less, and last of the laws themselves.
+
+    Which joints slide and which are held is found on the way: trying it out (Newton on the laws themselves) goes round
+    in circles where several joints stop at once. The primal-dual form of the smoothed law (Chan, Golub and Mulet 1999)
+    takes full corrections as long as its unknowns stay admissible.
+    """
+
+    def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
+        eased = problem.eased(easing)
+        u = add(u, solver.apply(solver.factor(eased, u), eased.residual(u)), -1.0)
+        z = tuple(law.admissible(z) for law, z in zip(problem.model.laws, u.z, strict=True))
+        return u._replace(z=z), None
+
+    u, _ = jax.lax.scan(correct, u, jnp.asarray(EASING, u.x.dtype))
+    return u, norm(problem.residual(u), problem.row_scale())
+
+
+def refine(matvec: Any, apply: Any, b: Unknowns, column_scale: Unknowns) -> Unknowns:
+    """Solve `J x = b` with the solver's `apply` = P^-1 as preconditioner, until x stops changing.
+
+    Stationary iteration `x <- x + P^-1 (b - J x)`, which is what Newton with P does and converges as fast. It ends
+    when a correction is below 1000 rounding errors of x, or no longer shrinks.
+    """
+    x = apply(b)
+    enough = 1e3 * jnp.finfo(b.x.dtype).eps
+
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, _, change, before, size, count = carry
+        return (change > enough * size) & (count < REFINEMENTS) & ((change < before) | (count < 8))
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        x, _, change, _, _, count = carry
+        dx = apply(add(b, matvec(x), -1.0))
+        x = add(x, dx)
+        return x, dx, norm(dx, column_scale), change, norm(x, column_scale), count + 1
+
+    size = norm(x, column_scale)
+    start = (x, x, size, jnp.full_like(size, jnp.inf), size, jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(unfinished, correct, start)[0]

@@ -1,0 +1,1 @@
+"""From a scene to a solution, and what is kept of it."""

@@ -1,0 +1,105 @@
+"""Solving for a design value: the line length, buoyancy or stiffness that gives a wanted tension or depth at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import equilibrium
+from dropper_jax.scene.slices import line_slices, whole_lines
+
+#: Relative change of the value at which the search ends.
+PRECISION = 1e-9
+
+
+@dataclass(frozen=True)
+class Design:
+    """A solved design.
+
+    Attributes:
+        path, value: the scene's value that was found, in its own unit.
+        target, wanted, reached: what was asked for, [N] or [m].
+        solves: static poses that it took.
+        scene: the scene with the value set.
+    """
+
+    path: str
+    value: float
+    target: str
+    wanted: float
+    reached: float
+    solves: int
+    scene: Scene
+
+
+def solve_design(scene: Any, path: str, low: float, high: float, target: str, wanted: float) -> Design:
+    """The value of `path` between `low` and `high` for which a static quantity is as wanted.
+
+    Args:
+        scene: anything that `load_scene` takes.
+        path: of one number of the scene, such as `line.0.length` or `point.float.volume`.
+        target: `tension.LINE.first`, `tension.LINE.last` or `tension.LINE.max` [N], or `depth.POINT` [m] below z = 0.
+        wanted: the value of the target.
+
+    Root finding on the statics (Brent's method: secant steps, kept between the ends); every value is a full
+    equilibrium, so that slack lines and contact may switch on the way.
+
+    Raises:
+        SceneError: an unknown target, a pose that is not found, or a target that does not pass the wanted value.
+    """
+    scene = load_scene(scene)
+    measure = _measure(scene, target)
+    seen: dict[float, float] = {}
+
+    def miss(value: float) -> float:
+        if value not in seen:
+            changed = scene.with_values({path: value})
+            pose = equilibrium(changed)
+            if pose.status != "ok":
+                raise SceneError(f"{path}: {value:g} has no equilibrium: {pose.message}")
+            seen[value] = float(measure(changed, pose))
+        return seen[value] - wanted
+
+    ends = miss(low), miss(high)
+    if ends[0] * ends[1] > 0:
+        raise SceneError(
+            f"{path}: {low:g} to {high:g} gives {target} from {ends[0] + wanted:.6g} to {ends[1] + wanted:.6g}, which "
+            f"does not pass {wanted:g}; allowed: a range whose ends lie on either side"
+        )
+    value = brentq(miss, low, high, xtol=PRECISION * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
+    return Design(path, value, target, wanted, miss(value) + wanted, len(seen), scene.with_values({path: value}))
+
+
+def _measure(scene: Scene, target: str) -> Any:
+    kind, _, rest = target.partition(".")
+    if kind == "depth":
+        names = [p.name for p in scene.points]
+        if rest not in names:
+            raise SceneError(f"target: {rest!r} is not a point; {nearest(rest, names)}")
+        return lambda changed, pose: -_point_height(changed, pose, rest)
+    line, _, part = rest.rpartition(".")
+    picks = {"first": lambda t: t[0], "last": lambda t: t[-1], "max": np.max}
+    if kind != "tension" or part not in picks:
+        raise SceneError(f"target: {target!r} is unknown; allowed: tension.LINE.first, .last or .max, depth.POINT")
+    if line not in _links(scene):
+        raise SceneError(f"target: {line!r} is not a line; {nearest(line, _links(scene))}")
+    return lambda changed, pose: picks[part](pose.tension[_links(changed)[line]])
+
+
+def _links(scene: Scene) -> dict[str, slice]:
+    """Where the links of each line stand, by the name of the line or of one of its pieces."""
+    return {where.name: where.links for where in (*line_slices(scene), *whole_lines(scene))}
+
+
+def _point_height(scene: Scene, pose: Any, name: str) -> float:
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
+            if point == name:
+                return float(pose.positions[node, 2])
+    raise SceneError(f"target: point {name!r} is not an end of a line")

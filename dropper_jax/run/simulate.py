@@ -1,0 +1,280 @@
+"""`simulate`: from a scene to a solution, with progress, status and provenance."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import metadata
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SimulationError
+from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.parted import Parted
+from dropper_jax.model.state import State, work_names
+from dropper_jax.run.build import SceneLike, build, stepper_of
+from dropper_jax.run.failures import breaks, words
+from dropper_jax.run.solution import Solution
+from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
+from dropper_jax.stepping.observe import Observed, observe
+from dropper_jax.stepping.stepper import Stepper
+
+#: A run is cut into this many pieces of one compiled program, so that progress can be shown and a stop loses little.
+PIECES = 20
+
+
+# One jitted function each for all calls: a second run that differs in values only is not compiled again.
+_advance = jax.jit(advance, static_argnames=("stepper", "saves", "save_every"))
+
+
+_observe = jax.jit(jax.vmap(observe, in_axes=(None, 0, 0, 0, 0)))
+
+
+def simulate(
+    scene: SceneLike,
+    *,
+    dt: float | None = None,
+    duration: float | None = None,
+    integrator: str | None = None,
+    solver: str | None = None,
+    gamma: float | None = None,
+    rho_infinity: float | None = None,
+    dtype: str | None = None,
+    save_every: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    throw: bool = False,
+    tolerance: float | None = None,
+    **settings: Any,
+) -> Solution:
+    """Simulate a scene; what is not given is taken from its `[run]`.
+
+    Args:
+        scene: packaged name, TOML file, plain values or a `Scene`.
+        dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
+        integrator, solver, gamma, rho_infinity: see `make_stepper`.
+        dtype: `float64` or `float32`.
+        save_every: steps between saved times.
+        progress: called with the fraction done and a line of text.
+        throw: raise `SimulationError` (with the partial solution) where the status is not `ok`.
+        tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
+            `study.step_choice`); with it the pilot only checks, and a run that misses is `not_converged`. The
+            estimate and the time it holds for are in `settings["estimated_error"]`.
+        **settings: further fields of `Stepper` (iterations, residual_tolerance, extra, halvings).
+
+    Raises:
+        SceneError: for anything a user can mend, before the run starts.
+    """
+    given = {
+        "dt": dt,
+        "duration": duration,
+        "integrator": integrator,
+        "solver": solver,
+        "gamma": gamma,
+        "rho_infinity": rho_infinity,
+        "dtype": dtype,
+        "save_every": save_every,
+    }
+    scene = load_scene(scene)
+    changed = {f"run.{key}": value for key, value in given.items() if value is not None}
+    scene = scene.with_values(changed) if changed else scene
+    say = progress or (lambda fraction, text: None)
+    choice = None
+    if tolerance is not None:
+        say(0.0, "choosing the step")
+        scene, choice = _choose_step(scene, tolerance, dt is not None)
+    run = scene.run
+    say(0.0, "finding the start")
+    model, start = build(scene)
+    renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
+    stepper = stepper_of(model, run, **renamed)
+    steps = _whole_steps(run.duration, run.dt, run.save_every)
+    begun = time.perf_counter()
+    compiled, chunk = _compile(stepper, model, start, steps // run.save_every, run.save_every)
+    compile_s = time.perf_counter() - begun
+    trajectory, run_s, interrupted = _run(compiled, chunk, stepper, model, start, run.dt, steps // run.save_every, say)
+    solution = _solution(scene, stepper, model, start, trajectory, steps, dict(settings))
+    solution = replace(solution, compile_s=compile_s, run_s=run_s)
+    if interrupted:
+        solution = replace(solution, status="interrupted")
+    if choice is not None:
+        solution = _judged(solution, tolerance, choice)
+    say(1.0, solution.status)
+    if throw and solution.status != "ok":
+        raise SimulationError(solution.failure, solution)
+    return solution
+
+
+def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
+    """The scene with its step chosen for the tolerance (or as it is, where the caller fixed it), and the estimate."""
+    from dropper_jax.study.step_choice import choose_step, estimate_error
+
+    if fixed:
+        return scene, estimate_error(scene)
+    choice = choose_step(scene, tolerance)
+    return scene.with_values({"run.dt": choice.dt}), choice
+
+
+def _judged(solution: Solution, tolerance: float, choice: Any) -> Solution:
+    """The solution with its estimated error; one that misses the tolerance is not called ok."""
+    solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
+    if choice.estimate <= tolerance or solution.status != "ok":
+        return solution
+    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad: take a smaller step"
+    return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
+
+
+def _whole_steps(duration: float, dt: float, save_every: int) -> int:
+    """Steps that cover the duration, a multiple of `save_every`; a remainder below 1e-9 steps is rounding."""
+    steps = int(np.ceil(duration / dt - 1e-9))
+    return -(-steps // save_every) * save_every
+
+
+def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_every: int) -> tuple[Any, int]:
+    chunk = -(-saves // PIECES)
+    dt = jnp.zeros((), model.dtype)
+    run = _advance.lower(stepper, model, begin(stepper, model, start), dt, saves=chunk, save_every=save_every)
+    return run.compile(), chunk
+
+
+def _run(
+    compiled: Any,
+    chunk: int,
+    stepper: Stepper,
+    model: Model,
+    start: State,
+    dt: float,
+    saves: int,
+    say: Callable[[float, str], None],
+) -> tuple[Trajectory, float, bool]:
+    """Pieces until the end, a failure or an interruption; always the same program, so that reruns agree to the bit."""
+    carry: Progress = begin(stepper, model, start)
+    pieces: list[Trajectory] = []
+    step = jnp.asarray(dt, model.dtype)
+    begun, interrupted = time.perf_counter(), False
+    try:
+        while len(pieces) * chunk < saves:
+            carry, piece = compiled(model, carry, step)
+            pieces.append(jax.tree.map(np.asarray, piece))
+            say(min(len(pieces) * chunk / saves, 1.0), f"t = {float(carry.state.t):.3g} s")
+            if int(carry.first_bad) >= 0:
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+        if not pieces:
+            raise
+    run_s = time.perf_counter() - begun
+    joined = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
+    return joined, run_s, interrupted
+
+
+def _solution(
+    scene: Scene, stepper: Stepper, model: Model, start: State, run: Trajectory, steps: int, extra: dict[str, Any]
+) -> Solution:
+    dt, every = scene.run.dt, scene.run.save_every
+    good = _good_saves(run)
+    bad_step = int(run.first_bad[-1])
+    kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
+    join = lambda first, rest: np.concatenate([np.asarray(first)[None], rest])  # noqa: E731
+    t = np.arange(good + 1) * (every * dt)
+    parted = jax.tree.map(join, start.parted, kept.parted)
+    seen = _observe_all(model, join(start.r, kept.r), join(start.v, kept.v), t, parted)
+    broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
+    middle = (1.0 - stepper.integrator.tension_time) * dt
+    work = join(np.zeros(len(work_names(model))), kept.work)
+    status, first_bad = "ok", None
+    if bad_step >= 0:
+        residual = float(run.residual[min(bad_step // every, len(run.residual) - 1)])
+        status, reason = _reason(residual, stepper, model)
+        first_bad = {"step": bad_step + 1, "time_s": (bad_step + 1) * dt, "residual": residual, "reason": reason}
+    settings = {
+        "integrator": stepper.integrator.name,
+        "solver": stepper.solver,
+        "dt": dt,
+        "duration": scene.run.duration,
+        "steps": steps,
+        "dtype": scene.run.dtype,
+        **{key: getattr(stepper.integrator, key, None) for key in ("gamma", "rho_infinity")},
+        "residual_tolerance": stepper.limit(model),
+        "iterations": stepper.iterations,
+        "save_every": every,
+        **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
+    }
+    return Solution(
+        scene=scene,
+        settings=settings,
+        t=t,
+        positions=seen.positions,
+        velocities=seen.velocities,
+        tension=join(start.tension, kept.tension),
+        t_tension=np.concatenate([[0.0], t[1:] - middle]),
+        kinetic=seen.kinetic,
+        potential=seen.potential,
+        work=work,
+        work_names=work_names(model),
+        step_status=np.zeros(good + 1, np.int8),
+        status=status,
+        failed_steps=int(np.sum(run.failed)) if bad_step < 0 else 1,
+        retried_steps=int(np.sum(run.retried[: good + 1])),
+        first_bad=first_bad,
+        max_residual=float(np.max(run.residual[: good + 1])),
+        max_closure_error=float(np.max(seen.closure)),
+        versions=_versions(),
+        broken=broken,
+        warnings=(
+            *scene.notes,
+            *(() if model.sea is None else sea_warnings(scene, model.sea)),
+            *(words(row) for row in broken),
+        ),
+    )
+
+
+def _explicit(stepper: Stepper, model: Model) -> str:
+    """What an explicit scheme needs on lines that stretch: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest link."""
+    line = model.line
+    if stepper.integrator.implicit or not line.axial.elastic:
+        return ""
+    omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
+    return (
+        f"; {stepper.integrator.name} is explicit, and these lines call for steps of about {2.0 / omega:.1g} s or less"
+    )
+
+
+def _good_saves(run: Trajectory) -> int:
+    """Saved times before the first failed step."""
+    bad = np.flatnonzero(run.first_bad >= 0)
+    return int(bad[0]) if bad.size else len(run.first_bad)
+
+
+def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
+    """Status and reason of a step that failed."""
+    limit = stepper.limit(model)
+    if not np.isfinite(residual):
+        return "non_finite", f"the step gave infinite or undefined values{_explicit(stepper, model)}"
+    if residual <= limit:
+        return "not_converged", f"this scheme lets lengths drift, and a link has changed by more than {DRIFT_LIMIT:.0%}"
+    what = f"the residual stayed above the tolerance {limit:.0e}"
+    if not stepper.halvings:
+        return "not_converged", what
+    return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
+
+
+def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, parted: Parted | None) -> Observed:
+    times = jnp.asarray(t, model.dtype)
+    return jax.tree.map(np.asarray, _observe(model, jnp.asarray(r), jnp.asarray(v), times, parted))
+
+
+def _versions() -> dict[str, str]:
+    found = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    try:
+        found["dropper-jax"] = metadata.version("dropper-jax")
+    except metadata.PackageNotFoundError:
+        found["dropper-jax"] = "not installed"
+    return {**found, "python": platform.python_version(), "backend": jax.default_backend()}

@@ -1,0 +1,298 @@
+"""The solution of a run: arrays, status and provenance."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene
+from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_lines
+
+#: Version of the JSON object that commands print.
+SCHEMA = 1
+#: Version of the saved file; a file that says otherwise is refused.
+FORMAT = 1
+
+ARRAYS = (
+    "t",
+    "positions",
+    "velocities",
+    "tension",
+    "t_tension",
+    "kinetic",
+    "potential",
+    "work",
+    "step_status",
+)
+
+
+@dataclasses.dataclass
+class Solution:
+    """What a run gives, k saved times, n links.
+
+    Attributes:
+        scene: what was simulated.
+        settings: integrator, solver, dt, duration, steps, dtype, gamma, rho_infinity, residual_tolerance,
+            save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}.
+        t: saved times (k,) [s].
+        positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
+            of all lines, line after line (points where lines join stand once per line), see `lines`.
+        tension: (k, n) [N] at the times `t_tension` (k,) [s] (the step's midpoint in midpoint schemes).
+        kinetic, potential: energies (k,) [J].
+        work: work done since the start (k, w) [J] by each of `work_names`.
+        step_status: 0 where every step up to the saved time is good.
+        status: `ok` or the named failure.
+        failed_steps, retried_steps: counts.
+        first_bad: step, time_s, residual and reason of the first bad step, or None.
+        max_residual: largest scaled residual of a step.
+        max_closure_error: largest error of a rigid link's length [m].
+        compile_s, run_s: wall time [s].
+        versions: of the packages that matter.
+        warnings: one line each.
+        broken: what broke, by time: line, link (from 1), time_s, tension_n.
+    """
+
+    scene: Scene
+    settings: dict[str, Any]
+    t: np.ndarray
+    positions: np.ndarray
+    velocities: np.ndarray
+    tension: np.ndarray
+    t_tension: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    work: np.ndarray
+    work_names: tuple[str, ...]
+    step_status: np.ndarray
+    status: str = "ok"
+    failed_steps: int = 0
+    retried_steps: int = 0
+    first_bad: dict[str, Any] | None = None
+    max_residual: float = 0.0
+    max_closure_error: float = 0.0
+    compile_s: float = 0.0
+    run_s: float = 0.0
+    versions: dict[str, str] = dataclasses.field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    broken: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def lines(self) -> tuple[LineSlice, ...]:
+        """The scene's lines in the arrays: `positions[:, line.nodes]`, `tension[:, line.links]`."""
+        return line_slices(self.scene)
+
+    def point_path(self, name: str) -> np.ndarray:
+        """Positions (k, 3) [m] of a point of the scene.
+
+        Raises:
+            SceneError: there is no such point.
+        """
+        for line, where in zip(self.scene.lines, self.lines, strict=True):
+            for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
+                if point == name:
+                    return self.positions[:, node]
+        raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Kinetic and potential energy (k,) [J]."""
+        return self.kinetic + self.potential
+
+    @property
+    def balance(self) -> np.ndarray:
+        """Energy minus the work of damping and applied forces (k,) [J]; constant in an exact solution."""
+        return self.energy - np.sum(self.work, axis=1)
+
+    @property
+    def energy_drift(self) -> float:
+        """Largest change of the balance since the start [J]."""
+        with np.errstate(invalid="ignore"):  # a run that failed may hold infinities
+            return float(np.max(np.abs(self.balance - self.balance[0])))
+
+    @property
+    def energy_scale(self) -> float:
+        """What to compare the drift with [J]: range of the potential, or the largest kinetic energy if larger."""
+        return float(max(np.ptp(self.potential), np.max(self.kinetic)))
+
+    @property
+    def max_speed(self) -> float:
+        """Largest speed of a node [m/s]."""
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that failed may hold anything
+            return float(np.max(np.linalg.norm(self.velocities, axis=-1)))
+
+    @cached_property
+    def angles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
+        from dropper_jax.analysis.angles import link_angles
+
+        parts = [link_angles(self.positions[:, line.nodes], zero="horizontal") for line in self.lines]
+        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
+
+    @property
+    def polar(self) -> np.ndarray:
+        """Polar angles (k, n) [rad], zero at the horizontal."""
+        return self.angles[0]
+
+    @property
+    def azimuth(self) -> np.ndarray:
+        """Azimuths (k, n) [rad]."""
+        return self.angles[1]
+
+    @property
+    def us_per_step(self) -> float:
+        """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
+        done = (len(self.t) - 1) * self.settings.get("save_every", 1)
+        return 1e6 * self.run_s / max(done, 1)
+
+    @property
+    def realtime_factor(self) -> float:
+        """Simulated time over wall time without compilation."""
+        return float(self.t[-1] - self.t[0]) / self.run_s if self.run_s > 0 else math.nan
+
+    @property
+    def failure(self) -> str:
+        """One line saying which step failed, when and why; empty where none did."""
+        if self.status == "ok":
+            return ""
+        if self.first_bad is None:
+            return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
+        bad = self.first_bad
+        return (
+            f"{self.status}: step {bad['step']} at t = {bad['time_s']:.6g} s, scaled residual {bad['residual']:.3g}: "
+            f"{bad['reason']}"
+        )
+
+    def tension_summary(self) -> dict[str, dict[str, float]]:
+        """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean."""
+        parts = {"first": self.tension[:, :1], "last": self.tension[:, -1:], "all": self.tension}
+        return {name: _extent(part) for name, part in parts.items()}
+
+    def line_tensions(self) -> dict[str, dict[str, float]]:
+        """The same of every line of the scene, pieces between attached points together."""
+        return {line.name: _extent(self.tension[:, line.links]) for line in whole_lines(self.scene)}
+
+    def summary(self) -> dict[str, Any]:
+        """The JSON object of a run; NaN and infinity are null."""
+        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "rho_infinity")
+        keys += ("residual_tolerance", "save_every")
+        found = {
+            "schema": SCHEMA,
+            "status": self.status,
+            "scene": self.scene.name,
+            **{key: self.settings.get(key) for key in keys},
+            "failed_steps": self.failed_steps,
+            "retried_steps": self.retried_steps,
+            "first_bad": self.first_bad,
+            "max_residual": self.max_residual,
+            "max_closure_error_m": self.max_closure_error,
+            "energy_drift_j": self.energy_drift,
+            "energy_scale_j": self.energy_scale,
+            "work_j": dict(zip(self.work_names, self.work[-1], strict=True)),
+            "max_speed_m_per_s": self.max_speed,
+            "compile_s": self.compile_s,
+            "run_s": self.run_s,
+            "us_per_step": self.us_per_step,
+            "realtime_factor": self.realtime_factor,
+            "final_time_s": self.t[-1],
+            "final_positions_m": self.positions[-1],
+            "tension_n": self.tension_summary(),
+            **(
+                {"tension_of_lines_n": self.line_tensions(), "lines": line_places(self.scene)}
+                if self.scene.branched
+                else {}
+            ),
+            "broken": self.broken,
+            "estimated_error": self.settings.get("estimated_error"),
+            "warnings": self.warnings,
+            "versions": self.versions,
+        }
+        if self.failure:
+            found["error"] = self.failure
+        return jsonable(found)
+
+    def provenance(self) -> dict[str, Any]:
+        """Everything but the arrays, as plain values: scene, settings, status, versions."""
+        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "scene")]
+        meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
+        return json.loads(json.dumps(meta, default=_plain))
+
+    @classmethod
+    def restore(cls, meta: Any, arrays: dict[str, np.ndarray]) -> Solution:
+        """The solution of saved provenance and arrays.
+
+        Raises:
+            ValueError: provenance of another format.
+        """
+        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+            raise ValueError(f"another format; allowed: format {FORMAT}")
+        meta = {key: value for key, value in meta.items() if key != "format"}
+        scene = Scene.from_dict(meta.pop("scene"))
+        tuples = {key: tuple(meta.pop(key, ())) for key in ("work_names", "warnings", "broken")}
+        return cls(scene=scene, **arrays, **tuples, **meta)
+
+    def to_xarray(self) -> Any:
+        """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
+        from dropper_jax.run.storage import to_xarray
+
+        return to_xarray(self)
+
+    def save(self, path: str | Path) -> Path:
+        """Write to an `.npz` or `.nc` file with scene and settings inside, so that `rerun` can repeat the run."""
+        from dropper_jax.run.storage import write_netcdf, write_npz
+
+        return (write_netcdf if Path(path).suffix.lower() == ".nc" else write_npz)(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Solution:
+        """Read a saved run, `.npz` or `.nc`.
+
+        Raises:
+            SceneError: one line, where the file is missing or is not a saved run.
+        """
+        from dropper_jax.run.storage import read_netcdf, read_npz
+
+        return (read_netcdf if Path(path).suffix.lower() == ".nc" else read_npz)(path)
+
+    def rerun(self, **kwargs: Any) -> Solution:
+        """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""
+        from dropper_jax.run.simulate import simulate
+
+        implicit = self.settings["solver"] != "none"
+        keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")
+        used = {key: self.settings[key] for key in keys if key in self.settings}
+        return simulate(self.scene, **{**used, **kwargs})
+
+
+def _extent(tension: np.ndarray) -> dict[str, float]:
+    return {
+        "min": float(np.min(tension)),
+        "mean": float(np.mean(tension)),
+        "max": float(np.max(tension)),
+        "final": float(np.mean(tension[-1])),
+    }
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be saved")
+
+
+def jsonable(value: Any) -> Any:
+    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
+    if isinstance(value, dict):
+        return {str(key): jsonable(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    if isinstance(value, list | tuple):
+        return [jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

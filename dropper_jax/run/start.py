@@ -1,0 +1,84 @@
+"""Where a run starts: a static pose let go, given angles, or given positions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.effect import has
+from dropper_jax.model.lines import System
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State, state
+from dropper_jax.scene.start import StartSpec
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+
+
+def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Array:
+    """Unit link vectors (n, 3) of polar and azimuth angles (n,) [rad], polar from the horizontal or from straight down.
+
+    horizontal: (cos p cos a, cos p sin a, -sin p), the thesis' (4.3)-(4.5); down: (sin p cos a, sin p sin a, -cos p).
+    """
+    across, drop = (jnp.cos(polar), jnp.sin(polar)) if zero == "horizontal" else (jnp.sin(polar), jnp.cos(polar))
+    return jnp.stack([across * jnp.cos(azimuth), across * jnp.sin(azimuth), -drop], axis=-1)
+
+
+def from_angles(
+    model: Model,
+    polar: jax.Array,
+    azimuth: jax.Array,
+    polar_rate: jax.Array,
+    azimuth_rate: jax.Array,
+    zero: str = "horizontal",
+) -> State:
+    """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
+
+    def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
+        links = model.line.length[:, None] * link_directions(p, a, zero)
+        return model.points[model.line.start].position + jnp.cumsum(links, axis=0)
+
+    angles = jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype)
+    rates = jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype)
+    r, v = jax.jvp(nodes, angles, rates)
+    return state(model, r[: model.free_nodes], v[: model.free_nodes])
+
+
+def between_points(model: System) -> State:
+    """At rest with all points where the scene puts them and the lines settled between them.
+
+    Raises:
+        SceneError: the lines do not settle.
+    """
+    graph = replace(model.graph, held=(True,) * len(model.points))
+    carried = ("point_bodies", "spar_buoys")
+    effects = tuple(e for e in model.effects if e.name not in carried and not has(e, "displace"))
+    held = replace(model, lines=(replace(model.line, graph=graph),), effects=effects)
+    pose = equilibrium(held)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    if not len(model.graph.free_points):
+        return state(model, pose.state.r, tension=pose.state.tension)
+    places = jnp.stack([model.points[int(i)].position for i in model.graph.free_points])
+    return state(model, jnp.concatenate([pose.state.r, places]), tension=pose.state.tension)
+
+
+def initial_state(model: Model, start: StartSpec) -> State:
+    """The state at t = 0 that a scene's `[start]` describes.
+
+    Raises:
+        SceneError: a static pose that was not found; the message says which node and why.
+    """
+    if start.kind == "static":
+        pose = equilibrium(model, nodal_loads(model, start.release_nodes, start.release_force))
+        if pose.status != "ok":
+            raise SceneError(f"start: {pose.message}")
+        return pose.state
+    if start.kind == "points":
+        return between_points(model)
+    if start.kind == "angles":
+        return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
+    free = slice(1, 1 + model.free_nodes)
+    velocities = None if start.velocities is None else start.velocities[free]
+    return state(model, start.positions[free], velocities)

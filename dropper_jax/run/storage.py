@@ -1,0 +1,201 @@
+"""Saved runs: `.npz`, labelled data (xarray, netCDF with CF-style names, units and provenance), and the one loader.
+
+Needs the extra `io` (xarray, h5netcdf); `.npz` files need nothing beyond the package.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.run.solution import Solution
+
+if TYPE_CHECKING:
+    import xarray
+
+#: Suffixes of files that hold a whole run.
+RUN_SUFFIXES = (".npz", ".nc")
+#: Name in the dataset, dimensions, units and meaning of each array of a solution.
+VARIABLES = {
+    "positions": ("position", ("time", "node", "axis"), "m", "position of the nodes"),
+    "velocities": ("velocity", ("time", "node", "axis"), "m s-1", "velocity of the nodes"),
+    "tension": ("tension", ("time", "link"), "N", "tension of the links"),
+    "t_tension": ("tension_time", ("time",), "s", "time to which the tension belongs"),
+    "kinetic": ("kinetic_energy", ("time",), "J", "kinetic energy"),
+    "potential": ("potential_energy", ("time",), "J", "potential energy"),
+    "work": ("work", ("time", "contribution"), "J", "work done since the start"),
+    "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
+}
+#: Attribute that holds everything that is no array, as JSON.
+PROVENANCE = "dropper_jax_run"
+NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
+
+
+def load_run(path: str | Path) -> Solution:
+    """A saved run from an `.npz` or `.nc` file, with the numbers that were saved.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    from dropper_jax.run.solution import Solution
+
+    return Solution.load(path)
+
+
+def write_npz(solution: Solution, path: str | Path) -> Path:
+    """Write arrays and provenance to an `.npz` file."""
+    from dropper_jax.run.solution import ARRAYS
+
+    arrays = {name: getattr(solution, name) for name in ARRAYS}
+    text = np.array(json.dumps(solution.provenance()))
+    return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+
+
+def read_npz(path: str | Path) -> Solution:
+    """The run of an `.npz` file.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    from dropper_jax.run.solution import ARRAYS, FORMAT, Solution
+
+    try:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
+            meta = json.loads(str(file["meta"]))
+            arrays = {name: file[name] for name in ARRAYS}
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
+        raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+        raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
+    return Solution.restore(meta, arrays)
+
+
+def extra(module: str, name: str) -> Any:
+    """An optional package, or one line saying which extra brings it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise SceneError(f"{module} is not installed; needed: pip install 'dropper-jax[{name}]'") from None
+
+
+def netcdf_packages() -> None:
+    """Ask for what netCDF needs, so that a missing package is told before the work starts."""
+    for module in ("xarray", "h5netcdf", "h5py"):
+        extra(module, "io")
+
+
+def to_xarray(solution: Solution) -> xarray.Dataset:
+    """The run as a dataset: time, node, link and axis are coordinates; angles [rad] are added for convenience."""
+    xr = extra("xarray", "io")
+    found = {
+        name: (dimensions, getattr(solution, key), {"units": units, "long_name": meaning})
+        for key, (name, dimensions, units, meaning) in VARIABLES.items()
+    }
+    meaning = "angle of the links from the horizontal, positive downwards"
+    found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
+    found["azimuth"] = (("time", "link"), solution.azimuth, {"units": "rad", "long_name": "azimuth of the links"})
+    links = solution.tension.shape[1]
+    coordinates = {
+        "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
+        **_places(solution, links),
+        "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
+        "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
+    }
+    return xr.Dataset(found, coordinates, _attributes(solution))
+
+
+def _places(solution: Solution, links: int) -> dict[str, Any]:
+    """Nodes and links by number; of several lines with the names of their lines and their numbers in these."""
+    nodes = np.arange(solution.positions.shape[1])
+    if len(solution.lines) == 1:
+        return {
+            "node": ("node", nodes, {"long_name": "node, both ends included"}),
+            "link": ("link", np.arange(1, links + 1), {"long_name": "link j joins nodes j - 1 and j"}),
+        }
+    counts = [line.links.stop - line.links.start for line in solution.lines]
+    names = [line.name for line in solution.lines]
+    inside = np.concatenate([np.arange(n + 1) for n in counts])
+    of_line = np.concatenate([np.arange(1, n + 1) for n in counts])
+    whole = np.array([f"{name}/{j}" for name, n in zip(names, counts, strict=True) for j in range(1, n + 1)])
+    return {
+        "node": ("node", nodes, {"long_name": "node, line after line, both ends of each included"}),
+        "link": ("link", whole, {"long_name": "line/link: link j of a line joins its nodes j - 1 and j"}),
+        "line_of_node": ("node", np.repeat(names, np.array(counts) + 1), {"long_name": "line to which a node belongs"}),
+        "node_of_line": ("node", inside, {"long_name": "number of a node in its line"}),
+        "line_of_link": ("link", np.repeat(names, counts), {"long_name": "line to which a link belongs"}),
+        "link_of_line": ("link", of_line, {"long_name": "number of a link in its line"}),
+    }
+
+
+def _attributes(solution: Solution) -> dict[str, Any]:
+    used = solution.settings
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"{solution.scene.name}: {solution.scene.description}".rstrip(": "),
+        "source": f"dropper-jax {solution.versions.get('dropper-jax', '?')}, {used.get('integrator')}, "
+        f"dt = {used.get('dt')} s, {used.get('dtype')}",
+        "status": solution.status,
+        PROVENANCE: json.dumps(solution.provenance()),
+    }
+
+
+def from_xarray(dataset: xarray.Dataset) -> Solution:
+    """The run of a dataset made by `to_xarray`.
+
+    Raises:
+        KeyError, ValueError, TypeError: a dataset that is none.
+    """
+    from dropper_jax.run.solution import Solution
+
+    arrays = {key: np.asarray(dataset[name].values) for key, (name, *_) in VARIABLES.items()}
+    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": np.asarray(dataset["time"].values), **arrays})
+
+
+def write_netcdf(solution: Solution, path: str | Path) -> Path:
+    """Write netCDF-4, whole or not at all.
+
+    Raises:
+        SceneError: one line, where the packages are missing or the disk refuses.
+    """
+    path = Path(path)
+    netcdf_packages()
+    dataset = to_xarray(solution)
+    packed = {name: {"zlib": True, "complevel": 4} for name in dataset.data_vars if dataset[name].size}
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+            part = Path(folder) / "run.nc"
+            dataset.to_netcdf(part, engine="h5netcdf", encoding=packed)
+            os.replace(part, path)
+    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
+        raise SceneError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
+    return path
+
+
+def read_netcdf(path: str | Path) -> Solution:
+    """The run of a netCDF file.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    netcdf_packages()
+    xr = extra("xarray", "io")
+    try:
+        with open(path, "rb"):
+            pass
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+            return from_xarray(dataset)
+    except FileNotFoundError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise SceneError(f"{path}: {NOT_A_RUN}") from None

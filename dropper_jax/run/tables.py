@@ -1,0 +1,59 @@
+"""Tables of a run as CSV: angle traces in the form that fitting reads, and tensions.
+
+Numbers are written so that reading them back gives the same ones.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.base.files import atomic_write
+from dropper_jax.run.solution import Solution
+
+
+def write_angles(solution: Solution, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:
+    """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
+
+    Of several lines the columns are `theta_LINE/1`, ..., line after line.
+
+    Args:
+        solution: the run.
+        path: CSV file.
+        zero: "horizontal" (positive downwards) or "down", see `link_angles`.
+        rates: whether to write the columns omega.
+    """
+    lines = [line.nodes for line in solution.lines]
+    theta = [link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines]
+    columns = {"theta": np.concatenate(theta, axis=1)}
+    if rates:
+        moving = [(solution.positions[:, nodes], solution.velocities[:, nodes]) for nodes in lines]
+        columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
+    return _write(solution, path, f"zero={zero}, sign=1, unit=rad", solution.t, columns)
+
+
+def write_tensions(solution: Solution, path: str | Path) -> Path:
+    """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` of several lines); t is the tension's own time."""
+    return _write(solution, path, "unit=N", solution.t_tension, {"tension": solution.tension})
+
+
+def _names(solution: Solution) -> list[str]:
+    """Names of the links: their numbers, after their line's name where there are several lines."""
+    lines = solution.lines
+    numbers = [(line.name, j + 1) for line in lines for j in range(line.links.stop - line.links.start)]
+    return [str(j) if len(lines) == 1 else f"{name}/{j}" for name, j in numbers]
+
+
+def _write(solution: Solution, path: str | Path, comment: str, t: np.ndarray, columns: dict[str, np.ndarray]) -> Path:
+    text = io.StringIO()
+    used = solution.settings
+    text.write(f"# {comment}\n# {solution.scene.name}: {used.get('integrator')} with steps of {used.get('dt')} s\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t", *(f"{stem}_{name}" for stem in columns for name in _names(solution))])
+    for row in np.concatenate([t[:, None], *columns.values()], axis=1).tolist():
+        writer.writerow(["" if x != x else repr(x) for x in row])
+    return atomic_write(path, text.getvalue())

@@ -1,0 +1,1 @@
+"""The scene: what a user describes, read and checked."""

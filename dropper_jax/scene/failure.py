@@ -1,0 +1,65 @@
+"""Lines that break: `[[failure]]` of a scene, its arrays, and the step that ends with a link parting.
+
+An entry watches the links of one line, or one of them. At the end of the first step in which the tension of a watched
+link reaches its load, or that reaches the time, one link parts: the one named, else the one closest to or farthest
+beyond its load. From then on it carries no tension; its mass and water forces stay with its two nodes. An entry breaks
+once. Statics know no failure. Which link parts and when has no derivative: gradients are those of the run with its
+breaks where they fell.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import read_fields, refuse
+from dropper_jax.scene.line import LineSpec
+
+
+@dataclasses.dataclass(frozen=True)
+class FailureSpec:
+    """`[[failure]]`: where, and at which load or time, a line breaks."""
+
+    line: str = option("name of the line", type=str)
+    link: int | None = dataclasses.field(
+        metadata={"kind": "option", "meaning": "link that breaks, from 1", "type": int, "low": 1}, default=None
+    )
+    load: float | None = parameter(
+        "tension at which it breaks; the line's breaking load by default",
+        unit="N",
+        low=0.0,
+        open_low=True,
+        optional=True,
+    )
+    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, optional=True)
+
+    @classmethod
+    def read(cls, table: Any, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:
+        """A checked entry.
+
+        Raises:
+            SceneError: an unknown line, a link that it has not, a line that does not stretch, a time without a link, or
+                neither load nor time where the line has no breaking load.
+        """
+        spec = cls(**read_fields(cls, table, path, {}))
+        names = [line.name for line in lines]
+        pieces = [line.name for line in lines if line.piece_of == spec.line]
+        if pieces and spec.line not in names:
+            raise SceneError(
+                f"{path}.line: {spec.line!r} is cut by its attached points; allowed: one of its pieces, "
+                f"{pieces[0]} to {pieces[-1]}"
+            )
+        if spec.line not in names:
+            raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
+        line = lines[names.index(spec.line)]
+        if line.rigid:
+            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid; allowed: a line that stretches")
+        if spec.link is not None and spec.link > line.links:
+            raise refuse(f"{path}.link", spec.link, f"is not a link of {spec.line!r}", f"1 to {line.links}")
+        if spec.time is not None and spec.link is None:
+            raise SceneError(f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}")
+        if spec.load is None and spec.time is None and line.breaking_load is None:
+            raise SceneError(f"{path}.load: missing; needed where there is no time and the line has no breaking_load")
+        return spec

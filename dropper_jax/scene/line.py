@@ -1,0 +1,151 @@
+"""`[[line]]`: a path of links between two points, with its axial law, and several lines taken as one."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.axial import LAWS
+from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import as_table, check_keys, count, field_keys, read_fields, read_table, refuse
+from dropper_jax.scene.growth import GrowthSpec
+
+#: Keys that `line_types.expand` takes out of lines by the metre.
+BY_THE_METRE = ("type", "sections", "attach", "shelter")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LineSpec:
+    """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
+
+    KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
+
+    name: str = option("name", type=str)
+    start: str = option("name of the point where the line begins", type=str)
+    end: str = option("name of the point where the line ends", type=str)
+    links: int = count("number of links")
+    length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
+    mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    centre_of_mass: np.ndarray | None = parameter(
+        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
+    )
+    inertia: np.ndarray | None = parameter(
+        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
+    )
+    diameter: np.ndarray | None = parameter(
+        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
+    )
+    breaking_load: np.ndarray | None = parameter(
+        "breaking load", unit="N", shape="link", low=0.0, open_low=True, optional=True
+    )
+    nodes: str = option(
+        "where a link's mass and water forces go: its far node, or halves to both",
+        choices=("far", "shared"),
+        default="far",
+    )
+    piece_of: str | None = option("line that attached points cut it from", type=str, default=None)
+    axial_law: str = "rigid"
+    EA: np.ndarray | None = None
+    axial_damping: np.ndarray | None = None
+    tables: tuple[ForceTable, ...] | None = None
+    growth: GrowthSpec | None = None
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> LineSpec:
+        own = dict(read_table(table, path))
+        check_keys(own, [*field_keys(cls, cls.KEYS), "axial", "growth", *BY_THE_METRE], path)
+        for key in BY_THE_METRE:
+            if key in own:
+                raise SceneError(f"{path}.{key}: is for lines by the metre; allowed: beside `type` or `sections`")
+        axial = own.pop("axial", {"law": "rigid"})
+        growth = own.pop("growth", None)
+        links = own.get("links")
+        count = links if isinstance(links, int) and links > 0 else 1  # a wrong number is refused as the field is read
+        values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
+        if (values["centre_of_mass"] is None) != (values["inertia"] is None):
+            missing = "inertia" if values["inertia"] is None else "centre_of_mass"
+            raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
+        values.update(_read_axial(axial, f"{path}.axial", count))
+        spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
+        values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
+        return cls(**values, growth=None if growth is None else GrowthSpec.read(growth, f"{path}.growth"))
+
+    @property
+    def total(self) -> float:
+        """Length of the whole line [m]."""
+        return float(np.sum(self.length))
+
+    @property
+    def rigid(self) -> bool:
+        return self.axial_law == "rigid"
+
+    def table(self) -> dict[str, Any]:
+        found = {key: _one_or_all(value) for key, value in as_table(self, self.KEYS).items()}
+        if self.nodes == "far":
+            del found["nodes"]  # the default, which scenes of one line need not know of
+        if self.growth is not None:
+            found["growth"] = self.growth.table()
+        if self.rigid:
+            return found
+        stiffness = {"EA": _one_or_all(self.EA.tolist())} if self.tables is None else tables_of(self.tables)
+        axial = {"law": self.axial_law, **stiffness}
+        if self.axial_damping is not None:
+            axial["damping"] = _one_or_all(self.axial_damping.tolist())
+        return {**found, "axial": axial}
+
+
+def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
+    """All lines as one, their arrays one after another; what some lines lack is None, internal damping zero there."""
+    if len(lines) == 1:
+        return lines[0]
+
+    def together(key: str) -> np.ndarray | None:
+        values = [getattr(line, key) for line in lines]
+        return None if any(v is None for v in values) else np.concatenate(values)
+
+    arrays = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA")
+    damping = None
+    if any(line.axial_damping is not None for line in lines):
+        damping = np.concatenate([np.zeros(n.links) if n.axial_damping is None else n.axial_damping for n in lines])
+    tables = None
+    if all(line.tables is not None for line in lines):
+        tables = tuple(table for line in lines for table in line.tables)
+    return dataclasses.replace(
+        lines[0],
+        tables=tables,
+        links=sum(line.links for line in lines),
+        end=lines[-1].end,
+        axial_damping=damping,
+        **{key: together(key) for key in arrays},
+    )
+
+
+def _read_axial(table: Any, path: str, links: int) -> dict[str, Any]:
+    """Law and constants of `axial = {law = ..., ...}`; the constants are the fields of the law's class."""
+    table = dict(read_table(table, path))
+    law = table.pop("law", None)
+    if law not in LAWS:
+        raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
+    if law == "tabulated":
+        tables = read_tables(table, path, links)
+        rest = {key: value for key, value in table.items() if key not in ("strain", "tension", "EA")}
+        if "EA" in table:
+            raise SceneError(f"{path}.EA: given beside a table; allowed: `strain` and `tension`")
+        damping = read_fields(LAWS[law], {**rest, "EA": 1.0}, path, {"link": links})["damping"]
+        stiffness = np.array([t.stiffness for t in tables])
+        return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
+    values = read_fields(LAWS[law], table, path, {"link": links})
+    return {"axial_law": law, "EA": values.get("EA"), "axial_damping": values.get("damping")}
+
+
+def _per_link(value: Any, links: int) -> np.ndarray:
+    return np.broadcast_to(np.asarray(value, float), (links,)).copy()
+
+
+def _one_or_all(value: Any) -> Any:
+    """One number where all entries of a list are equal, so that the number of links can be changed."""
+    return value[0] if isinstance(value, list) and value and value.count(value[0]) == len(value) else value

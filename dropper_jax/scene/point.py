@@ -1,0 +1,69 @@
+"""Points and buoys of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import read_fields, refuse
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PointSpec:
+    """`[[point]]`: where lines begin and end."""
+
+    name: str = option("name", type=str)
+    position: np.ndarray = parameter("position", unit="m", shape="vector")
+    kind: str = option("fixed or free", choices=("fixed", "free"), default="fixed")
+    mass: float | None = parameter("mass of a body at the point", unit="kg", low=0.0, optional=True)
+    volume: float | None = parameter("its displaced volume", unit="m^3", low=0.0, optional=True)
+    drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, optional=True)
+    added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, optional=True)
+
+    BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> PointSpec:
+        point = cls(**read_fields(cls, table, path, {}))
+        if point.kind == "fixed" and point.body:
+            given = next(key for key in cls.BODY if getattr(point, key) is not None)
+            raise refuse(f"{path}.{given}", getattr(point, given), "moves nothing on a fixed point", "kind = 'free'")
+        return point
+
+    @property
+    def body(self) -> bool:
+        """Whether a mass or a volume is at the point."""
+        return any(getattr(self, key) is not None for key in self.BODY)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BuoySpec:
+    """`[[buoy]]`: an upright cylinder at a free point (see `effects.spar_buoys`)."""
+
+    name: str = option("name", type=str)
+    point: str = option("name of the point", type=str)
+    mass: float = parameter("mass", unit="kg", low=0.0, open_low=True)
+    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
+    height: float = parameter("height", unit="m", low=0.0, open_low=True)
+    attachment: float = parameter("height of the point above the base", unit="m", low=0.0, default=0.0)
+    cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
+    cdt: float = parameter("drag coefficient of the base", unit="-", low=0.0, default=0.0)
+    can: float = parameter("added mass coefficient across", unit="-", low=0.0, default=1.0)
+    cat: float = parameter("added mass coefficient of the base", unit="-", low=0.0, default=0.0)
+    end_added_mass: str = option(
+        "water that `cat` counts: a half sphere's, or the wet volume's",
+        choices=("hemisphere", "volume"),
+        default="hemisphere",
+    )
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> BuoySpec:
+        buoy = cls(**read_fields(cls, table, path, {}))
+        if buoy.attachment > buoy.height:
+            raise refuse(
+                f"{path}.attachment", buoy.attachment, "is above the buoy", f"0 to its height, {buoy.height:g} m"
+            )
+        return buoy

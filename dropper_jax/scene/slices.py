@@ -1,0 +1,96 @@
+"""Where the lines of a scene stand in arrays of all nodes and of all links."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.scene.data import SceneData
+from dropper_jax.scene.line import LineSpec, joined
+
+
+class LineSlice(NamedTuple):
+    """Where one line of a scene stands in a solution's arrays: its nodes, both ends included, and its links."""
+
+    name: str
+    nodes: slice
+    links: slice
+
+
+class WholeLine(NamedTuple):
+    """A line as it was written, the pieces between its attached points together.
+
+    Attributes:
+        name: of the line.
+        spec: its values, one per link.
+        nodes: where its nodes stand (links + 1,), each joint once.
+        links: where its links stand.
+        stops: names of the points along it by node, both ends included.
+        pieces: how many lines of the scene it is made of.
+    """
+
+    name: str
+    spec: LineSpec
+    nodes: np.ndarray
+    links: slice
+    stops: dict[int, str]
+    pieces: int
+
+
+def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
+    """Where the lines of a scene stand in arrays of all nodes and of all links."""
+    found, node, link = [], 0, 0
+    for line in scene.lines:
+        nodes = slice(node, node + line.links + 1)
+        found.append(LineSlice(line.name, nodes, slice(link, link + line.links)))
+        node, link = nodes.stop, link + line.links
+    return tuple(found)
+
+
+def line_places(scene: SceneData) -> list[dict[str, Any]]:
+    """The same as plain values: first node and link of each line in the arrays, and how many links it has."""
+    return [
+        {
+            "name": w.name,
+            "first_node": w.nodes.start,
+            "first_link": w.links.start,
+            "links": w.links.stop - w.links.start,
+        }
+        for w in line_slices(scene)
+    ]
+
+
+def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:
+    """The lines of a scene as they were written."""
+    groups: list[list[tuple[LineSpec, LineSlice]]] = []
+    for pair in zip(scene.lines, line_slices(scene), strict=True):
+        last = groups[-1][-1][0] if groups else None
+        if last is not None and last.piece_of is not None and last.piece_of == pair[0].piece_of:
+            groups[-1].append(pair)
+        else:
+            groups.append([pair])
+    return tuple(_whole(group) for group in groups)
+
+
+def _whole(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
+    specs, places = [spec for spec, _ in group], [where for _, where in group]
+    nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(places)]
+    ends = np.cumsum([spec.links for spec in specs])
+    stops = {0: specs[0].start, **{int(end): spec.end for end, spec in zip(ends, specs, strict=True)}}
+    name = specs[0].name if len(group) == 1 else specs[0].piece_of
+    links = slice(places[0].links.start, places[-1].links.stop)
+    return WholeLine(name, joined(tuple(specs)), np.concatenate(nodes), links, stops, len(group))
+
+
+def held_loads(scene: SceneData, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:
+    """What the lines pull on each held point (3,) [N] in a pose: `T d/|d|` of the links that end there, d outwards."""
+    loads = {point.name: np.zeros(3) for point in scene.points if point.kind == "fixed"}
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        first, last = where.nodes.start, where.nodes.stop - 1
+        ends = ((line.start, first, first + 1, where.links.start), (line.end, last, last - 1, where.links.stop - 1))
+        for point, node, inner, link in ends:
+            if point in loads:
+                along = positions[inner] - positions[node]
+                loads[point] = loads[point] + tension[link] * along / max(float(np.linalg.norm(along)), 1e-300)
+    return loads

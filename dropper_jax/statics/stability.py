@@ -1,0 +1,100 @@
+"""Whether a pose at rest is stable, and the way from one that is not to one that is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.newton import damped_newton
+from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.solvers.dense import residual_matrix
+from dropper_jax.statics.rest_problem import (
+    DENSE_LIMIT,
+    StaticProblem,
+    dead_loads,
+    solve_statics,
+    static_solver,
+    static_tolerance,
+)
+
+#: First displacement from an unstable pose, in lengths of a link, and steps of the fall that follows.
+NUDGE = 0.1
+FALL_STEPS = 80
+
+
+def stable(model: Model, s: State) -> bool:
+    """Whether no displacement that keeps rigid links' lengths lowers the energy to second order.
+
+    Smallest eigenvalue of the stiffness on the null space of the constraints, against the mean weight per length. A
+    line whose links are all in tension under dead loads is stable, and long ones are not looked at further.
+    """
+    if bool(jnp.all(s.tension > 0)) and dead_loads(model):
+        return True
+    if SOLVERS["dense"].size(model) > DENSE_LIMIT:
+        return True
+    scale = float(jnp.mean(jnp.abs(s.tension)) / jnp.mean(model.line.length))
+    return softest(model, s)[0] > -1e-6 * scale
+
+
+def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
+    """The least stiffness [N/m] of a pose and the displacement (free nodes, 3) of size one that meets it."""
+    problem = StaticProblem(model, s, jnp.zeros_like(s.r))
+    stiffness = residual_matrix(problem, Unknowns(s.r, s.tension))
+    nodes = 3 * model.free_nodes
+    k, g, c = np.asarray(stiffness[:nodes, :nodes]), np.asarray(stiffness[nodes:, :nodes]), stiffness[nodes:, nodes:]
+    if model.line.axial.elastic:
+        k, free = k - np.asarray(stiffness[:nodes, nodes:]) @ np.linalg.solve(np.asarray(c), g), np.eye(nodes)
+    else:
+        free = _null_space(g)
+        k = free.T @ k @ free
+    if not k.size:
+        return np.inf, np.zeros(s.r.shape)
+    values, vectors = np.linalg.eigh(0.5 * (k + k.T))
+    return float(values[0]), (free @ vectors[:, 0]).reshape(s.r.shape)
+
+
+def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[State, float]:
+    """From an unstable pose down to a stable one, starting out to either side of the softest displacement."""
+    stiffness, side = softest(model, s)
+    nudge = NUDGE * float(jnp.mean(model.line.length)) / np.abs(side).max() * side
+    for start in (s.r + nudge, s.r - nudge):
+        fallen = _fall(model, replace(s, r=start), loads, 4.0 * abs(stiffness), static_solver(model))
+        found, size = solve_statics(model, fallen, loads, float(s.t))
+        if size <= static_tolerance(model) and stable(model, found):
+            return found, size
+    return s, residual
+
+
+class DraggedProblem(StaticProblem):
+    """The statics with a drag `stiffness (r - r_before)` towards the state's pose: one step of a slow fall."""
+
+    def __init__(self, model: Model, s: State, loads: jax.Array, stiffness: jax.Array):
+        super().__init__(model, s, loads)
+        self.stiffness = stiffness
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        rows = super().residual(u)
+        return rows._replace(x=rows.x + self.stiffness * (u.x - self.s.r))
+
+
+@partial(jax.jit, static_argnames="solver")
+def _fall(model: Model, s: State, loads: jax.Array, stiffness: jax.Array, solver: Any) -> State:
+    """A chain of poses, each lower in energy than the one before: implicit steps of a motion without inertia."""
+
+    def lower(s: State, _: None) -> tuple[State, None]:
+        u, _ = damped_newton(DraggedProblem(model, s, loads, stiffness), solver, Unknowns(s.r, s.tension), 6)
+        return replace(s, r=u.x, tension=u.y), None
+
+    return jax.lax.scan(lower, s, None, length=FALL_STEPS)[0]
+
+
+def _null_space(g: np.ndarray) -> np.ndarray:
+    return np.linalg.svd(g)[2][len(g) :].T

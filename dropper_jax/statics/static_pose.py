@@ -1,0 +1,229 @@
+"""Static equilibrium: the stable pose of dead loads, Newton with load continuation, exact derivatives of the pose.
+
+F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.effect import Law
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State, state
+from dropper_jax.residual.problem import GRAVITY_SCALE
+from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.statics.catenary import catenary_guess
+from dropper_jax.statics.hanging import hang
+from dropper_jax.statics.laid_out import laid_out
+from dropper_jax.statics.rest_problem import (
+    DENSE_LIMIT,
+    LeastNorm,
+    StaticProblem,
+    dead_loads,
+    solve_statics,
+    static_tolerance,
+)
+from dropper_jax.statics.stability import leave, stable
+from dropper_jax.statics.system import find_rest, find_softened, guess, system_tolerance, unsettled
+
+#: Smallest share of the loads that continuation tries to add before it gives up.
+SMALLEST_INCREMENT = 1.0 / 1024
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static pose.
+
+    Attributes:
+        positions: nodes (n + 1, 3) [m]; of a system those of all lines, line after line.
+        tension: links (n,) [N].
+        residual: largest scaled row.
+        status: `ok` or `not_converged`.
+        message: what went wrong, else empty.
+        state: the same as a `State` at rest.
+    """
+
+    positions: np.ndarray
+    tension: np.ndarray
+    residual: float
+    status: str
+    message: str = ""
+    state: State | None = field(default=None, repr=False)
+
+
+def rest(model: Model) -> Model:
+    """The model without laws of their own and without waves.
+
+    Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
+    """
+    effects = tuple(e for e in model.effects if not isinstance(e, Law))
+    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
+
+
+def nodal_loads(model: Model, nodes: Any, forces: Any) -> jax.Array:
+    """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; none where `nodes` is None."""
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    if nodes is None or len(nodes) == 0:
+        return loads
+    index = np.asarray(nodes, int) - 1
+    if np.any(index < 0) or np.any(index >= model.free_nodes):
+        raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
+    return loads.at[index].add(jnp.asarray(forces, model.dtype))
+
+
+def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) -> Equilibrium:
+    """The pose in which the model rests at time t under additional nodal `loads` (free nodes, 3) [N].
+
+    Works for hanging strings, slack loops, ends at different heights or at the same point, loops nearly as long as
+    they are straight, and lifted nodes. Runs on the host; see `settle` for derivatives of the pose it finds.
+
+    Raises:
+        SceneError: where nothing gives the line a shape (no weight).
+    """
+    full, model = model, rest(model)
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    if model.branched:
+        return _of_system(full, model, loads, t)
+    share, message = 1.0, ""
+    s, residual = _hang_and_solve(model, loads, t)
+    if not (residual <= static_tolerance(model) and stable(model, s)):
+        s, residual, share = _continue(model, loads, t)
+    if share == 1.0 and residual <= static_tolerance(model) and not stable(model, s):
+        s, residual = leave(model, s, loads, residual)
+    if share < 1.0 or not residual <= static_tolerance(model):
+        message = _complaint(model, s, loads, share, residual)
+    elif not stable(model, s):
+        message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+    return _result(full, s, residual, message)
+
+
+def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
+    tolerance = system_tolerance(model)
+    s, residual = find_rest(model, guess(model, t), loads, tolerance)
+    if not residual <= tolerance:
+        softly = find_softened(model, guess(model, t), loads, tolerance)
+        s, residual = (s, residual) if residual <= softly[1] else softly
+    message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+    friction = full.effect("seabed_friction")
+    if not message and friction is not None and friction.statics == "outward":
+        held, rounding = laid_out(model, s, friction.kinetic)
+        tolerance = max(tolerance, rounding)
+        s, residual = find_rest(held, s, loads, tolerance)
+        message = "" if residual <= tolerance else unsettled(held, s, loads, residual)
+    return _result(full, s, residual, message)
+
+
+def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
+    """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
+    s = _hang(model, loads, None, t)
+    for _ in range(1 if dead_loads(model) else 4):
+        s = _hang(model, loads, s, t)
+    return solve_statics(model, s, loads, t)
+
+
+def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
+    time = jnp.asarray(t, model.dtype)
+    ends, line = model.ends(time), model.line
+    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if near is None else near.r
+    k = model.kinematics(r, jnp.zeros_like(r), time, ends)
+    k = model.kinematics(r, jnp.zeros_like(r), time, ends, prepared=model.prepare(k))
+    total = np.asarray(model.force(k) + loads, float)
+    if not np.any(total):
+        raise SceneError(
+            "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
+            "'angles' or 'positions'"
+        )
+    flexibility = 1.0 / line.axial.EA if line.axial.elastic else 0.0
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = hang(
+        np.asarray(ends.start, float),
+        end,
+        np.asarray(line.length, float),
+        total,
+        np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
+    )
+    return state(model, nodes, tension=tension, t=t)
+
+
+def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
+    """The loads added little by little to the catenary; returns the share that was reached."""
+    solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
+    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
+    if not np.any(np.asarray(loads)):
+        return s, residual, 1.0
+    share, increment = 0.0, 0.125
+    while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
+        step = min(increment, 1.0 - share)
+        trial, trial_residual = solve_statics(model, s, (share + step) * loads, t, solver)
+        if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
+            s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
+        else:
+            increment = step / 2.0
+    return s, residual, share
+
+
+def _catenary(model: Model, t: float) -> State:
+    ends, line = model.ends(jnp.asarray(t, model.dtype)), model.line
+    weight = model.effect("weight")
+    total = GRAVITY_SCALE * float(jnp.sum(line.mass)) if weight is None else float(jnp.sum(weight.per_link(line)))
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
+    return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
+
+
+def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
+    """A load increment that moves a node by more than half a line length may have jumped to another branch."""
+    return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
+
+
+def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
+    rows = StaticProblem(model, s, share * loads).residual(Unknowns(s.r, s.tension)).x
+    worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
+    return (
+        f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "
+        f"node {worst} is farthest from balance"
+    )
+
+
+def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
+    ends = model.ends(s.t)
+    return Equilibrium(
+        positions=np.asarray(model.nodes(s.r, ends)),
+        tension=np.asarray(s.tension),
+        residual=residual,
+        status="not_converged" if message else "ok",
+        message=message,
+        state=state(model, s.r, tension=s.tension, t=s.t),
+    )
+
+
+def settle(model: Model, near: State, loads: jax.Array | None = None) -> State:
+    """The equilibrium next to the pose `near`, as a differentiable, batchable function of model and loads.
+
+    Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem.
+    """
+    full, model = model, rest(model)
+    loads = jnp.zeros_like(near.r) if loads is None else loads
+    guess = jax.lax.stop_gradient(Unknowns(near.r, near.tension))
+    problem = StaticProblem(model, near, loads)
+    flat, unravel = ravel_pytree(guess)
+
+    def rows(x: jax.Array) -> jax.Array:
+        return ravel_pytree(problem.residual(unravel(x)))[0]
+
+    def solve(f: Any, x: jax.Array) -> jax.Array:
+        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(f)(y), f(y)), x)
+
+    def tangent(g: Any, b: jax.Array) -> jax.Array:
+        return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
+
+    u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))
+    return state(full, u.x, tension=u.y, t=near.t)

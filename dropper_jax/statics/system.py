@@ -1,0 +1,205 @@
+"""Statics of a system of lines: damped Newton descent from a rough guess to the stable pose.
+
+    (K + kappa) dx = F(r),    r <- r + a dx
+
+F holds all forces and the tensions of the links as they lie, K their stiffness, which tension-only lines, a seabed and
+floats keep positive. The share a is the largest of a geometric series that does not overshoot: `F(r + a dx) . dx` may
+not turn far negative (the line search of nonlinear finite elements; it needs no energy, so that a current may act).
+kappa falls while whole steps are taken and rises when they are cut: descent far from rest, Newton near it. Descent ends
+in stable poses. Host-side loop over one compiled round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.model.lines import System
+from dropper_jax.model.state import State, state
+from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
+from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.solvers.dense import Dense
+from dropper_jax.solvers.network import Network
+
+#: Rounds until a pose counts as not found.
+ROUNDS = 1000
+#: Rounds that may pass without a pose better than the guess.
+HOPELESS = 500
+#: Largest move of a node in one round, in mean link lengths.
+REACH = 1.0
+#: Shares of a correction that are tried.
+SHARES = tuple(0.5**i for i in range(14))
+#: How far the force along a correction may turn against it, over its value at the start.
+OVERSHOOT = 0.5
+#: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
+SMALLEST = 1e-9
+#: Shares of the axial stiffness that poses are found with on the way to a stiff one.
+SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
+#: Factors on kappa after a whole, a good and a short step.
+FALL, KEEP, RISE = 0.2, 0.7, 4.0
+
+
+class RestProblem(StepProblem):
+    """Unknowns: x = r - (last round's r), y = T, at rest at the state's time."""
+
+    def __init__(self, model: System, s: State, loads: jax.Array, kappa: jax.Array):
+        super().__init__(model, s, jnp.ones((), model.dtype))
+        self.loads, self.kappa = loads, kappa
+        self.ends = model.ends(s.t)
+
+    def place(self, x: jax.Array) -> Any:
+        model, still = self.model, jnp.zeros_like(x)
+        k = model.kinematics(self.s.r + x, still, self.s.t, self.ends)
+        return model.kinematics(k.r, still, k.t, self.ends, prepared=model.prepare(k))
+
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        return self.kappa * x - self.model.force(self.place(x)) - self.loads, ()
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        return self.model.links(self.s.r + x, self.ends)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        pull = y[:, None] * line.axial.direction(d, d, d, line.length)
+        return pull, line.axial.residual(d, d, y, line.length, self.h)
+
+    def tension(self, x: jax.Array) -> jax.Array:
+        """Tensions that belong to the links' lengths (n,) [N]."""
+        line, d = self.model.line, self.link_vectors(x)
+        return line.axial.tension(d, jnp.zeros_like(d), line.length)
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        pull, axial = self.link_rows(self.link_vectors(u.x), u.y)
+        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
+
+
+def system_tolerance(model: System) -> float:
+    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
+    line = model.line
+    stiffness = float(jnp.max(line.axial.EA / line.length))
+    bed = model.effect("seabed")
+    if bed is not None:
+        stiffness = max(stiffness, float(bed.stiffness * jnp.max(line.diameter * line.length)))
+    extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(jnp.max(line.length))
+    rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * stiffness * extent
+    return max(1e-10, rounding / float(force_scale(model)))
+
+
+def force_scale(model: System) -> jax.Array:
+    """What a residual force is measured against, a scalar [N]: the mean weight of a link."""
+    return GRAVITY_SCALE * jnp.mean(model.line.mass)
+
+
+@jax.jit
+def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
+    problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
+    x = jnp.zeros_like(s.r)
+    tension = problem.tension(x)
+    return problem.residual(Unknowns(x, tension)).x, tension
+
+
+@jax.jit
+def _round(
+    model: System, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
+) -> tuple[State, jax.Array, jax.Array]:
+    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
+    problem = RestProblem(model, s, loads, kappa)
+    solver = Dense() if model.reach > 0 else Network()  # the network's matrix has no bending in it
+    u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
+    rows = problem.residual(u)
+    dx = -solver.apply(solver.factor(problem, u), rows).x
+    dx = dx * jnp.minimum(1.0, reach / jnp.maximum(jnp.max(jnp.sqrt(jnp.sum(dx * dx, axis=1))), 1e-300))
+
+    def along(share: jax.Array) -> jax.Array:
+        unbalanced, _ = _unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
+        return -jnp.sum(unbalanced * dx)
+
+    shares = jnp.asarray(SHARES, model.dtype)
+    good = jax.vmap(along)(shares) >= OVERSHOOT * jnp.sum(rows.x * dx)  # rows are minus the forces
+    share = shares[jnp.argmax(good.at[-1].set(True))]
+    r = s.r + share * dx
+    after, tension = _unbalanced(model, state(model, r, t=s.t), loads)
+    return state(model, r, tension=tension, t=s.t), jnp.max(jnp.abs(after)) / force_scale(model), share
+
+
+def guess(model: System, t: float = 0.0) -> State:
+    """Every line straight between its points, where the scene puts these."""
+    graph = model.graph
+    places = np.array([np.asarray(p.position, float) for p in model.points])
+    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).start, float)
+    places[graph.held_points] = moved
+    r = np.zeros((graph.free, 3))
+    length = np.asarray(model.line.length, float)
+    for member, path, span in zip(graph.members, graph.paths, graph.spans, strict=True):
+        along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
+        line = places[member.start] + along[:, None] * (places[member.end] - places[member.start])
+        if member.start == member.end:  # a loop hangs below its point
+            line[:, 2] -= 0.5 * np.sum(length[span]) * np.sin(np.pi * along)
+        inner = path < graph.free
+        r[path[inner]] = line[inner]
+    return state(model, jnp.asarray(r), t=t)
+
+
+def find_rest(model: System, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+    """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
+    length, scale = float(jnp.mean(model.line.length)), float(force_scale(model))
+    rows, tension = _unbalanced(model, s, loads)
+    s = state(model, s.r, tension=tension, t=s.t)
+    residual = float(jnp.max(jnp.abs(rows))) / scale
+    first, best = s, (s, residual)
+    kappa, reach = scale / length, jnp.asarray(REACH * length, model.dtype)
+    reached = 0
+    for count in range(ROUNDS):
+        s, residual, share = _round(model, s, loads, jnp.asarray(kappa, model.dtype), reach)
+        residual, share = float(residual), float(share)
+        kappa *= FALL if share == 1.0 else KEEP if share >= 0.25 else RISE
+        kappa = max(kappa, SMALLEST * scale / length)
+        if residual < best[1]:
+            best = (s, residual)
+        reached = reached + 1 if residual <= tolerance else 0
+        if not np.isfinite(residual) or reached > 1 or (count > HOPELESS and best[0] is first):
+            break
+    return best
+
+
+def find_softened(model: System, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+    """The pose by way of softer lines: where slack links tauten one after another, stiff ones cut every step short.
+
+    A weightless line of 200 links in a current is found in seconds this way, and not in `ROUNDS` rounds without.
+    """
+    line, residual = model.line, np.inf
+    for share in SOFTENING:
+        values = {name: getattr(line.axial, name, None) for name in ("EA", "force", "slope")}
+        soft = replace(line.axial, **{name: share * value for name, value in values.items() if value is not None})
+        s, residual = find_rest(replace(model, lines=(replace(line, axial=soft),)), s, loads, tolerance)
+    return s, residual
+
+
+def unsettled(model: System, s: State, loads: jax.Array, residual: float) -> str:
+    """Which node is farthest from balance in a pose that was not found, and why."""
+    rows = np.asarray(_unbalanced(model, s, loads)[0])
+    node = int(np.argmax(np.max(np.abs(rows), axis=1)))
+    if not np.all(np.isfinite(rows)):
+        node = int(np.flatnonzero(~np.all(np.isfinite(rows), axis=1))[0])
+    force = ", ".join(f"{x:.3g}" for x in rows[node])
+    place = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
+    return (
+        f"no equilibrium found in {ROUNDS} rounds: largest scaled unbalanced force {residual:.1e}, "
+        f"{name_of(model, node)} at ({place}) m is left with ({force}) N"
+    )
+
+
+def name_of(model: System, node: int) -> str:
+    """A free node in words: its point, or its line and number."""
+    graph = model.graph
+    if node >= graph.inner:
+        return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
+    for member, path in zip(graph.members, graph.paths, strict=True):
+        if node in path[1:-1]:
+            return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
+    return f"node {node}"

@@ -1,0 +1,143 @@
+"""Many steps as one compiled program: the functional core under `simulate`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.model import Model
+from dropper_jax.model.parted import Parted
+from dropper_jax.model.state import State
+from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+
+#: Largest relative change of a rigid link's length under a scheme that lets lengths drift (explicit Euler).
+DRIFT_LIMIT = 0.1
+
+
+class Trajectory(NamedTuple):
+    """Saved states of a run (k saved times), the start not included.
+
+    Attributes:
+        r, v: free nodes (k, nodes, 3) [m], [m/s]; v is the scheme's raw velocity.
+        tension: (k, n) [N].
+        work: (k, w) [J], see `work_names`.
+        residual: largest scaled residual since the last saved time (k,).
+        retried: steps taken again by other means since then (k,).
+        failed: steps since then that ended above tolerance (k,).
+        first_bad: number of the first failed step of the run, -1 while there is none (k,).
+        parted: links that have broken, each (k, m), where the scene has failures.
+    """
+
+    r: jax.Array
+    v: jax.Array
+    tension: jax.Array
+    work: jax.Array
+    residual: jax.Array
+    retried: jax.Array
+    failed: jax.Array
+    first_bad: jax.Array
+    parted: Parted | None = None
+
+
+class Progress(NamedTuple):
+    """What a run carries: the state, steps done, the first failed step (-1: none)."""
+
+    state: State
+    done: jax.Array
+    first_bad: jax.Array
+
+
+def begin(stepper: Stepper, model: Model, s: State) -> Progress:
+    """The carry of a run that starts from `s`."""
+    s = stepper.integrator.begin(model, s)
+    if not stepper.track_work:
+        s = replace(s, work=jnp.zeros(0, model.dtype))
+    return Progress(s, jnp.zeros((), jnp.int32), jnp.full((), -1, jnp.int32))
+
+
+def advance(
+    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
+) -> tuple[Progress, Trajectory]:
+    """`saves * save_every` further steps, saved every `save_every`."""
+
+    def one(carry: Progress, _: None) -> tuple[Progress, tuple[jax.Array, ...]]:
+        s, report = step(stepper, model, carry.state, dt, carry.first_bad < 0)
+        bad = failed(stepper, model, s, report.residual)
+        first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
+        return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
+
+    def save(carry: Progress, _: None) -> tuple[Progress, Trajectory]:
+        if save_every == 1:
+            carry, (residual, retried, bad) = one(carry, None)
+            retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
+        else:
+            carry, (residual, retried, bad) = jax.lax.scan(one, carry, None, length=save_every)
+            residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
+        s = carry.state
+        return carry, Trajectory(s.r, s.v, s.tension, s.work, residual, retried, bad, carry.first_bad, s.parted)
+
+    return jax.lax.scan(save, progress, None, length=saves)
+
+
+def failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
+    """Whether the step that led to `s` failed: unsolved, not finite, or with lengths that have drifted off."""
+    bad = ~(residual <= stepper.limit(model))
+    if stepper.integrator.holds_length:
+        return bad
+    return bad | ~(_drift(model, s) <= DRIFT_LIMIT)
+
+
+def _drift(model: Model, s: State) -> jax.Array:
+    size = safe_norm(model.links(s.r, model.ends(s.t)))
+    return jnp.max(jnp.abs(size / model.line.length - 1.0))
+
+
+def integrate(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: float | jax.Array,
+    steps: int,
+    save_every: int = 1,
+    checkpoint: bool = False,
+) -> tuple[State, Trajectory]:
+    """Run `steps` steps of `dt` from `s`: a pure function to `jit`, `grad`, `jacfwd` and `vmap` over model, s and dt.
+
+    Args:
+        stepper: from `make_stepper`; static.
+        steps: a multiple of `save_every`.
+        checkpoint: for long reverse-mode runs: keep states at about sqrt(steps) places only and step again from
+            there on the way back (one more forward run, memory ~ sqrt(steps)). Forward mode needs none of it.
+
+    Returns:
+        The last state, and the saved ones.
+    """
+    if steps % save_every:
+        raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
+    saves = steps // save_every
+    progress = begin(stepper, model, s)
+    dt = jnp.asarray(dt, model.dtype)
+    run = partial(advance, stepper, save_every=save_every)
+    if not checkpoint or saves < 4:
+        progress, trajectory = run(model, progress, dt, saves=saves)
+        return progress.state, trajectory
+    per = math.isqrt(saves)
+    bunches, rest = divmod(saves, per)
+
+    @jax.checkpoint
+    def bunch(model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Trajectory]:
+        return run(model, progress, dt, saves=per)
+
+    progress, trajectory = jax.lax.scan(lambda p, _: bunch(model, p, dt), progress, None, length=bunches)
+    trajectory = jax.tree.map(lambda a: a.reshape(bunches * per, *a.shape[2:]), trajectory)
+    if rest:
+        progress, tail = run(model, progress, dt, saves=rest)
+        trajectory = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), trajectory, tail)
+    return progress.state, trajectory

@@ -1,0 +1,82 @@
+"""What is reported of states: energies, closure, and velocities that agree with the constraints."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.model import Model
+from dropper_jax.model.parted import Parted, as_parted
+from dropper_jax.model.state import State, state
+from dropper_jax.residual.problem import CondensedParts, StepProblem
+from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.solvers import SOLVERS
+
+
+class Observed(NamedTuple):
+    """One instant as reported: all nodes' positions and velocities (n + 1, 3), energies [J], length error [m]."""
+
+    positions: jax.Array
+    velocities: jax.Array
+    kinetic: jax.Array
+    potential: jax.Array
+    closure: jax.Array
+
+
+class ProjectionProblem(StepProblem):
+    """Smallest change x of the velocities (in the mass metric) that stops rigid links from stretching.
+
+    M x - G' y = 0,    d/L . (rate of the links) = 0
+    """
+
+    def __init__(self, model: Model, s: State):
+        super().__init__(model, s, jnp.ones((), model.dtype))
+        self.ends = model.ends(s.t)
+        self.pull = model.links(s.r, self.ends) / model.line.length[:, None]
+
+    def residual(self, u: Unknowns) -> Unknowns:
+        model, ends = self.model, self.ends
+        rate = model.differences(self.s.v + u.x, ends, rates=True)
+        inertia = model.own_inertia(u.x)
+        return Unknowns(inertia - model.pull(u.y, self.pull), jnp.sum(self.pull * rate, axis=-1))
+
+    def node_matrix(self, u: Unknowns) -> jax.Array:
+        return self.model.node_mass
+
+    def condensed(self, u: Unknowns) -> CondensedParts:
+        return CondensedParts(self.pull, self.pull, jnp.zeros_like(self.model.line.length))
+
+
+def consistent_velocity(model: Model, s: State) -> jax.Array:
+    """Velocities (nodes, 3) [m/s] on the constraints: a midpoint scheme's own ring a little off them.
+
+    For output, restart and hand-over only: projecting inside the steps would cost energy.
+    """
+    if model.line.axial.elastic:
+        return s.v
+    problem = ProjectionProblem(model, s)
+    u = Unknowns(jnp.zeros_like(s.r), jnp.zeros_like(s.tension))
+    solver = SOLVERS["banded" if model.line.compound else "condensed"]
+    return s.v - solver.apply(solver.factor(problem, u), problem.residual(u)).x
+
+
+def observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None = None) -> Observed:
+    """Report on one instant; energies are those of the scheme's raw velocities, which it conserves."""
+    model = as_parted(model, parted)
+    s = state(model, r)
+    s = State(s.r, v, s.tension, t, s.acceleration, s.law, s.work)
+    ends = model.ends(t)
+    k = model.kinematics(r, v, t, ends)
+    k = model.kinematics(r, v, t, ends, prepared=model.prepare(k))
+    length = model.line.length
+    closure = jnp.zeros((), r.dtype) if model.line.axial.elastic else jnp.max(jnp.abs(safe_norm(k.links) - length))
+    return Observed(
+        positions=k.nodes,
+        velocities=model.nodes(consistent_velocity(model, s), ends, rates=True),
+        kinetic=model.kinetic_energy(k),
+        potential=model.potential_energy(k),
+        closure=closure,
+    )

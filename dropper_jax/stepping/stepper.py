@@ -1,0 +1,68 @@
+"""What is static about stepping, and the report of a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.model.model import Model
+from dropper_jax.residual.problem import Integrator
+
+#: The one tolerance: largest scaled residual row of a converged step. Rounding leaves about 1e-14 (7 links) to
+#: 1e-12 (1000 links, nodes far from the origin) in float64; in float32 about 1e-5.
+TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
+
+
+#: With a law iterations end at this part of the tolerance, near rounding, so that what is held does not creep. Most
+#: steps slide on and are there after two, one in which a joint turns round takes three or four.
+SETTLED = 1e-3
+
+
+FULL_STEP = -1  # level of a step that needed no retry
+
+
+@dataclass(frozen=True)
+class Stepper:
+    """Everything static about stepping.
+
+    Attributes:
+        integrator: the scheme.
+        solver, fallback: names of the first and the last-resort linear solver.
+        iterations: Newton iterations of every step.
+        tolerance: largest scaled residual of a converged step; None takes `TOLERANCE` of the model's precision.
+        extra: further iterations of the first solver before anything else is tried.
+        halvings: most times a step is halved; 0 disables retries altogether.
+        track_work: count the work of each effect in `State.work`.
+        until_converged: iterate each step until it has converged, at most `iterations` times, and halve what has not;
+            for systems of lines.
+        reverse: derivatives in both modes; False, in forward mode alone, leaves the transposed step out of all traces.
+    """
+
+    integrator: Integrator
+    solver: str
+    fallback: str
+    iterations: int
+    tolerance: float | None = None
+    extra: int = 48
+    halvings: int = 6
+    track_work: bool = True
+    until_converged: bool = False
+    reverse: bool = True
+
+    def limit(self, model: Model) -> float:
+        return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
+
+
+class Report(NamedTuple):
+    """How a step went.
+
+    Attributes:
+        residual: largest scaled row at its end (NaN when not finite).
+        level: -1 when the step solved as a whole at first, k >= 0 when it took 2^k substeps of the fallback solver.
+    """
+
+    residual: jax.Array
+    level: jax.Array

@@ -1,0 +1,103 @@
+"""Largest Lyapunov exponent from the tangent map of the step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.dtypes import float0
+
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import GRAVITY_SCALE
+from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.observe import consistent_velocity
+from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import Stepper
+
+
+class Lyapunov(NamedTuple):
+    """How fast neighbouring motions part.
+
+    Attributes:
+        exponent: largest Lyapunov exponent over the second half of the run, scalar [1/s].
+        growth: logarithm of the size of the perturbation over its first size, after each step (steps,) [-].
+    """
+
+    exponent: jax.Array
+    growth: jax.Array
+
+
+@partial(jax.jit, static_argnums=(2, 4))
+def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int = 0) -> Lyapunov:
+    """Follow one perturbation through the exact tangent map of the step, scaled back to size one after each.
+
+        w_k = DS(s_k) w_{k-1} / |w_{k-1}|,    growth_k = sum_{i <= k} log |w_i|,    exponent: slope of its second half
+
+    with `|w|^2 = sum (|dr|^2 / L^2 + |dv|^2 / (g L)) `, L the mean link length. The perturbation starts as a velocity
+    that keeps the links' lengths, drawn from `seed`: the same call gives the same numbers.
+
+    Args:
+        model, s: as for `integrate`; s is the start.
+        stepper: from `make_stepper`.
+        dt: time step [s].
+        steps: number of steps, at least 2.
+        seed: of the first perturbation.
+
+    Returns:
+        `Lyapunov(exponent, growth)`. The exponent of a short run is a mean growth rate, not yet the limit.
+
+    Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
+    """
+    dt = jnp.asarray(dt, model.dtype)
+    carry = begin(stepper, model, s).state
+    dv = _first(model, s, seed)
+    w = _size(model, jnp.zeros_like(dv), dv)
+    tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv / w,))[1]
+
+    def one(carry: tuple[State, Any], _: None) -> tuple[tuple[State, Any], jax.Array]:
+        s, ds = carry
+        s, ds = jax.jvp(lambda x: step(stepper, model, x, dt)[0], (s,), (ds,))
+        size = _size(model, ds.r, ds.v)
+        return (s, _only_motion(ds, size)), jnp.log(size)
+
+    _, logs = jax.lax.scan(one, (carry, tangent), None, length=steps)
+    growth = jnp.cumsum(logs)
+    half = steps // 2
+    return Lyapunov((growth[-1] - growth[half - 1]) / ((steps - half) * dt), growth)
+
+
+def _first(model: Model, s: State, seed: int) -> jax.Array:
+    """A velocity perturbation (nodes, 3) that does not stretch rigid links."""
+    v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
+    still = jax.tree.map(jnp.zeros_like, s.v)
+    change = partial(consistent_velocity, model)
+    return jax.jvp(lambda x: change(replace(s, v=x)), (still,), (v,))[1]
+
+
+def _size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
+    length = jnp.mean(model.line.length)
+    square = jnp.sum(dr * dr) / length**2 + jnp.sum(dv * dv) / (GRAVITY_SCALE * length)
+    return jnp.sqrt(jnp.maximum(square, jnp.finfo(model.dtype).tiny))
+
+
+def _only_motion(ds: State, size: jax.Array) -> State:
+    """The scaled perturbation; bookkeeping and time are no part of it."""
+
+    def scaled(x: Any) -> Any:
+        return x if getattr(x, "dtype", None) == float0 else x / size
+
+    ds = jax.tree.map(scaled, ds)
+    return replace(ds, work=jnp.zeros_like(ds.work), t=jnp.zeros_like(ds.t))
+
+
+def horizon(result: Lyapunov, dt: float, amplification: float) -> float:
+    """Time [s] up to which a perturbation has grown less than `amplification` times; the whole run if it never does."""
+    growth = np.asarray(result.growth)
+    known = np.isfinite(growth)
+    over = np.flatnonzero(~known | (growth > np.log(amplification)))
+    return float((over[0] if over.size else len(growth)) * dt)

@@ -21,7 +21,7 @@ test: .venv/.installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 fuzz: .venv/.installed-test
-	FUZZ_EXAMPLES=2000 $(BIN)/python -m pytest tests/test_fuzz.py
+	FUZZ_EXAMPLES=2000 $(BIN)/python -m pytest tests/load/test_fuzz.py
 
 test-matrix:
 	$(call suite,$(OLDEST),.venv-oldest,jax==0.9.2 jaxlib==0.9.2)

@@ -10,7 +10,7 @@ import dropper_jax as dj
 from fitting.naming import full_names
 from fitting.traces import read_trace
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "calibration.md").read_text()
 
 

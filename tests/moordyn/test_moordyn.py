@@ -20,7 +20,7 @@ from dropper_jax.run.solution import Solution
 #: Time [s] in which MoorDyn comes to rest.
 REST = 60.0
 #: Inputs written for these tests: version 2, version 1, and a current beside it.
-FOLDER = Path(__file__).parent / "moordyn"
+FOLDER = Path(__file__).parent
 INPUTS = ("chain", "float", "current")
 CHAIN, FLOAT = ((FOLDER / f"{name}.txt").read_text() for name in ("chain", "float"))
 

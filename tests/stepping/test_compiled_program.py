@@ -19,7 +19,7 @@ import dropper_jax as dj
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS, Effect
 
-GOLDEN = Path(__file__).parent / "golden" / "operation_counts.json"
+GOLDEN = Path(__file__).parents[1] / "golden" / "operation_counts.json"
 SCENES = (
     "conical-pendulum",
     "conical-pendulum-damped",

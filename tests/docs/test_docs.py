@@ -9,7 +9,7 @@ import pytest
 from dropper_jax.cli import _parser
 from dropper_jax.effects import EFFECTS, Effect, register
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 

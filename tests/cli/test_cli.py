@@ -126,7 +126,7 @@ def test_bad_argument_is_refused_in_one_line(capsys, argv, words):
     "name", ["dropper-farm-3", "edulis-tide", "dropper-release-a-undamped", "tests/moordyn/current.txt"]
 )
 def test_a_scene_is_printed_as_toml_that_reads_as_the_same_scene(name, capsys):
-    source = str(Path(__file__).parents[1] / name) if "/" in name else name
+    source = str(Path(__file__).parents[2] / name) if "/" in name else name
     assert main(["scenes", source]) == 0
     assert Scene.from_dict(tomllib.loads(capsys.readouterr().out)) == load_scene(source)
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(
     not (FOLDER and FILE.is_file() and DOUBLE.is_file()),
     reason="DROPPER_MEASURED_DATA names no folder with single_pendulum.csv and double_pendulum.csv",
 )
-RESULTS = Path(__file__).parent.parent / "benchmarks" / "results"
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 
 #: Errors of the published parameters on the two held-out windows [rad], initial state free.
 PUBLISHED = (0.0067, 0.0129)

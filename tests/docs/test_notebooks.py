@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-FOLDER = Path(__file__).parents[1] / "notebooks"
+FOLDER = Path(__file__).parents[2] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("[0-9]-*.py"))
 #: Largest kept notebook [bytes], pictures included.
 LARGEST = 400_000

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import Elastic
+from dropper_jax.axial.law import AxialLaw
 from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
 
-Axial = Rigid | Elastic | Rope | DampedRope | Tabulated
 LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}
 
-__all__ = ["LAWS", "Axial", "DampedRope", "Elastic", "Rigid", "Rope", "Tabulated"]
+__all__ = ["LAWS", "AxialLaw", "DampedRope", "Elastic", "Rigid", "Rope", "Tabulated"]

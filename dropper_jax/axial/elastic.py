@@ -7,26 +7,29 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.axial.law import AxialLaw
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 
+INTERNAL_DAMPING = "internal_damping"
+
 
 @component
-class Elastic:
+class Elastic(AxialLaw):
     """Elastic link with internal damping: `T = EA (|d| - L)/L + BA d|d|/dt / L`.
 
     `EA` is the axial stiffness [N]. `damping` is BA [N s] (the paper's internal damping, its section 3.1).
     The link also pushes: a line that can go slack is a `Rope`.
     """
 
-    condensable: ClassVar[bool] = True
+    elastic: ClassVar[bool] = True
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
     damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, optional=True)
     intact: jax.Array | None = None  # (n,): 0 where a link has parted (see `failure`), else 1
 
     @property
-    def elastic(self) -> bool:
-        return True
+    def work_names(self) -> tuple[str, ...]:
+        return () if self.damping is None else (INTERNAL_DAMPING,)
 
     def seen(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Link vectors (n, 3) [m] as the law sees them: one that has parted lies unstretched."""
@@ -87,9 +90,20 @@ class Elastic:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
         return jnp.sum(0.5 * self.EA / length * (safe_norm(self.seen(d, length)) - length) ** 2)
 
-    def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        """Work of the internal damping over a step, scalar [J], never positive."""
+    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        return {} if self.damping is None else {INTERNAL_DAMPING: self.damping_work(d0, d1, length, h)}
+
+    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
         if self.damping is None:
-            return jnp.zeros((), d0.dtype)
+            return {}
+        stretching = jnp.sum(d * rate, axis=-1) / safe_norm(d)
+        return {INTERNAL_DAMPING: -jnp.sum(self._damper(d, stretching, tension, length) * stretching)}
+
+    def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        """Part of the tension (n,) [N] that the internal damping gives."""
+        return self.kept(self.damping / length * stretching)
+
+    def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        """Work of the internal damping over a step, scalar [J], never positive; only where there is one."""
         stretch = safe_norm(self.seen(d1, length)) - safe_norm(self.seen(d0, length))
         return -jnp.sum(self.damping / length * stretch**2) / h

@@ -7,31 +7,25 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.axial.law import AxialLaw
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot
 
 
 @component
-class Rigid:
+class Rigid(AxialLaw):
     """Inextensible link: `|d|^2 = L^2`; the tension is whatever holds it."""
 
-    #: Whether `gradient` and `compliance` make a matrix good enough for the condensed solver.
-    condensable: ClassVar[bool] = True
-
-    @property
-    def elastic(self) -> bool:
-        return False
+    elastic: ClassVar[bool] = False
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         """`(|d1|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
         return (dot(d1, d1) - length**2) / (2 * length)
 
     def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
-        """Derivative of the residual with respect to d1, (n, 3)."""
         return d1 / length[:, None]
 
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
-        """Minus the derivative of the residual with respect to the tension, (n,) [m/N]."""
         return jnp.zeros_like(length)
 
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:

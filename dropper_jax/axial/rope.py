@@ -9,6 +9,7 @@ from dropper_jax.axial.elastic import Elastic
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, safe_norm
 
+AXIAL_RINGING = "axial_ringing"
 #: How much a guessed stretch counts beside a guessed tension for whether a link is taut, any number in (0, 1].
 STRETCH_COUNTS = 1e-3
 
@@ -68,9 +69,17 @@ class Rope(Elastic):
         stretch = jnp.maximum(safe_norm(self.seen(d, length)) - length, 0.0)
         return jnp.sum(0.5 * self.EA / length * stretch**2)
 
+    @property
+    def work_names(self) -> tuple[str, ...]:
+        return (*super().work_names, AXIAL_RINGING)
+
+    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        return {**super().works(d0, d1, length, h), AXIAL_RINGING: self.ringing_work(d0, d1, length)}
+
+    def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        return tension - self.kept(self.spring(safe_norm(d), length))
+
     def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        if self.damping is None:
-            return jnp.zeros((), d0.dtype)
         d0, d1 = self.seen(d0, length), self.seen(d1, length)
         elastic = jnp.maximum(safe_norm(d1) - length, 0.0)
         extra = self.EA / length * (self._pull(d0, d1, length, h) - elastic)

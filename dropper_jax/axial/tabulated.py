@@ -83,8 +83,6 @@ class Tabulated(Rope):
         return self.kept(pull)
 
     def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        if self.damping is None:
-            return jnp.zeros((), d0.dtype)
         d0, d1 = self.seen(d0, length), self.seen(d1, length)
         extra = self.EA / length * self._pull(d0, d1, length, h) - self.spring(safe_norm(d1), length)
         return -jnp.sum(extra * (safe_norm(d1) - safe_norm(d0)))

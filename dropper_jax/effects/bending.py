@@ -50,7 +50,7 @@ class Bending(Effect):
         length = 0.5 * (k.line.length[first] + k.line.length[first + 1])
         bend = directions[first + 1] - directions[first]
         each = 0.25 * (stiffness[first] + stiffness[first + 1]) / length * dot(bend, bend)
-        intact = getattr(k.line.axial, "intact", None)
+        intact = k.line.axial.intact
         return jnp.sum(each if intact is None else intact[first] * intact[first + 1] * each)
 
 

@@ -13,6 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.model.effect import Effect
 from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.slots import ContactArea
 from dropper_jax.scene.data import SceneData
 
 
@@ -75,7 +76,7 @@ class Seabed(Effect):
     def normal(self, k: Kinematics) -> jax.Array:
         """Contact force (nodes,) [N], never negative."""
         area = k.line.node_share(k.line.diameter * k.line.length, k.free)
-        area = sum((e.contact_area(k.model) for e in k.model.effects if hasattr(e, "contact_area")), area)
+        area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
         bed = self.bed(k.r)
         if k.h is None:
             return area * self.stiffness * jnp.maximum(bed - k.r[:, 2], 0.0)

@@ -70,7 +70,7 @@ class SeabedFriction(Law):
 
     def _limit(self, k: Kinematics) -> jax.Array:
         """Largest friction (nodes, 1) [N]."""
-        bed = next(e for e in k.model.effects if isinstance(e, Seabed))
+        bed = k.model.having(Seabed)[0]
         normal = bed.normal(k)[:, None]
         if self.static is None:
             return self.kinetic * normal

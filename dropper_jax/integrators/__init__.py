@@ -1,6 +1,9 @@
-"""The time integrators, one file each, and the rules by which a run's choice is made or refused."""
+"""The time integrators, one file each."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
@@ -31,4 +34,19 @@ INTEGRATORS = {
     )
 }
 
-__all__ = ["INTEGRATORS"]
+
+def _options() -> dict[str, Mapping[str, Any]]:
+    """Meaning and widest range of every option of a scheme, by name."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for scheme in INTEGRATORS.values():
+        for name, one in scheme.options().items():
+            other = found.get(name, one)
+            low, high = min(one["low"], other["low"]), max(one["high"], other["high"])
+            found[name] = {**one, "low": low, "high": high, "open_low": one["open_low"] and other["open_low"]}
+    return found
+
+
+#: What `[run]` may hold beside its own keys; each scheme checks its own range.
+OPTIONS = _options()
+
+__all__ = ["INTEGRATORS", "OPTIONS"]

@@ -15,21 +15,15 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial import Rope
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
-from dropper_jax.model.effect import Effect, has
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import Model
+from dropper_jax.model.model import MOVING_ENDS, Model
+from dropper_jax.model.slots import AddedMass
 from dropper_jax.model.state import State
-from dropper_jax.residual.problem import (
-    GRAVITY_SCALE,
-    CondensedParts,
-    Integrator,
-    StepProblem,
-    constant_force,
-    node_blocks,
-)
+from dropper_jax.model.work import Works, booked, turning
+from dropper_jax.residual.problem import CondensedParts, StepProblem, node_blocks
+from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
 #: Share of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
@@ -38,7 +32,7 @@ GEOMETRIC_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class EnergyMomentum(Integrator):
+class EnergyMomentum(Implicit):
     """Energy-momentum midpoint scheme, second order."""
 
     name: ClassVar[str] = "energy_momentum"
@@ -89,7 +83,7 @@ class MidpointProblem(StepProblem):
         s = self.s
         return Unknowns(s.acceleration * (self.gamma * self.h**2), s.tension, s.law)
 
-    def _middle(self, x: jax.Array):  # noqa: ANN202 - Kinematics
+    def _middle(self, x: jax.Array) -> Kinematics:
         s, h = self.s, self.h
         v = s.v + x / h
         return self.model.kinematics(s.r + self.gamma * h * v, v, self.t_mid, self.ends, prepared=self.prepared, h=h)
@@ -146,7 +140,7 @@ class MidpointProblem(StepProblem):
         stiffness = u.y / line.length
         following = jnp.concatenate([stiffness[1:], jnp.zeros_like(stiffness[:1])])
         geometric = GEOMETRIC_SHARE * self.gamma * jnp.maximum((stiffness + following)[: model.free_nodes], 0.0)
-        if constant_force(model) and not any(has(e, "inertia") for e in model.effects):
+        if model.constant_force and not model.having(AddedMass):
             return model.node_mass / (self.gamma * self.h**2) + geometric
         node = node_blocks(lambda x: self._local(u.x + x), model.free_nodes, u.x.dtype)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
@@ -170,39 +164,30 @@ class MidpointProblem(StepProblem):
             work=s.work + self._work(u, stopped) if s.work.size else s.work,
         )
 
-    def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, jax.Array | None]:
-        """Velocity (nodes, 3) [m/s] at the end, and what stopping held joints or nodes took [J]."""
+    def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
+        """Velocity (nodes, 3) [m/s] at the end, and what stopping held joints or nodes took, by name [J]."""
         s, h, model = self.s, self.h, self.model
         v1 = s.v + u.x / (self.gamma * h)
         if not model.laws:
-            return v1, None
+            return v1, {}
         middle, after = self._middle(u.x), model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
-        if all(law.node_local for law in model.laws):
-            return stop_held_nodes(model, u.z, middle, after, h)
-        return stop_held_joints(model, u.z, middle, after, h)
+        stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
+        v1, taken = stop(model, u.z, middle, after, h)
+        return v1, {model.laws[0].name: taken}
 
-    def _work(self, u: Unknowns, stopped: jax.Array | None) -> jax.Array:
-        """Work (k,) [J] over the step, in the order of `work_names`."""
+    def _work(self, u: Unknowns, stopped: Works) -> jax.Array:
+        """Work (k,) [J] over the step, as `work_names` names it."""
         model, line, h = self.model, self.model.line, self.h
-        k = self._middle(u.x)
-        forces = {e.name: e.force(k) for e in model.effects if has(e, "force") and not has(e, "potential")}
+        k, links1 = self._middle(u.x), self._links1(u.x)
+        forces = model.working_forces(k)
         for law, z in zip(model.laws, u.z, strict=True):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
-        works = [h * jnp.sum(f * k.v) for f in forces.values()]
-        if model.laws:
-            first = list(forces).index(model.laws[0].name)
-            works[first] = works[first] + stopped
-        works += [self._turning(e, k, u) for e in model.effects if has(e, "kinetic")]
-        links1 = self._links1(u.x)
-        if line.axial.elastic and line.axial.damping is not None:
-            works.append(line.axial.damping_work(self.links0, links1, line.length, h))
-        if isinstance(line.axial, Rope):
-            works.append(line.axial.ringing_work(self.links0, links1, line.length))
-        if model.moving:
-            works.append(h * self._end_power(u, self._directions(links1)))
-        return jnp.stack(works)
+        works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
+        turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
+        ends = {MOVING_ENDS: h * self._end_power(u, self._directions(links1))} if model.moving else {}
+        return booked(model, works, stopped, turned, line.axial.works(self.links0, links1, line.length, h), ends)
 
-    def _turning(self, effect: Effect, k: Kinematics, u: Unknowns) -> jax.Array:
+    def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
         """What added mass gains by turning [J]: change of its kinetic energy less the work against its inertia.
 
         `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding.
@@ -231,9 +216,3 @@ class MidpointProblem(StepProblem):
             hold = last[-1] * acc.end + (coupling[-1] * a[-1] if free else 0.0)
             power = power + jnp.sum(hold * mean.end)
         return power
-
-    def column_scale(self) -> Unknowns:
-        model, line = self.model, self.model.line
-        rows = self.row_scale()
-        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
-        return Unknowns(model.node_length[:, None], jnp.broadcast_to(force, line.length.shape), rows.z)

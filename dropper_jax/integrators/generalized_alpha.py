@@ -14,23 +14,25 @@ kept only as well as the motion is.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.integrators.runge_kutta import accelerations, couples_inertia, powers
+from dropper_jax.integrators.rates import accelerations, powers
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
-from dropper_jax.residual.problem import GRAVITY_SCALE, Integrator, StepProblem
+from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.scheme import Implicit, couples_inertia
 from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)
-class GeneralizedAlpha(Integrator):
+class GeneralizedAlpha(Implicit):
     """For snapping lines. `rho_infinity` is what one step leaves of the fastest vibrations, 0 to 1.
 
     With 1 nothing is lost, and unresolved ringing stays for ever; 0.5 is the default, OrcaFlex takes 0.4.
@@ -39,11 +41,9 @@ class GeneralizedAlpha(Integrator):
     name: ClassVar[str] = "generalized_alpha"
     order: ClassVar[int] = 2
     networkable: ClassVar[bool] = True
-    rho_infinity: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.rho_infinity <= 1.0:
-            raise ValueError(f"run.rho_infinity: {self.rho_infinity} for generalized_alpha; allowed 0 to 1")
+    rho_infinity: float = parameter(
+        "what a step leaves of the fastest vibrations", unit="-", low=0.0, high=1.0, default=0.5
+    )
 
     @property
     def tension_time(self) -> float:
@@ -58,8 +58,7 @@ class GeneralizedAlpha(Integrator):
 
     def begin(self, model: Model, s: State) -> State:
         """The state with the accelerations of its start, which this scheme carries along."""
-        k = model.kinematics(s.r, s.v, s.t)
-        k = model.kinematics(s.r, s.v, s.t, k.ends, prepared=model.prepare(k))
+        k = model.instant(s.r, s.v, s.t)
         line = model.line
         tension = line.axial.tension(k.links, k.link_velocities, line.length)
         force = model.force(k) + model.pull(tension, k.tangents)
@@ -106,7 +105,7 @@ class GeneralizedAlphaProblem(StepProblem):
         s = self.s
         return s.v + self.h * ((1.0 - self.gamma) * s.acceleration + self.gamma * self._acceleration(x))
 
-    def _kinematics(self, x: jax.Array, **prepared: object) -> Kinematics:
+    def _kinematics(self, x: jax.Array, **prepared: Any) -> Kinematics:
         s, share = self.s, self.new_f
         v = s.v + share * (self._velocity(x) - s.v)
         return self.model.kinematics(s.r + share * (self.h * s.v + x), v, self.t_f, self.ends, **prepared)
@@ -162,8 +161,3 @@ class GeneralizedAlphaProblem(StepProblem):
         k, old = self._at_f(u.x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(u.x) - old)
         return powers(self.model, k.with_velocity(self.s.v + u.x / self.h), u.y, a)
-
-    def column_scale(self) -> Unknowns:
-        model, line = self.model, self.model.line
-        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
-        return Unknowns(model.node_length[:, None], jnp.broadcast_to(force, line.length.shape), self.row_scale().z)

@@ -17,35 +17,18 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.numerics import dot
-from dropper_jax.model.effect import has
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.model import Model
 from dropper_jax.model.path import link_differences
 from dropper_jax.model.state import State
-from dropper_jax.residual.problem import (
-    GRAVITY_SCALE,
-    CondensedParts,
-    Integrator,
-    StepProblem,
-    constant_force,
-    node_blocks,
-)
+from dropper_jax.model.work import booked
+from dropper_jax.residual.problem import CondensedParts, StepProblem, node_blocks
+from dropper_jax.residual.scheme import Implicit, point_masses_only
 from dropper_jax.residual.unknowns import Unknowns
 
 
-def point_mass_links_only(integrator: Integrator, model: Model) -> str | None:
-    """Why a scheme that eliminates node by node cannot run the model, or None."""
-    if model.line.axial.elastic:
-        return "it holds links at their length, but the line is elastic; use energy_momentum, rk2 or rk4"
-    if model.line.compound:
-        return "it needs masses on the nodes, but compound links couple them; use energy_momentum"
-    if any(has(e, "inertia") for e in model.effects):
-        return "it needs constant masses on the nodes, but the scene has added mass; use energy_momentum"
-    return Integrator.refuse(integrator, model)
-
-
 @dataclass(frozen=True)
-class Rattle(Integrator):
+class Rattle(Implicit):
     """RATTLE, second order, symplectic."""
 
     name: ClassVar[str] = "rattle"
@@ -55,7 +38,7 @@ class Rattle(Integrator):
     condensed_iterations: ClassVar[int] = 2  # its condensed matrix is the exact Jacobian; steps that need more get it
 
     def refuse(self, model: Model) -> str | None:
-        return point_mass_links_only(self, model)
+        return point_masses_only(model) or super().refuse(model)
 
     def problem(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
         return RattleProblem(model, s, h)
@@ -80,8 +63,7 @@ class RattleProblem(StepProblem):
 
     def _after(self, v: jax.Array) -> Kinematics:
         s, h = self.s, self.h
-        k = self.model.kinematics(s.r + h * v, v, s.t + h, self.ends1)
-        return self.model.kinematics(k.r, v, k.t, self.ends1, prepared=self.model.prepare(k))
+        return self.model.instant(s.r + h * v, v, s.t + h, self.ends1)
 
     def _local(self, v: jax.Array) -> jax.Array:
         return (2 / self.h) * self.mass[:, None] * (v - self.s.v) - self.model.force(self._before(v))
@@ -93,7 +75,7 @@ class RattleProblem(StepProblem):
         return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
-        if constant_force(self.model):
+        if self.model.constant_force:
             return (2 / self.h) * self.mass
         return node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
 
@@ -138,22 +120,12 @@ class RattleProblem(StepProblem):
         return tridiagonal_solve(lower, diagonal, upper, rhs[:, None])[:, 0]
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
-        before, h = self._before(u.x), self.h
-        effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
-        works = [0.5 * h * jnp.sum((e.force(before) + e.force(after)) * u.x) for e in effects]
-        if self.model.moving:
-            ends = ((self.ends0, u.y, self.pull0), (self.ends1, mu, pull1))
-            works.append(sum(0.5 * h * end_power(self.model, e, y, pull) for e, y, pull in ends))
-        return jnp.stack(works)
+        model, h = self.model, self.h
+        then, now = model.working_forces(self._before(u.x)), model.working_forces(after)
+        works = {name: 0.5 * h * jnp.sum((then[name] + now[name]) * u.x) for name in now}
+        halves = ((u.y, self.pull0, self.ends0), (mu, pull1, self.ends1))
+        ends = [model.end_powers(y[:, None] * pull, rates) for y, pull, rates in halves]
+        return booked(model, works, *({name: 0.5 * h * power for name, power in half.items()} for half in ends))
 
-    def column_scale(self) -> Unknowns:
-        line, h = self.model.line, self.h
-        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / h**2)
-        speed = line.length[: self.model.free_nodes, None] / jnp.abs(h)
-        return Unknowns(speed, jnp.broadcast_to(force, line.length.shape))
-
-
-def end_power(model: Model, ends, tension: jax.Array, pull: jax.Array) -> jax.Array:  # noqa: ANN001
-    """Power that moving ends put into the tensions they hold, scalar [W]."""
-    power = -jnp.sum(tension[0] * pull[0] * ends.start_velocity)
-    return power + jnp.sum(tension[-1] * pull[-1] * ends.end_velocity) if model.end_held else power
+    def unknown_size(self) -> jax.Array:
+        return self.speed_size()

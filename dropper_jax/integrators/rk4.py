@@ -5,11 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax
-
-from dropper_jax.integrators.runge_kutta import RungeKutta, combine, rates
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.integrators.runge_kutta import RungeKutta
 
 
 @dataclass(frozen=True)
@@ -18,17 +14,5 @@ class RK4(RungeKutta):
 
     name: ClassVar[str] = "rk4"
     order: ClassVar[int] = 4
-
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
-        track = bool(s.work.size)
-
-        def at(fraction: float, slope) -> tuple:  # noqa: ANN001
-            part = fraction * h
-            return rates(model, s.r + part * slope[0], s.v + part * slope[1], s.t + part, track)[0]
-
-        k1 = rates(model, s.r, s.v, s.t, track)[0]
-        k2 = at(0.5, k1)
-        k3 = at(0.5, k2)
-        k4 = at(1.0, k3)
-        slope = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
-        return combine(model, s, h, slope)
+    a = ((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0))
+    b = (1 / 6, 1 / 3, 1 / 3, 1 / 6)

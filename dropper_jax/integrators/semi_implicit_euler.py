@@ -17,17 +17,17 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.integrators.rattle import end_power, point_mass_links_only
-from dropper_jax.integrators.runge_kutta import RungeKutta, combine, rates
-from dropper_jax.model.effect import has
+from dropper_jax.integrators.rates import combine, rates
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
-from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, Integrator, StepProblem
+from dropper_jax.model.work import booked
+from dropper_jax.residual.problem import CondensedParts, StepProblem
+from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, point_masses_only
 from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)
-class SemiImplicitEuler(Integrator):
+class SemiImplicitEuler(Implicit):
     """First order; forces explicit, tensions hold the new lengths."""
 
     name: ClassVar[str] = "semi_implicit_euler"
@@ -40,14 +40,14 @@ class SemiImplicitEuler(Integrator):
         return ElasticSemiImplicitEuler() if model.line.axial.elastic else self
 
     def refuse(self, model: Model) -> str | None:
-        return point_mass_links_only(self, model)
+        return point_masses_only(model) or super().refuse(model)
 
     def problem(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
         return SemiImplicitProblem(model, s, h)
 
 
 @dataclass(frozen=True)
-class ElasticSemiImplicitEuler(RungeKutta):
+class ElasticSemiImplicitEuler(Explicit):
     """The same for lines that stretch: explicit, first order, stable for `h omega < 2` without damping."""
 
     name: ClassVar[str] = SemiImplicitEuler.name
@@ -66,8 +66,7 @@ class SemiImplicitProblem(StepProblem):
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.node_mass(model.free_nodes)
         self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
-        before = model.kinematics(s.r, s.v, s.t, self.ends0)
-        self.before = model.kinematics(s.r, s.v, s.t, self.ends0, prepared=model.prepare(before))
+        self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
 
     def guess(self) -> Unknowns:
@@ -102,14 +101,10 @@ class SemiImplicitProblem(StepProblem):
         )
 
     def _work(self, u: Unknowns) -> jax.Array:
-        effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
-        works = [self.h * jnp.sum(e.force(self.before) * u.x) for e in effects]
-        if self.model.moving:
-            works.append(self.h * end_power(self.model, self.ends1, u.y, self.pull0))
-        return jnp.stack(works)
+        model, h = self.model, self.h
+        works = {name: h * jnp.sum(force * u.x) for name, force in model.working_forces(self.before).items()}
+        ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1)
+        return booked(model, works, {name: h * power for name, power in ends.items()})
 
-    def column_scale(self) -> Unknowns:
-        line, h = self.model.line, self.h
-        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / h**2)
-        speed = line.length[: self.model.free_nodes, None] / jnp.abs(h)
-        return Unknowns(speed, jnp.broadcast_to(force, line.length.shape))
+    def unknown_size(self) -> jax.Array:
+        return self.speed_size()

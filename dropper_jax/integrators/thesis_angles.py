@@ -20,33 +20,32 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.integrators.rattle import point_mass_links_only
-from dropper_jax.model.effect import has
+from dropper_jax.base.fields import parameter
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
-from dropper_jax.residual.problem import GRAVITY_SCALE, Integrator, StepProblem
+from dropper_jax.model.work import booked
+from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
+from dropper_jax.residual.scheme import Implicit, point_masses_only
 from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)
-class ThesisAngles(Integrator):
+class ThesisAngles(Implicit):
     """First order (gamma = 0.5 formally second); dense Newton on 5 unknowns per link."""
 
     name: ClassVar[str] = "thesis_angles"
     order: ClassVar[int] = 1
     local_rows: ClassVar[bool] = False
     iterations: ClassVar[int] = 5
-    gamma: float = 0.51
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.gamma <= 1.0:
-            raise ValueError(f"run.gamma: {self.gamma} for thesis_angles; allowed above 0 up to 1 (implicit Euler)")
+    gamma: float = parameter(
+        "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
+    )
 
     def refuse(self, model: Model) -> str | None:
         if model.moving:
             return "the thesis' scheme holds both ends still; use energy_momentum"
-        return point_mass_links_only(self, model)
+        return point_masses_only(model) or super().refuse(model)
 
     def problem(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
         return AnglesProblem(model, s, h, self.gamma)
@@ -116,8 +115,7 @@ class AnglesProblem(StepProblem):
         bend = jax.jvp(velocity, angles, rate)[1]
         r, v, b = ends.start + self._sum(length * unit), self._sum(length * unit_rate), self._sum(length * bend)
         free = self.model.free_nodes
-        k = self.model.kinematics(r[:free], v[:free], t, ends)
-        k = self.model.kinematics(r[:free], v[:free], t, ends, prepared=self.model.prepare(k))
+        k = self.model.instant(r[:free], v[:free], t, ends)
         return r, v, b, self.model.force(k) + self.model.pull(tension, unit)
 
     def residual(self, u: Unknowns) -> Unknowns:
@@ -171,6 +169,5 @@ class AnglesProblem(StepProblem):
         before = model.kinematics(self.old[0][:free], self.old[1][:free], self.s.t, self.ends0)
         after = model.kinematics(r, v, self.s.t + h, self.ends1)
         mean = gamma * after.v + (1 - gamma) * before.v
-        effects = [e for e in model.effects if has(e, "force") and not has(e, "potential")]
-        forces = [gamma * e.force(after) + (1 - gamma) * e.force(before) for e in effects]
-        return jnp.stack([h * jnp.sum(force * mean) for force in forces])
+        then, now = model.working_forces(before), model.working_forces(after)
+        return booked(model, {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now})

@@ -15,35 +15,34 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.integrators.rattle import end_power, point_mass_links_only
-from dropper_jax.model.effect import has
+from dropper_jax.base.fields import parameter
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.model import Model
 from dropper_jax.model.path import link_differences
 from dropper_jax.model.state import State
-from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, Integrator, StepProblem, node_blocks
+from dropper_jax.model.work import booked
+from dropper_jax.residual.problem import CondensedParts, StepProblem, node_blocks
+from dropper_jax.residual.scheme import Implicit, point_masses_only
 from dropper_jax.residual.unknowns import Unknowns
 
 
 @dataclass(frozen=True)
-class Theta(Integrator):
+class Theta(Implicit):
     """End-point weighted scheme, first order (gamma = 0.5 is formally second and unstable in the tensions)."""
 
     name: ClassVar[str] = "theta"
     order: ClassVar[int] = 1
     condensable: ClassVar[bool] = True
-    gamma: float = 0.51
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.gamma <= 1.0:
-            raise ValueError(f"run.gamma: {self.gamma} for theta; allowed 0 (explicit Euler) to 1 (implicit Euler)")
+    gamma: float = parameter(
+        "weight of the new time, 0 for explicit, 1 for implicit Euler", unit="-", low=0.0, high=1.0, default=0.51
+    )
 
     @property
     def holds_length(self) -> bool:
         return self.gamma > 0.0
 
     def refuse(self, model: Model) -> str | None:
-        return point_mass_links_only(self, model)
+        return point_masses_only(model) or super().refuse(model)
 
     def problem(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
         return ThetaProblem(model, s, h, self.gamma)
@@ -58,10 +57,8 @@ class ThetaProblem(StepProblem):
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.node_mass(model.free_nodes)[:, None]
         self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
-        before = model.kinematics(s.r, s.v, s.t, self.ends0)
-        before = model.kinematics(s.r, s.v, s.t, self.ends0, prepared=model.prepare(before))
-        self.force0 = model.force(before)
-        self.before = before
+        self.before = model.instant(s.r, s.v, s.t, self.ends0)
+        self.force0 = model.force(self.before)
         predicted = model.kinematics(s.r + h * s.v, s.v, s.t + h, self.ends1)
         self.prepared = model.prepare(predicted)
 
@@ -122,16 +119,12 @@ class ThetaProblem(StepProblem):
 
     def _work(self, u: Unknowns, after: Kinematics) -> jax.Array:
         """Weighted power of both ends (k,) [J]; first order like the scheme."""
-        gamma, h, before = self.gamma, self.h, self.before
-        effects = [e for e in self.model.effects if has(e, "force") and not has(e, "potential")]
+        model, gamma, h, before = self.model, self.gamma, self.h, self.before
         mean = gamma * after.v + (1 - gamma) * before.v
-        works = [h * jnp.sum((gamma * e.force(after) + (1 - gamma) * e.force(before)) * mean) for e in effects]
-        if self.model.moving:
-            works.append(h * end_power(self.model, self.ends1, u.y, self._pull1(after)))
-        return jnp.stack(works)
+        then, now = model.working_forces(before), model.working_forces(after)
+        works = {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
+        ends = model.end_powers(u.y[:, None] * self._pull1(after), self.ends1)
+        return booked(model, works, {name: h * power for name, power in ends.items()})
 
-    def column_scale(self) -> Unknowns:
-        line, h = self.model.line, self.h
-        force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / h**2)
-        speed = line.length[: self.model.free_nodes, None] / jnp.abs(h)
-        return Unknowns(speed, jnp.broadcast_to(force, line.length.shape))
+    def unknown_size(self) -> jax.Array:
+        return self.speed_size()

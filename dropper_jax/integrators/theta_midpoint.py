@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from dropper_jax.base.fields import parameter
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 
 
@@ -18,11 +19,7 @@ class ThetaMidpoint(EnergyMomentum):
 
     name: ClassVar[str] = "theta_midpoint"
     order: ClassVar[int] = 1
-    gamma: float = 0.51
-
-    def __post_init__(self) -> None:
-        if not 0.5 <= self.gamma <= 1.0:
-            raise ValueError(f"run.gamma: {self.gamma} for theta_midpoint; allowed 0.5 to 1")
+    gamma: float = parameter("weight of the new time", unit="-", low=0.5, high=1.0, default=0.51)
 
     @property
     def weighting(self) -> float:

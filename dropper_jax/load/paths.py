@@ -9,6 +9,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import field_keys
 from dropper_jax.effects import EFFECTS
+from dropper_jax.integrators import OPTIONS
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.growth import GrowthSpec
 from dropper_jax.scene.line import LineSpec
@@ -27,7 +28,7 @@ SHOWN = 20
 def paths(table: Mapping[str, Any]) -> list[str]:
     """All paths that a value of this scene may have, list entries aside."""
     found = ["name", "description"]
-    found += [f"run.{key}" for key in field_keys(RunSpec)]
+    found += [f"run.{key}" for key in (*field_keys(RunSpec), *OPTIONS)]
     found += [f"start.{key}" for key in field_keys(StartSpec)]
     found += SeaSpec.paths()
     found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in field_keys(cls)]

@@ -10,6 +10,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import check_keys, plain, read_fields, read_list, read_table, read_text
 from dropper_jax.effects import EFFECTS
+from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_growth import check_growth
 from dropper_jax.load.checks_line import check_line, check_points
 from dropper_jax.load.checks_system import check_bed, check_system, check_system_effects
@@ -70,7 +71,7 @@ class Scene(SceneData):
             buoys=buoys,
             effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
-            run=RunSpec.read(table["run"], "run"),
+            run=RunSpec.read(table["run"], "run", OPTIONS),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
             failures=tuple(
                 FailureSpec.read(item, f"failure.{i}", lines) for i, item in enumerate(_list(table, "failure"))

@@ -1,18 +1,7 @@
-"""What an effect is: one frozen dataclass that adds to some of the named slots below.
+"""What an effect is: one frozen dataclass that fills some of the slots of `model.slots`, by defining their methods.
 
-Slots (all pure functions; what a class does not define does not exist in the compiled program):
-
-- `force(k)`        nodal force on the free nodes, (nodes, 3) [N]
-- `potential(k)`    potential energy whose negative gradient is `force`, scalar [J]; an effect that has one is
-                    conservative: its energy is part of the balance, otherwise its work is
-- `inertia(k, a)`   inertia force of added mass for nodal accelerations a, (nodes, 3) [N]; with `kinetic(k)` [J]
-- `prepare(k)`      anything expensive that may be frozen over a step, evaluated once at the predicted midpoint
-                    and passed back to `force` as `k.prepared(self)`
-- `displace(t)`     prescribed displacement of the point `point`, (3,) [m]
-- `point_mass(m)`   constant mass that it adds to the free nodes, (nodes,) [kg]; systems of lines only
-- a law with unknowns of its own (dry friction): see `Law`
-
-`k` is a `dropper_jax.model.kinematics.Kinematics`: positions, velocities, link vectors, rates, computed on demand.
+All of them are pure functions of `k`, a `dropper_jax.model.kinematics.Kinematics`: positions, velocities, link vectors,
+rates, computed on demand. A law with unknowns of its own (dry friction) is a `Law`.
 """
 
 from __future__ import annotations
@@ -27,6 +16,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.line import Line
+from dropper_jax.model.slots import PAIRS
 from dropper_jax.scene.data import SceneData
 
 
@@ -55,8 +45,10 @@ class Effect:
         """Whether it reads `k.water.current`, the current alone."""
         return False
 
-    def force(self, k: Kinematics) -> jax.Array | None:
-        return None
+    def __init_subclass__(cls) -> None:
+        for given, needed in PAIRS:
+            if hasattr(cls, given) and not hasattr(cls, needed):
+                raise TypeError(f"{cls.__name__}: defines `{given}`, which needs `{needed}` beside it")
 
     def moves(self, name: str) -> bool:
         """Whether `displace` moves the held point of that name: that of the option `point`."""
@@ -145,9 +137,3 @@ class Law(Effect):
 def per_node(value: jax.Array, nodes: int) -> jax.Array:
     """A number or one value per node (n,) as a column that multiplies (nodes, 3); a held end's entry is dropped."""
     return value if jnp.ndim(value) == 0 else value[:nodes, None]
-
-
-def has(effect: Effect, slot: str) -> bool:
-    """Whether the effect fills a slot."""
-    found = getattr(type(effect), slot, None)
-    return found is not None and found is not getattr(Effect, slot, None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import jax
 
@@ -17,6 +17,9 @@ class Ends(NamedTuple):
     end: jax.Array | None
     start_velocity: jax.Array | None = None
     end_velocity: jax.Array | None = None
+
+
+Role = TypeVar("Role")
 
 
 class Geometry(Protocol):
@@ -36,6 +39,8 @@ class Geometry(Protocol):
 
     @property
     def node_mass(self) -> jax.Array: ...
+
+    def having(self, slot: type[Role]) -> tuple[Role, ...]: ...
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array: ...
 

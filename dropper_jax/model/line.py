@@ -8,7 +8,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial import Axial, Rigid
+from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.model.failures import Failures
 from dropper_jax.model.shares import Part, PathPart
@@ -43,7 +43,7 @@ class Line:
     diameter: jax.Array | None = parameter(
         "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
     )
-    axial: Axial = Rigid()
+    axial: AxialLaw = Rigid()
     failures: Failures | None = None
     name: str = option("name", type=str, default="line")
     start: int = option("index of the first point", type=int, default=0)

@@ -14,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option
-from dropper_jax.model.effect import has
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line
 from dropper_jax.model.model import Model
 from dropper_jax.model.shares import Part
+from dropper_jax.model.slots import PointMass
 
 
 class End(Part):
@@ -99,7 +99,7 @@ class System(Model):
     @property
     def node_mass(self) -> jax.Array:
         own = self.line.node_mass(self.free_nodes)
-        return sum((e.point_mass(self) for e in self.effects if has(e, "point_mass")), own)
+        return sum((e.point_mass(self) for e in self.having(PointMass)), own)
 
     def _ends(self, time: jax.Array) -> Ends:
         held = [self._position(int(i), time) for i in self.graph.held_points]

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component
-from dropper_jax.model.effect import Effect, Law, has
+from dropper_jax.model.effect import Effect, Law
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.line import Line, Point
 from dropper_jax.model.path import gather_links, link_differences, stack_nodes
+from dropper_jax.model.slots import AddedMass, Displacement, Force, Potential, Prepared
 from dropper_jax.sea import Sea
+
+Role = TypeVar("Role")
+#: The name under which moving ends work.
+MOVING_ENDS = "moving_ends"
 
 
 @component
@@ -45,13 +50,27 @@ class Model:
     @property
     def moving(self) -> bool:
         """Whether an end follows a prescribed motion."""
-        return any(has(e, "displace") for e in self.effects)
+        return bool(self.having(Displacement))
+
+    def having(self, slot: type[Role]) -> tuple[Role, ...]:
+        """The effects that fill a slot (see `model.slots`), in order."""
+        return tuple(e for e in self.effects if isinstance(e, slot))
+
+    @property
+    def working(self) -> tuple[Force, ...]:
+        """The effects whose force is not conservative, so that its work is booked."""
+        return tuple(e for e in self.having(Force) if not isinstance(e, Potential))
+
+    @property
+    def constant_force(self) -> bool:
+        """Whether no force depends on positions or velocities."""
+        return all(e.constant for e in self.having(Force))
 
     @property
     def reach(self) -> int:
         """How far the forces (tensions aside) couple nodes: 0 own node only."""
         inertia = 1 if self.line.compound else 0
-        return max([inertia, *(e.reach for e in self.effects if has(e, "force") or has(e, "inertia"))])
+        return max([inertia, *(e.reach for e in (*self.having(Force), *self.having(AddedMass)))])
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -68,7 +87,7 @@ class Model:
 
     def _position(self, index: int, t: jax.Array) -> jax.Array:
         point = self.points[index]
-        moving = [e for e in self.effects if has(e, "displace") and e.moves(point.name)]
+        moving = [e for e in self.having(Displacement) if e.moves(point.name)]
         shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 
@@ -87,6 +106,11 @@ class Model:
     def kinematics(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None, **more: Any) -> Kinematics:
         """One instant of the line; `ends` where they are known already."""
         return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, **more)
+
+    def instant(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None) -> Kinematics:
+        """One instant with what effects freeze over a step taken there."""
+        k = self.kinematics(r, v, t, ends)
+        return self.kinematics(r, v, t, k.ends, prepared=self.prepare(k))
 
     def links(self, r: jax.Array, ends: Ends) -> jax.Array:
         """Link vectors (n, 3) [m]."""
@@ -132,22 +156,30 @@ class Model:
         power = -jnp.sum(pull[0] * rates.start_velocity)
         return power + jnp.sum(pull[-1] * rates.end_velocity) if self.end_held else power
 
+    def end_powers(self, pull: jax.Array, rates: Ends) -> dict[str, jax.Array]:
+        """The same by name; empty where the ends rest."""
+        return {MOVING_ENDS: self.end_power(pull, rates)} if self.moving else {}
+
     def pull(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
         return gather_links(tension[:, None] * direction, self.end_held)
 
     def force(self, k: Kinematics) -> jax.Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
-        return sum((e.force(k) for e in self.effects if has(e, "force")), jnp.zeros_like(k.r))
+        return sum((e.force(k) for e in self.having(Force)), jnp.zeros_like(k.r))
+
+    def working_forces(self, k: Kinematics) -> dict[str, jax.Array]:
+        """Forces (nodes, 3) [N] whose work is booked, by effect."""
+        return {e.name: e.force(k) for e in self.working}
 
     def inertia(self, k: Kinematics, a: jax.Array, ends: Ends | None = None) -> jax.Array:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` holds those of the ends."""
         own = self.own_inertia(a, ends)
-        return sum((e.inertia(k, a) for e in self.effects if has(e, "inertia")), own)
+        return sum((e.inertia(k, a) for e in self.having(AddedMass)), own)
 
     def prepare(self, k: Kinematics) -> dict[str, Any]:
         """What effects freeze over a step."""
-        own = {e.name: e.prepare(k) for e in self.effects if has(e, "prepare")}
+        own = {e.name: e.prepare(k) for e in self.having(Prepared)}
         if self.sea is None or not any(e.needs_water for e in self.effects):
             return own
         material, current = (any(getattr(e, f"needs_{what}") for e in self.effects) for what in ("material", "current"))
@@ -158,7 +190,7 @@ class Model:
         own = 0.5 * jnp.sum(k.v * self.own_inertia(k.v))
         if self.line.compound and self.moving:
             own = own + self._end_kinetic(k)
-        return sum((e.kinetic(k) for e in self.effects if has(e, "kinetic")), own)
+        return sum((e.kinetic(k) for e in self.having(AddedMass)), own)
 
     def _end_kinetic(self, k: Kinematics) -> jax.Array:
         first, coupling, last = self.line.blocks()
@@ -172,8 +204,8 @@ class Model:
 
     def potential_energy(self, k: Kinematics) -> jax.Array:
         """Potential energy of conservative effects and stretched links, scalar [J]."""
-        own = self.line.axial.energy(k.links, self.line.length) if self.line.axial.elastic else jnp.zeros((), k.r.dtype)
-        return sum((e.potential(k) for e in self.effects if has(e, "potential")), own)
+        own = self.line.axial.energy(k.links, self.line.length)
+        return sum((e.potential(k) for e in self.having(Potential)), own)
 
     def cast(self, dtype: Any) -> Model:
         """The same model with its arrays in another precision."""

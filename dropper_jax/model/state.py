@@ -1,4 +1,4 @@
-"""What a run carries from step to step, and the names of the works that it counts."""
+"""What a run carries from step to step."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial import Rope
 from dropper_jax.base.fields import component
-from dropper_jax.model.effect import has
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted, nothing_parted
+from dropper_jax.model.work import work_names
 
 
 @component
@@ -39,23 +38,6 @@ class State:
     work: jax.Array
     angles: tuple[jax.Array, ...] | None = None
     parted: Parted | None = None
-
-
-def work_names(model: Model) -> tuple[str, ...]:
-    """What `State.work` counts, in order: non-conservative effects, laws, turning added mass, damping, moving
-    ends, broken links."""
-    names = [e.name for e in model.effects if has(e, "force") and not has(e, "potential")]
-    names += [e.name for e in model.laws if e.name not in names]
-    names += [f"{e.name}_turning" for e in model.effects if has(e, "kinetic")]
-    if model.line.axial.elastic and model.line.axial.damping is not None:
-        names.append("internal_damping")
-    if isinstance(model.line.axial, Rope):
-        names.append("axial_ringing")
-    if model.moving:
-        names.append("moving_ends")
-    if model.line.failures is not None:
-        names.append("breaking")
-    return tuple(names)
 
 
 def state(model: Model, r: jax.Array, v: jax.Array | None = None, tension: Any = None, t: float = 0.0) -> State:

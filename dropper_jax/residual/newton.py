@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.solver import Solver
 from dropper_jax.residual.unknowns import Unknowns, add, norm
 
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
@@ -18,7 +19,7 @@ EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 REFINEMENTS = 200
 
 
-def newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
+def newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
     """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row."""
 
     prepared = solver.prepare(problem, u)
@@ -30,7 +31,9 @@ def newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> t
     return u, norm(problem.residual(u), problem.row_scale())
 
 
-def newton_until(problem: StepProblem, solver: Any, u: Unknowns, most: int, limit: float) -> tuple[Unknowns, jax.Array]:
+def newton_until(
+    problem: StepProblem, solver: Solver, u: Unknowns, most: int, limit: float
+) -> tuple[Unknowns, jax.Array]:
     """The same until the rows are below `limit`, at most `most` times.
 
     For systems with slack lines and contact: most steps need three corrections, those with a switch up to a dozen.
@@ -52,7 +55,7 @@ def newton_until(problem: StepProblem, solver: Any, u: Unknowns, most: int, limi
     return u, size
 
 
-def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
+def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
     """The same with each correction shortened where that leaves a smaller residual; for steps that resist."""
     if problem.model.laws:
         return follow(problem, solver, u)
@@ -71,7 +74,7 @@ def damped_newton(problem: StepProblem, solver: Any, u: Unknowns, iterations: in
     return u, norm(problem.residual(u), scale)
 
 
-def follow(problem: StepProblem, solver: Any, u: Unknowns) -> tuple[Unknowns, jax.Array]:
+def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns, jax.Array]:
     """Solutions of the smoothed laws, smoothed less and less, and last of the laws themselves.
 
     Which joints slide and which are held is found on the way: trying it out (Newton on the laws themselves) goes round

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dropper_jax.axial import LAWS, Axial, Tabulated
+from dropper_jax.axial import LAWS, AxialLaw, Tabulated
 from dropper_jax.axial.force_table import stacked
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -96,7 +96,7 @@ def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     return found
 
 
-def _axial(line: LineSpec) -> Axial:
+def _axial(line: LineSpec) -> AxialLaw:
     if line.rigid:
         return LAWS["rigid"]()
     if line.tables is not None:

@@ -28,7 +28,7 @@ def build_model(scene: Scene, dtype: str | None = None) -> Model:
 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     """The stepper of a scene's `[run]`."""
-    return make_stepper(model, run.integrator, run.solver, run.gamma, run.rho_infinity, **settings)
+    return make_stepper(model, run.integrator, run.solver, **run.options, **settings)
 
 
 def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:

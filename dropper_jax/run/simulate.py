@@ -14,12 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SimulationError
+from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted
-from dropper_jax.model.state import State, work_names
+from dropper_jax.model.state import State
+from dropper_jax.model.work import work_names
+from dropper_jax.residual.scheme import Implicit
 from dropper_jax.run.build import SceneLike, build, stepper_of
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.solution import Solution
@@ -45,8 +48,6 @@ def simulate(
     duration: float | None = None,
     integrator: str | None = None,
     solver: str | None = None,
-    gamma: float | None = None,
-    rho_infinity: float | None = None,
     dtype: str | None = None,
     save_every: int | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -59,7 +60,7 @@ def simulate(
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`.
         dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
-        integrator, solver, gamma, rho_infinity: see `make_stepper`.
+        integrator, solver: see `make_stepper`.
         dtype: `float64` or `float32`.
         save_every: steps between saved times.
         progress: called with the fraction done and a line of text.
@@ -67,7 +68,8 @@ def simulate(
         tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
             `study.step_choice`); with it the pilot only checks, and a run that misses is `not_converged`. The
             estimate and the time it holds for are in `settings["estimated_error"]`.
-        **settings: further fields of `Stepper` (iterations, residual_tolerance, extra, halvings).
+        **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
+            residual_tolerance, extra, halvings).
 
     Raises:
         SceneError: for anything a user can mend, before the run starts.
@@ -77,10 +79,9 @@ def simulate(
         "duration": duration,
         "integrator": integrator,
         "solver": solver,
-        "gamma": gamma,
-        "rho_infinity": rho_infinity,
         "dtype": dtype,
         "save_every": save_every,
+        **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
@@ -201,7 +202,7 @@ def _solution(
         "duration": scene.run.duration,
         "steps": steps,
         "dtype": scene.run.dtype,
-        **{key: getattr(stepper.integrator, key, None) for key in ("gamma", "rho_infinity")},
+        **{key: getattr(stepper.integrator, key, None) for key in OPTIONS},
         "residual_tolerance": stepper.limit(model),
         "iterations": stepper.iterations,
         "save_every": every,
@@ -239,7 +240,7 @@ def _solution(
 def _explicit(stepper: Stepper, model: Model) -> str:
     """What an explicit scheme needs on lines that stretch: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest link."""
     line = model.line
-    if stepper.integrator.implicit or not line.axial.elastic:
+    if isinstance(stepper.integrator, Implicit) or not line.axial.elastic:
         return ""
     omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
     return (

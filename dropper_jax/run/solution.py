@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_lines
 
@@ -180,8 +181,17 @@ class Solution:
 
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
-        keys = ("integrator", "solver", "dtype", "dt", "duration", "steps", "gamma", "rho_infinity")
-        keys += ("residual_tolerance", "save_every")
+        keys = (
+            "integrator",
+            "solver",
+            "dtype",
+            "dt",
+            "duration",
+            "steps",
+            *OPTIONS,
+            "residual_tolerance",
+            "save_every",
+        )
         found = {
             "schema": SCHEMA,
             "status": self.status,

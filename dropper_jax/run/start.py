@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.effect import has
 from dropper_jax.model.lines import System
 from dropper_jax.model.model import Model
+from dropper_jax.model.slots import Displacement
 from dropper_jax.model.state import State, state
 from dropper_jax.scene.start import StartSpec
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
@@ -53,7 +53,7 @@ def between_points(model: System) -> State:
     """
     graph = replace(model.graph, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
-    effects = tuple(e for e in model.effects if e.name not in carried and not has(e, "displace"))
+    effects = tuple(e for e in model.effects if e.name not in carried and not isinstance(e, Displacement))
     held = replace(model, lines=(replace(model.line, graph=graph),), effects=effects)
     pose = equilibrium(held)
     if pose.status != "ok":

@@ -57,7 +57,7 @@ class SceneData:
         return {
             "name": self.name,
             "description": self.description,
-            "run": as_table(self.run),
+            "run": self.run.table(),
             "point": [as_table(point) for point in self.points],
             "line": [line.table() for line in self.lines],
             **({"buoy": [as_table(buoy) for buoy in self.buoys]} if self.buoys else {}),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import count, read_fields, refuse
+from dropper_jax.base.read import as_table, check_keys, count, field_keys, read_fields, read_number, read_table, refuse
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -18,18 +19,24 @@ class RunSpec:
     integrator: str = option("integrator", type=str, default="energy_momentum")
     solver: str = option("linear solver", type=str, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
-    gamma: float | None = parameter(
-        "weight of the new time in the theta schemes", unit="-", low=0.0, high=1.0, optional=True
-    )
-    rho_infinity: float | None = parameter(
-        "what a step of generalized_alpha leaves of the fastest vibrations", unit="-", low=0.0, high=1.0, optional=True
-    )
     save_every: int = count("steps between saved states", default=1)
+    options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
 
     @classmethod
-    def read(cls, table: Any, path: str) -> RunSpec:
-        values = read_fields(cls, table, path, {})
+    def read(cls, table: Any, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
+        """A checked `[run]`; `options` are what schemes may add, name and range."""
+        options = options or {}
+        given = read_table(table, path)
+        check_keys(given, [*field_keys(cls), *options], path)
+        values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
+        values["options"] = {
+            key: read_number(given[key], f"{path}.{key}", declared) for key, declared in options.items() if key in given
+        }
         if values["duration"] < values["dt"]:
             allowed = f"at least one step, {values['dt']:g} s"
             raise refuse(f"{path}.duration", values["duration"], "is shorter than the step", allowed)
         return cls(**values)
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` makes the same."""
+        return {**as_table(self), **self.options}

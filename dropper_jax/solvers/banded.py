@@ -17,6 +17,7 @@ import numpy as np
 from dropper_jax.base.numerics import inverse3
 from dropper_jax.model.model import Model
 from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
 
@@ -80,7 +81,7 @@ class Banded:
 
     name: str = "banded"
 
-    def refuse(self, model: Model, integrator: Any) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         if model.branched:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:

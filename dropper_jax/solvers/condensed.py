@@ -18,6 +18,7 @@ from dropper_jax.base.components import Components, components, dot, inverse_row
 from dropper_jax.model.model import Model
 from dropper_jax.model.path import gather_links, link_differences
 from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
 
@@ -81,7 +82,7 @@ class Condensed:
 
     name: str = "condensed"
 
-    def refuse(self, model: Model, integrator: Any) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         if model.branched:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:

@@ -12,6 +12,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.model.model import Model
 from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
 #: Diagonal added for laws: their unknowns are of the size of their rows, so that this is far below either.
@@ -24,7 +25,7 @@ class Dense:
 
     name: str = "dense"
 
-    def refuse(self, model: Model, integrator: Any) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         return None
 
     def prepare(self, problem: StepProblem, u: Unknowns) -> None:

@@ -11,7 +11,7 @@ there the matrix is approximate, and Newton still ends at the exact solution.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ import numpy as np
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.model import Model
 from dropper_jax.residual.problem import StepProblem, node_blocks
+from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 from dropper_jax.solvers.blocks import multiply, solve_tridiagonal
 from dropper_jax.solvers.layout import LineRows, line_rows, point_matrix
@@ -71,7 +72,7 @@ class Network:
 
     name: str = "network"
 
-    def refuse(self, model: Model, integrator: Any) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         if not model.branched:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:

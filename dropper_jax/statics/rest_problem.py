@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from dropper_jax.model.effect import has
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State, state
 from dropper_jax.residual.newton import damped_newton
@@ -39,7 +38,7 @@ class StaticProblem(StepProblem):
         model, line = self.model, self.model.line
         k = model.kinematics(u.x, jnp.zeros_like(u.x), self.s.t, self.ends, prepared=self.prepared)
         if model.sea is not None:  # a current meets the line as it lies in the end, not as it was guessed
-            k = model.kinematics(k.r, k.v, k.t, self.ends, prepared=model.prepare(k))
+            k = model.instant(k.r, k.v, k.t, self.ends)
         direction = line.axial.direction(k.links, k.links, k.links, line.length)
         rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
         return Unknowns(rows, line.axial.residual(k.links, k.links, u.y, line.length, self.h))
@@ -83,11 +82,6 @@ def _newton(
 def static_tolerance(model: Model) -> float:
     """Largest scaled row of an accepted pose in the model's precision."""
     return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
-
-
-def dead_loads(model: Model) -> bool:
-    """Whether all forces stay the same wherever the nodes go."""
-    return all(e.constant for e in model.effects if has(e, "force"))
 
 
 def solve_statics(model: Model, s: State, loads: jax.Array, t: float, solver: Any = None) -> tuple[State, float]:

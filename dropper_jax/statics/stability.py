@@ -19,7 +19,6 @@ from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.statics.rest_problem import (
     DENSE_LIMIT,
     StaticProblem,
-    dead_loads,
     solve_statics,
     static_solver,
     static_tolerance,
@@ -36,7 +35,7 @@ def stable(model: Model, s: State) -> bool:
     Smallest eigenvalue of the stiffness on the null space of the constraints, against the mean weight per length. A
     line whose links are all in tension under dead loads is stable, and long ones are not looked at further.
     """
-    if bool(jnp.all(s.tension > 0)) and dead_loads(model):
+    if bool(jnp.all(s.tension > 0)) and model.constant_force:
         return True
     if SOLVERS["dense"].size(model) > DENSE_LIMIT:
         return True

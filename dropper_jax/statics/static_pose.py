@@ -27,7 +27,6 @@ from dropper_jax.statics.rest_problem import (
     DENSE_LIMIT,
     LeastNorm,
     StaticProblem,
-    dead_loads,
     solve_statics,
     static_tolerance,
 )
@@ -124,7 +123,7 @@ def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilib
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
     """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
     s = _hang(model, loads, None, t)
-    for _ in range(1 if dead_loads(model) else 4):
+    for _ in range(1 if model.constant_force else 4):
         s = _hang(model, loads, s, t)
     return solve_statics(model, s, loads, t)
 

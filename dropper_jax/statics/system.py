@@ -12,12 +12,12 @@ in stable poses. Host-side loop over one compiled round.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.lines import System
 from dropper_jax.model.state import State, state
 from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
@@ -51,10 +51,9 @@ class RestProblem(StepProblem):
         self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
 
-    def place(self, x: jax.Array) -> Any:
+    def place(self, x: jax.Array) -> Kinematics:
         model, still = self.model, jnp.zeros_like(x)
-        k = model.kinematics(self.s.r + x, still, self.s.t, self.ends)
-        return model.kinematics(k.r, still, k.t, self.ends, prepared=model.prepare(k))
+        return model.instant(self.s.r + x, still, self.s.t, self.ends)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         return self.kappa * x - self.model.force(self.place(x)) - self.loads, ()

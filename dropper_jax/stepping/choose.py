@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.model.model import Model
+from dropper_jax.residual.scheme import Explicit, Implicit, Integrator
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import Stepper
 
@@ -22,32 +24,21 @@ def make_stepper(
     model: Model,
     integrator: str = "energy_momentum",
     solver: str = "auto",
-    gamma: float | None = None,
-    rho_infinity: float | None = None,
     **settings: Any,
 ) -> Stepper:
     """Choose integrator and solver for a model, refusing pairings that make no sense with their reason.
 
-    `settings` override fields of `Stepper` (iterations, tolerance, extra, halvings, track_work). `auto` takes the
-    condensed solver where it applies, else dense for few unknowns, else banded.
+    `settings` are options of the scheme (gamma, rho_infinity; None where left to it) and fields of `Stepper`
+    (iterations, tolerance, extra, halvings, track_work). `auto` takes the condensed solver where it applies, else dense
+    for few unknowns, else banded.
     """
     check_names(integrator, solver)
-    cls = INTEGRATORS[integrator]
-    given = {"gamma": gamma, "rho_infinity": rho_infinity}
-    weights = {key: float(value) for key, value in given.items() if value is not None}
-    for key, value in weights.items():
-        if key not in cls.__dataclass_fields__:
-            why = f"is given, but integrator {integrator!r} has no such weight; leave it out"
-            raise SceneError(f"run.{key}: {value} {why}")
-    try:
-        scheme = cls(**weights)
-    except ValueError as error:
-        raise SceneError(str(error)) from None
-    scheme = scheme.suited(model)
+    options = {key: settings.pop(key) for key in OPTIONS if key in settings}
+    scheme = make_scheme(integrator, options).suited(model)
     reason = scheme.refuse(model)
     if reason:
         raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")
-    if not scheme.implicit:
+    if isinstance(scheme, Explicit):
         if solver != "auto":
             raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
         return Stepper(scheme, "none", "none", 0, **settings)
@@ -67,6 +58,21 @@ def make_stepper(
     return Stepper(scheme, chosen, _exact(model, scheme), iterations, **settings)
 
 
+def make_scheme(name: str, options: Mapping[str, float | None]) -> Integrator:
+    """The scheme of that name with its options; those that are None are left to it.
+
+    Raises:
+        SceneError: an option that the scheme has not, or out of its range.
+    """
+    cls = INTEGRATORS[name]
+    given = {key: value for key, value in options.items() if value is not None}
+    for key, value in given.items():
+        if key not in cls.options():
+            why = f"is given, but integrator {name!r} has no such weight; leave it out"
+            raise SceneError(f"run.{key}: {value} {why}")
+    return cls(**{key: float(value) for key, value in given.items()})
+
+
 def check_names(integrator: str, solver: str) -> None:
     """Refuse names that are none."""
     if integrator not in INTEGRATORS:
@@ -75,11 +81,11 @@ def check_names(integrator: str, solver: str) -> None:
         raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
 
 
-def _choose(model: Model, scheme: Any) -> str:
+def _choose(model: Model, scheme: Implicit) -> str:
     return "condensed" if SOLVERS["condensed"].refuse(model, scheme) is None else _exact(model, scheme)
 
 
-def _exact(model: Model, scheme: Any) -> str:
+def _exact(model: Model, scheme: Implicit) -> str:
     if model.branched:
         return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
     if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= SMALL:

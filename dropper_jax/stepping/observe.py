@@ -69,8 +69,7 @@ def observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Part
     s = state(model, r)
     s = State(s.r, v, s.tension, t, s.acceleration, s.law, s.work)
     ends = model.ends(t)
-    k = model.kinematics(r, v, t, ends)
-    k = model.kinematics(r, v, t, ends, prepared=model.prepare(k))
+    k = model.instant(r, v, t, ends)
     length = model.line.length
     closure = jnp.zeros((), r.dtype) if model.line.axial.elastic else jnp.max(jnp.abs(safe_norm(k.links) - length))
     return Observed(

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted, as_parted
 from dropper_jax.model.state import State
+from dropper_jax.model.work import BREAKING, booked
 
 #: Relative rounding of a time that is a whole number of steps.
 ROUNDING = 1e-9
@@ -20,17 +21,15 @@ ROUNDING = 1e-9
 def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: Model, s: State) -> tuple[State, Any]:
     """One step by `advance` with what has parted, and what parts at its end.
 
-    The energy of stretch and bending that a link holds as it parts is lost; it is the last entry of `State.work`.
+    The energy of stretch and bending that a link holds as it parts is lost, and booked as `breaking`.
     """
-    tracked = s.work.size > 0
     before = as_parted(model, s.parted)
-    s1, report = advance(before, dataclasses.replace(s, parted=None, work=s.work[:-1] if tracked else s.work))
+    s1, report = advance(before, dataclasses.replace(s, parted=None))
     parted = _part(model, s.parted, s1)
-    if not tracked:
+    if not s.work.size:
         return dataclasses.replace(s1, parted=parted), report
     lost = _held(as_parted(model, parted), s1) - _held(before, s1)
-    work = jnp.concatenate([s1.work, s.work[-1:] + lost])
-    return dataclasses.replace(s1, parted=parted, work=work), report
+    return dataclasses.replace(s1, parted=parted, work=s1.work + booked(model, {BREAKING: lost})), report
 
 
 def _held(model: Model, s: State) -> jax.Array:

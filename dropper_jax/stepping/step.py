@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
+from dropper_jax.residual.scheme import Explicit
 from dropper_jax.stepping.derivative import _solved
 from dropper_jax.stepping.parting import step_and_part
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
@@ -19,8 +20,8 @@ def step(
     if s.parted is not None:
         return step_and_part(lambda seen, now: step(stepper, seen, now, h, alive), model, s)
     integrator = stepper.integrator
-    if not integrator.implicit:
-        return _explicit(stepper, model, s, h)
+    if isinstance(integrator, Explicit):
+        return _explicit(integrator, model, s, h)
     if len(integrator.stages) == 1:
         return _implicit(stepper, model, s, h, alive)
 
@@ -32,8 +33,8 @@ def step(
     return s, Report(jnp.max(reports.residual), jnp.max(reports.level))
 
 
-def _explicit(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Report]:
-    s = stepper.integrator.advance(model, s, h)
+def _explicit(integrator: Explicit, model: Model, s: State, h: jax.Array) -> tuple[State, Report]:
+    s = integrator.advance(model, s, h)
     finite = jnp.all(jnp.isfinite(s.r)) & jnp.all(jnp.isfinite(s.v))
     residual = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
     return s, Report(residual, jnp.full((), FULL_STEP, jnp.int32))

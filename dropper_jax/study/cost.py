@@ -50,7 +50,7 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
     """
     model, s = build(scene)
     run = scene.run
-    make = partial(make_stepper, integrator=run.integrator, gamma=run.gamma, rho_infinity=run.rho_infinity)
+    make = partial(make_stepper, integrator=run.integrator, **run.options)
     variants = [
         _Variant(name, shrunk, make(shrunk, solver=_solver(run, shrunk)), s, run.dt, steps)
         for name, shrunk in _variants(model)
@@ -147,11 +147,10 @@ def proof(scene: Scene) -> dict[str, Any]:
     table = scene.to_dict()
     never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
     model, s = build(scene)
-    weights = scene.run.gamma, scene.run.rho_infinity
     taken = without(model, optional)
-    removed = _text(make_stepper(taken, scene.run.integrator, "auto", *weights), taken, s, scene.run.dt)
+    removed = _text(make_stepper(taken, scene.run.integrator, "auto", **scene.run.options), taken, s, scene.run.dt)
     plain = build_model(never)
-    never_had = _text(make_stepper(plain, scene.run.integrator, "auto", *weights), plain, s, scene.run.dt)
+    never_had = _text(make_stepper(plain, scene.run.integrator, "auto", **scene.run.options), plain, s, scene.run.dt)
     return {
         "removed_is_never_had": removed == never_had,
         "new_effect_changes_nothing": base == again,

@@ -10,7 +10,6 @@ import numpy as np
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss
@@ -65,7 +64,7 @@ def euler_claims(dts: tuple[float, ...] = DTS, duration: float = DURATION) -> li
 
 def _gain(scene: Scene, scheme: Scheme, dt: float, duration: float) -> tuple[str, float]:
     model, s = build(scene)
-    stepper = make_stepper(model, scheme.integrator, scheme.solver, scheme.gamma, halvings=0)
+    stepper = scheme.stepper(model, halvings=0)
     steps = round(duration / dt)
     run = grid_run(stepper, model, s, steps * dt, steps, 1)
     lost = energy_loss(model, s, run, np.array([duration]))[-1]

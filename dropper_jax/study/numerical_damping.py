@@ -10,7 +10,6 @@ from dropper_jax.load.source import load_scene
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.run.build import build
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme
 from dropper_jax.study.work_precision import energy_loss
@@ -56,7 +55,7 @@ def numerical_damping(
 
 
 def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> dict[str, Any]:
-    stepper = make_stepper(model, scheme.integrator, scheme.solver, scheme.gamma, halvings=0)
+    stepper = scheme.stepper(model, halvings=0)
     steps = int(np.ceil(duration / dt - 1e-9))
     run = grid_run(stepper, model, s, steps * dt, steps, 1)
     status = status_of(run, stepper)

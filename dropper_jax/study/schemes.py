@@ -42,7 +42,7 @@ class Scheme:
 
     def stepper(self, model: Model, **settings: object) -> Stepper:
         """Raises `SceneError` where the scheme refuses the model."""
-        return make_stepper(model, self.integrator, self.solver, self.gamma, **settings)
+        return make_stepper(model, self.integrator, self.solver, gamma=self.gamma, **settings)
 
 
 def parse(text: str) -> Scheme:

@@ -7,7 +7,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.effects import EndMotion, NodalForce
-from dropper_jax.model.state import work_names
+from dropper_jax.model.work import work_names
 
 G = 9.81
 POSE = [[0.0, 0.0, 0.0], [0.3, 0.0, -0.4], [0.7, 0.3, -0.4], [0.7, 0.3, -0.9]]

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax.model.state import work_names
+from dropper_jax.model.work import work_names
 
 DURATION = 1.5
 LENGTH = np.array([0.1040, 0.1061, 0.1040, 0.1061, 0.1040, 0.1061, 0.1040])

@@ -13,7 +13,6 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.run.build import build
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.study.errors import link_vectors
 from dropper_jax.study.march import Marched, grid_run, status_of
 from dropper_jax.study.schemes import Scheme
@@ -75,7 +74,7 @@ def run_case(scene: Scene, dt: float, duration: float, scheme: Scheme | None = N
     """Simulate a scene for `duration` [s] (rounded to whole steps between `SAVES` saved times)."""
     scheme = scheme or Scheme("energy_momentum")
     model, s = build(scene, scheme.dtype)
-    stepper = make_stepper(model, scheme.integrator, scheme.solver, scheme.gamma, **settings)
+    stepper = scheme.stepper(model, **settings)
     every = max(1, round(duration / dt / SAVES))
     run = grid_run(stepper, model, s, every * dt, every, SAVES)
     if scheme.dtype != "float64":

@@ -1,0 +1,54 @@
+"""What an axial law answers: how the length of a link and its tension belong together."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+
+class AxialLaw(ABC):
+    """Base of the axial laws; d, d0, d1 are link vectors (n, 3) [m], now, before and after a step h [s]."""
+
+    #: Whether tensions follow from lengths, so that `tension`, `instant` and the energy of stretch exist.
+    elastic: ClassVar[bool]
+    #: Whether `gradient` and `compliance` make a matrix good enough for the condensed solver.
+    condensable: ClassVar[bool] = True
+
+    #: (n,): 0 where a link has parted, else 1; None where nothing parts.
+    intact: ClassVar[jax.Array | None] = None
+
+    @property
+    def work_names(self) -> tuple[str, ...]:
+        """Under which names the law takes energy."""
+        return ()
+
+    @abstractmethod
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        """The law at the end of the step, (n,) [m]: zero where it holds."""
+
+    @abstractmethod
+    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
+        """Derivative of the residual with respect to d1, (n, 3)."""
+
+    @abstractmethod
+    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
+        """Minus the derivative of the residual with respect to the tension, (n,) [m/N]."""
+
+    @abstractmethod
+    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+        """Pull of a unit tension over a step, (n, 3), that does exactly `T (|d1| - |d0|)` of work."""
+
+    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+        """Stored energy, scalar [J]."""
+        return jnp.zeros((), d.dtype)
+
+    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        """Work over a step by name, scalars [J], never positive."""
+        return {}
+
+    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
+        """Power at one instant by name, scalars [W], of links stretching at `rate` (n, 3) [m/s] under a tension."""
+        return {}

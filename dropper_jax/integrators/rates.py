@@ -1,0 +1,73 @@
+"""Rates of change of a line that stretches, at one instant."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax.lax.linalg import tridiagonal_solve
+
+from dropper_jax.base.numerics import inverse3
+from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.model import Model
+from dropper_jax.model.slots import AddedMass
+from dropper_jax.model.state import State
+from dropper_jax.model.work import booked, turning
+from dropper_jax.residual.problem import node_blocks
+
+Rates = tuple[jax.Array, jax.Array, jax.Array]
+
+
+def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> tuple[Rates, jax.Array]:
+    """(r', v', work') and the tensions (n,) [N] at one instant."""
+    line = model.line
+    k = model.instant(r, v, t)
+    tension = line.axial.tension(k.links, k.link_velocities, line.length)
+    force = model.force(k) + model.pull(tension, k.tangents)
+    a = accelerations(model, k, force, t)
+    power = powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
+    return (v, a, power), tension
+
+
+def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
+    """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
+    line, free = model.line, model.free_nodes
+    if model.having(AddedMass):  # each node has a mass matrix of its own
+        blocks = node_blocks(lambda a: model.inertia(k, a), free, force.dtype)
+        return jnp.sum(inverse3(blocks) * force[:, None, :], axis=-1)
+    diagonal = model.node_mass
+    if not line.compound:
+        return force / diagonal[:, None]
+    if model.moving:
+        moved = jax.jvp(lambda time: model.ends(time)[2:], (t,), (jnp.ones_like(t),))[1]
+        start, end = moved[0], moved[1] if model.end_held else None
+        force = force - line.inertia_force(jnp.zeros_like(force), start, end, model.end_held)
+    off = line.blocks()[1][1:free]
+    zero = jnp.zeros_like(diagonal[:1])
+    return tridiagonal_solve(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
+
+
+def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> jax.Array:
+    """Power (k,) [W] of what `work_names` lists."""
+    line = model.line
+    forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
+    turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
+    axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
+    return booked(model, forces, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends))
+
+
+def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:
+    """What added mass gains by turning [W]: rate of its kinetic energy less the power of its inertia."""
+
+    def energy(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+        return effect.kinetic(model.kinematics(r, v, t))
+
+    rate = jax.jvp(energy, (k.r, k.v, k.t), (k.v, a, jnp.ones_like(k.t)))[1]
+    return rate - jnp.sum(k.v * effect.inertia(k, a))
+
+
+def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
+    """The state after moving from s along the combined slope."""
+    r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
+    k = model.kinematics(r, v, s.t + h)
+    tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+    return State(r=r, v=v, tension=tension, t=s.t + h, acceleration=slope[1], law=s.law, work=work)

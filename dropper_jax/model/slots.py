@@ -1,0 +1,87 @@
+"""What an effect may add to a model: one protocol for each slot; what it does not define is not in the program."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import jax
+
+from dropper_jax.model.geometry import Geometry
+from dropper_jax.model.kinematics import Kinematics
+
+
+@runtime_checkable
+class Force(Protocol):
+    """A force on the free nodes."""
+
+    name: str
+    reach: int
+    constant: bool
+
+    def force(self, k: Kinematics) -> jax.Array:
+        """Nodal force, (nodes, 3) [N]."""
+
+
+@runtime_checkable
+class Potential(Force, Protocol):
+    """A conservative force: its energy is part of the balance, otherwise its work is."""
+
+    def potential(self, k: Kinematics) -> jax.Array:
+        """Energy whose negative gradient is `force`, scalar [J]."""
+
+
+@runtime_checkable
+class AddedMass(Protocol):
+    """Inertia beyond that of the lines."""
+
+    name: str
+    reach: int
+
+    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        """Inertia force for nodal accelerations a (nodes, 3) [m/s^2], (nodes, 3) [N]."""
+
+    def kinetic(self, k: Kinematics) -> jax.Array:
+        """Kinetic energy at a plain instant, scalar [J]."""
+
+
+@runtime_checkable
+class Prepared(Protocol):
+    """Something expensive that may be frozen over a step."""
+
+    name: str
+
+    def prepare(self, k: Kinematics) -> object:
+        """Evaluated once at the predicted middle of the step; `k.prepared(self)` gives it back."""
+
+
+@runtime_checkable
+class Displacement(Protocol):
+    """A prescribed motion of held points."""
+
+    needs_sea: bool
+
+    def moves(self, name: str) -> bool:
+        """Whether the held point of that name moves."""
+
+    def displace(self, t: jax.Array) -> jax.Array:
+        """Displacement at time t, (3,) [m]; with `needs_sea` the sea is a second argument."""
+
+
+@runtime_checkable
+class PointMass(Protocol):
+    """Constant mass at points of a system of lines."""
+
+    def point_mass(self, model: Geometry) -> jax.Array:
+        """Mass that it adds to the free nodes, (nodes,) [kg]."""
+
+
+@runtime_checkable
+class ContactArea(Protocol):
+    """Something at points that lies on the bed."""
+
+    def contact_area(self, model: Geometry) -> jax.Array:
+        """Plan area that it adds to the free nodes, (nodes,) [m^2]."""
+
+
+#: Slots that come together: a class with the first needs the second.
+PAIRS = (("potential", "force"), ("inertia", "kinetic"))

@@ -1,0 +1,123 @@
+"""What a time integrator answers: which models it runs, and a step, solved or taken at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+
+from dropper_jax.base.read import read_number
+from dropper_jax.model.model import Model
+from dropper_jax.model.slots import AddedMass
+from dropper_jax.model.state import State
+from dropper_jax.residual.problem import StepProblem
+
+
+@dataclasses.dataclass(frozen=True)
+class Integrator:
+    """A time integrator: `Implicit` or `Explicit`. Static: its fields are part of the compiled program.
+
+    Options of a scheme are fields declared by `base.fields.parameter`, a number each, with the range that is allowed;
+    they are the keys of `[run]` of the same name.
+    """
+
+    name: ClassVar[str]
+    #: Design order of convergence in positions.
+    order: ClassVar[int]
+    #: Whether rigid links keep their lengths by construction; schemes that drift are stopped at `DRIFT_LIMIT`.
+    holds_length: ClassVar[bool] = True
+    #: Where in the step the reported tension belongs: 0.5 for step averages, 1.0 for values at the new time.
+    tension_time: ClassVar[float] = 1.0
+
+    def __post_init__(self) -> None:
+        for name, declared in self.options().items():
+            read_number(getattr(self, name), f"run.{name}", declared)
+
+    @classmethod
+    def options(cls) -> dict[str, Mapping[str, Any]]:
+        """The declared options: meaning and range by name."""
+        return {f.name: f.metadata for f in dataclasses.fields(cls)}
+
+    def suited(self, model: Model) -> Integrator:
+        """The form of this scheme for the model; most have one for all."""
+        return self
+
+    def refuse(self, model: Model) -> str | None:
+        """Why this integrator cannot run the model, or None."""
+        return None
+
+    def begin(self, model: Model, s: State) -> State:
+        """The state with what this scheme carries beyond places and velocities."""
+        return s
+
+
+@dataclasses.dataclass(frozen=True)
+class Implicit(Integrator, ABC):
+    """A scheme whose step solves equations."""
+
+    #: Fractions of the step taken one after another (compositions have several).
+    stages: ClassVar[tuple[float, ...]] = (1.0,)
+    #: Whether `condensed` pieces exist.
+    condensable: ClassVar[bool] = False
+    #: Whether the pieces of the network solver exist, and so whether systems of lines can be run.
+    networkable: ClassVar[bool] = False
+    #: Whether every row involves neighbouring nodes only.
+    local_rows: ClassVar[bool] = True
+    #: Whether effects with unknowns of their own (dry friction) can be solved along.
+    takes_laws: ClassVar[bool] = False
+    #: Newton iterations with an exact Jacobian, and with the condensed one.
+    iterations: ClassVar[int] = 4
+    condensed_iterations: ClassVar[int] = 12
+
+    @abstractmethod
+    def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+        """The equations of one step."""
+
+    def refuse(self, model: Model) -> str | None:
+        if model.branched and not self.networkable:
+            return "it runs single lines only; use energy_momentum, theta_midpoint, rk2, rk4 or semi_implicit_euler"
+        if model.line.failures is not None and not self.networkable:
+            return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
+        if model.laws and not self.takes_laws:
+            return _law_not_taken(model)
+        return super().refuse(model)
+
+
+@dataclasses.dataclass(frozen=True)
+class Explicit(Integrator, ABC):
+    """A scheme that follows from what is known: for lines that stretch."""
+
+    @abstractmethod
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        """One step."""
+
+    def refuse(self, model: Model) -> str | None:
+        if not model.line.axial.elastic:
+            return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
+        if couples_inertia(model):
+            return "added mass couples neighbouring nodes here; use energy_momentum"
+        return _law_not_taken(model) if model.laws else super().refuse(model)
+
+
+def couples_inertia(model: Model) -> bool:
+    """Whether added mass couples neighbouring nodes, so that accelerations need more than each node's own mass."""
+    added = model.having(AddedMass)
+    return bool(added) and (model.line.compound or any(e.reach > 0 for e in added))
+
+
+def point_masses_only(model: Model) -> str | None:
+    """Why a scheme of rigid links that eliminates node by node cannot run the model, or None."""
+    if model.line.axial.elastic:
+        return "it holds links at their length, but the line is elastic; use energy_momentum, rk2 or rk4"
+    if model.line.compound:
+        return "it needs masses on the nodes, but compound links couple them; use energy_momentum"
+    if model.having(AddedMass):
+        return "it needs constant masses on the nodes, but the scene has added mass; use energy_momentum"
+    return None
+
+
+def _law_not_taken(model: Model) -> str:
+    return f"effect {model.laws[0].name!r} brings a set-valued law, which it does not solve; use energy_momentum"

@@ -1,0 +1,34 @@
+"""What a linear solver of Newton's corrections answers."""
+
+from __future__ import annotations
+
+from typing import Protocol, TypeVar
+
+from dropper_jax.model.model import Model
+from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.scheme import Implicit
+from dropper_jax.residual.unknowns import Unknowns
+
+Factors = TypeVar("Factors")
+Kept = TypeVar("Kept")
+
+
+class Solver(Protocol[Kept, Factors]):
+    """The matrix may be approximate; Newton and derivatives are refined to the exact rows."""
+
+    name: str
+
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
+        """Why it cannot serve the model under a scheme, or None."""
+
+    def prepare(self, problem: StepProblem, u: Unknowns) -> Kept:
+        """What is kept over the iterations of a step."""
+
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: Kept | None = None) -> Factors:
+        """The matrix at the unknowns, ready to be applied."""
+
+    def apply(self, factor: Factors, rows: Unknowns) -> Unknowns:
+        """The correction that rows call for."""
+
+    def apply_transposed(self, factor: Factors, rows: Unknowns) -> Unknowns:
+        """The same with the transposed matrix."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import plain, read_list, read_number, refuse
+from dropper_jax.base.read import Plain, plain, read_list, read_number, refuse
 
 ROWS = "two or more rows of rising strain, from tension 0 on, tension never falling and rising at the end"
 
@@ -22,7 +22,7 @@ class ForceTable:
     tension: np.ndarray
 
     @classmethod
-    def read(cls, strain: Any, tension: Any, path: str) -> ForceTable:
+    def read(cls, strain: Plain, tension: Plain, path: str) -> ForceTable:
         """A checked table.
 
         Raises:

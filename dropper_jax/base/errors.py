@@ -13,7 +13,7 @@ class SceneError(ValueError):
 class SimulationError(RuntimeError):
     """A run that did not end with status `ok`; carries the partial solution as `.solution`."""
 
-    def __init__(self, message: str, solution: object = None):
+    def __init__(self, message: str, solution: object = None) -> None:
         super().__init__(message)
         self.solution = solution
 

@@ -8,29 +8,38 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 
+#: What a TOML file, a JSON text or a caller in Python may give for a value.
+Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
+
 #: Longest value text in an error line.
 SHOWN = 60
 
 
-def refuse(path: str, value: Any, reason: str, allowed: str) -> SceneError:
+class Declared(Protocol):
+    """A dataclass with declared fields."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
+
+
+def refuse(path: str, value: Plain, reason: str, allowed: str) -> SceneError:
     """The error line for a value that cannot be used."""
     return SceneError(f"{path}: {shown(value)} {reason}; allowed: {allowed}")
 
 
-def shown(value: Any) -> str:
+def shown(value: Plain) -> str:
     """A value on one short line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
 
-def plain(value: Any) -> Any:
+def plain(value: Plain) -> Plain:
     """Arrays as lists, tuples as lists, also inside tables; everything else as it is."""
     if hasattr(value, "tolist"):
         return value.tolist()
@@ -39,7 +48,7 @@ def plain(value: Any) -> Any:
     return [plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def read_table(value: Any, path: str) -> Mapping[str, Any]:
+def read_table(value: Plain, path: str) -> Mapping[str, Any]:
     """A table with text keys."""
     if not isinstance(value, Mapping):
         raise refuse(path, value, "is not a table", "keys with values")
@@ -70,7 +79,7 @@ def limits(declared: Mapping[str, Any]) -> str:
     return f"<= {high:g}{unit}" if high is not None else ""
 
 
-def read_number(value: Any, path: str, declared: Mapping[str, Any], allowed: str | None = None) -> float:
+def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: str | None = None) -> float:
     """A finite number within its range; a truth value is not a number."""
     allowed = allowed or f"a number {limits(declared) or _in_unit(declared)}".rstrip()
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
@@ -93,7 +102,7 @@ def _in_unit(declared: Mapping[str, Any]) -> str:
     return "" if unit == "-" else f"in {unit}"
 
 
-def read_integer(value: Any, path: str, low: int | None = None) -> int:
+def read_integer(value: Plain, path: str, low: int | None = None) -> int:
     """A whole number, at least `low`."""
     allowed = "a whole number" + ("" if low is None else f" >= {low}")
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
@@ -103,7 +112,7 @@ def read_integer(value: Any, path: str, low: int | None = None) -> int:
     return int(value)
 
 
-def read_text(value: Any, path: str, choices: Iterable[str] | None = None) -> str:
+def read_text(value: Plain, path: str, choices: Iterable[str] | None = None) -> str:
     """A text, one of `choices` where given."""
     if not isinstance(value, str):
         raise refuse(path, value, "is not a text", "one of " + ", ".join(choices) if choices else "a text")
@@ -112,7 +121,7 @@ def read_text(value: Any, path: str, choices: Iterable[str] | None = None) -> st
     return value
 
 
-def read_list(value: Any, path: str, count: int | None, allowed: str) -> list[Any]:
+def read_list(value: Plain, path: str, count: int | None, allowed: str) -> list[Any]:
     """A list, of `count` items where given."""
     value = plain(value)
     if not isinstance(value, list):
@@ -122,7 +131,9 @@ def read_list(value: Any, path: str, count: int | None, allowed: str) -> list[An
     return value
 
 
-def read_parameter(value: Any, path: str, declared: Mapping[str, Any], counts: Mapping[str, int]) -> Any:
+def read_parameter(
+    value: Plain, path: str, declared: Mapping[str, Any], counts: Mapping[str, int]
+) -> float | np.ndarray:
     """A number as float, anything longer as an array of the declared shape."""
     shape = declared["shape"]
     each = limits(declared) or _in_unit(declared)
@@ -145,12 +156,12 @@ def read_parameter(value: Any, path: str, declared: Mapping[str, Any], counts: M
     return _read_numbers(value, path, declared, count, f"{'3' if count else 'a list of'} numbers{each}")
 
 
-def _read_numbers(value: Any, path: str, declared: Mapping[str, Any], count: int | None, allowed: str) -> np.ndarray:
+def _read_numbers(value: Plain, path: str, declared: Mapping[str, Any], count: int | None, allowed: str) -> np.ndarray:
     items = read_list(value, path, count, allowed)
     return np.array([read_number(item, f"{path}.{i}", declared, allowed) for i, item in enumerate(items)], float)
 
 
-def read_option(value: Any, path: str, declared: Mapping[str, Any]) -> Any:
+def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | int | bool | tuple[int | str, ...]:
     """A text, whole number, truth value, tuple of whole numbers or (declared as `list`) of texts."""
     kind, choices = declared.get("type"), declared.get("choices")
     if kind is tuple:
@@ -169,7 +180,7 @@ def read_option(value: Any, path: str, declared: Mapping[str, Any]) -> Any:
 
 
 def read_fields(
-    cls: type, table: Any, path: str, counts: Mapping[str, int], keys: Mapping[str, str] | None = None
+    cls: type, table: Plain, path: str, counts: Mapping[str, int], keys: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """All declared fields of `cls` from a table.
 
@@ -215,7 +226,7 @@ def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:
     return [(keys or {}).get(f.name, f.name) for f in dataclasses.fields(cls) if "kind" in f.metadata]
 
 
-def as_table(spec: Any, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
+def as_table(spec: Declared, keys: Mapping[str, str] | None = None) -> dict[str, Any]:
     """The given values of a section as plain values; what is None is left out."""
     found = {f.name: plain(getattr(spec, f.name)) for f in dataclasses.fields(spec) if "kind" in f.metadata}
     return {(keys or {}).get(name, name): value for name, value in found.items() if value is not None}

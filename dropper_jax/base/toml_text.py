@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from dropper_jax.base.read import plain
+from dropper_jax.base.read import Plain, plain
 
 #: Width of lists that are broken into lines.
 WIDTH = 100
@@ -33,7 +33,7 @@ def _tables(table: Mapping[str, Any], path: str) -> list[str]:
     return lines
 
 
-def _headed(value: Any) -> bool:
+def _headed(value: Plain) -> bool:
     """Whether a value stands under a head of its own: a table, or a list of tables that are more than a few words."""
     if isinstance(value, Mapping):
         return True
@@ -49,7 +49,7 @@ def _key(key: str) -> str:
     return key if bare else json.dumps(key, ensure_ascii=False)
 
 
-def _value(value: Any) -> str:
+def _value(value: Plain) -> str:
     value = plain(value)
     if isinstance(value, bool):
         return "true" if value else "false"

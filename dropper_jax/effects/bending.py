@@ -13,6 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot
 from dropper_jax.model.effect import Effect
+from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.scene.data import SceneData
 
@@ -54,7 +55,7 @@ class Bending(Effect):
         return jnp.sum(each if intact is None else intact[first] * intact[first + 1] * each)
 
 
-def joints(model: Any) -> np.ndarray:
+def joints(model: Geometry) -> np.ndarray:
     """The link before each joint inside a line."""
     if not model.branched:
         return np.arange(model.line.links - 1)

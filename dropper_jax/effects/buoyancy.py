@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.read import Plain
 from dropper_jax.effects.wetting import parts, wetted
 from dropper_jax.model.effect import Effect
 from dropper_jax.model.kinematics import Kinematics
@@ -56,7 +57,7 @@ class Buoyancy(Effect):
 VOLUME_TOLERANCE = 1e-3
 
 
-def _volume_from_weight(scene: SceneData, wet_weight: Any) -> np.ndarray:
+def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
     line, sea = scene.line, scene.sea
     gravity = scene.effects.get("weight", {}).get("gravity", sea.gravity)
@@ -71,7 +72,7 @@ def _volume_from_weight(scene: SceneData, wet_weight: Any) -> np.ndarray:
     return volume
 
 
-def check_volume(scene: SceneData, wet_weight: Any) -> None:
+def check_volume(scene: SceneData, wet_weight: Plain) -> None:
     """One volume: from the diameter, or from dry and wet weight, or from both where they agree."""
     line = scene.line
     if wet_weight is None:

@@ -13,6 +13,7 @@ from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model.effect import Law
 from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.line import Line
 from dropper_jax.scene.data import SceneData
 
 #: Speed below which a node that begins a step counts as at rest [m/s]: rounding, not creep.
@@ -94,6 +95,6 @@ class SeabedFriction(Law):
         stuck = (size <= self._limit(k)) & (size > 1e-12)
         return v1 * jnp.where(stuck, jnp.array([0.0, 0.0, 1.0], v1.dtype), 1.0)
 
-    def law_scale(self, line: Any, h: jax.Array) -> jax.Array:
+    def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The size of force rows [N]: contact forces round as those do."""
         return jnp.mean(line.mass) * jnp.maximum(9.81, jnp.mean(line.length) / h**2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,9 @@ import numpy as np
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.model.effect import Effect
+from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.sea import Sea
 
 #: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.
 PLACES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0
@@ -59,7 +61,7 @@ class SparBuoys(Effect):
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
     end_added_mass: str = option("of the base", choices=("hemisphere", "volume"), default="hemisphere")
 
-    def nodes(self, model: Any) -> np.ndarray:
+    def nodes(self, model: Geometry) -> np.ndarray:
         """Free node of each buoy."""
         return model.graph.point_node[list(self.points)]
 
@@ -68,10 +70,10 @@ class SparBuoys(Effect):
         """Waterplane (buoys,) [m^2]."""
         return 0.25 * jnp.pi * self.diameter**2
 
-    def point_mass(self, model: Any) -> jax.Array:
+    def point_mass(self, model: Geometry) -> jax.Array:
         return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
 
-    def contact_area(self, model: Any) -> jax.Array:
+    def contact_area(self, model: Geometry) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]."""
         return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.area)
 
@@ -115,14 +117,14 @@ class SparBuoys(Effect):
         total = jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1)
         return jnp.zeros_like(k.r).at[nodes].add(total)
 
-    def _end_mass(self, sea: Any, wet: jax.Array) -> jax.Array:
+    def _end_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
         """Added mass along (buoys,) [kg]."""
         if self.end_added_mass == "volume":
             return sea.density * self.cat * self.area * wet
         under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
         return sea.density * self.cat * under * jnp.pi / 12.0 * self.diameter**3
 
-    def _added(self, sea: Any, wet: jax.Array) -> jax.Array:
+    def _added(self, sea: Sea, wet: jax.Array) -> jax.Array:
         """Added mass per direction (buoys, 3) [kg]."""
         across = sea.density * self.area * wet * self.can
         return jnp.stack([across, across, self._end_mass(sea, wet)], axis=-1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.model.effect import Effect
 from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.sea import Motion
 
 
 @component
@@ -27,7 +28,7 @@ class ThesisWaveForce(Effect):
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
     c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
 
-    def prepare(self, k: Kinematics) -> Any:
+    def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
         return k.model.sea.at(jnp.zeros((1, 3), k.r.dtype), k.t)
 

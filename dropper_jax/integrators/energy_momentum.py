@@ -53,7 +53,7 @@ class EnergyMomentum(Implicit):
 class MidpointProblem(StepProblem):
     """Unknowns: x = r1 - r0 - h v0 (so that rounding stays relative to the acceleration), tensions, law unknowns."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float):
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
         t1 = s.t + h

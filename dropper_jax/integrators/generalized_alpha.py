@@ -71,7 +71,7 @@ class GeneralizedAlpha(Implicit):
 class GeneralizedAlphaProblem(StepProblem):
     """Unknowns: x = r1 - r0 - h v0, and tensions at t_f."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, rho: float):
+    def __init__(self, model: Model, s: State, h: jax.Array, rho: float) -> None:
         super().__init__(model, s, h)
         old_a, old_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         self.new_a, self.new_f = 1.0 - old_a, 1.0 - old_f

@@ -21,11 +21,14 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.numerics import dot
+from dropper_jax.model.effect import Law
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.model import Model
 from dropper_jax.model.path import link_differences
 from dropper_jax.residual.unknowns import Unknowns
 
+#: One array per law.
+Joints = tuple[jax.Array, ...]
 #: Newton corrections: the first is exact where no impulse meets its bound. A joint that comes to its bound in the last
 #: one keeps more than its share of one step, which costs accuracy of that event, never energy.
 PASSES = 3
@@ -51,7 +54,7 @@ def stop_held_joints(
     return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
-def _stopped(model: Model, held: Any, z: Any, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _stopped(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the price of a few operations
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
@@ -71,7 +74,9 @@ def stop_held_nodes(
 
 
 @jax.jit  # traced once, not at each of the half dozen places of a differentiated step
-def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> tuple[Unknowns, Any, Any, Any]:
+def _solve(
+    model: Model, held: Joints, v: jax.Array, r: jax.Array, t: jax.Array, z: Joints, h: jax.Array
+) -> tuple[Unknowns, Joints, Joints, Joints]:
     """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and which way theirs point."""
     after = model.kinematics(r, v, t)
     zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
@@ -94,12 +99,12 @@ def _solve(model: Model, held: Any, v: Any, r: Any, t: Any, z: Any, h: Any) -> t
     return unravel(x), factor, over, aim
 
 
-def _bounded(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+def _bounded(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     """The impulse nearest to p that keeps `h q + p`, friction's impulse over the whole step, within its bound."""
     return h * law.admissible(p / h + q) - h * q
 
 
-def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     """Joints (joints, 1) whose impulse is over its bound; within it both differ by rounding of p and h q.
 
     A joint taken for over its bound when it is not would have a row of zeros.
@@ -109,7 +114,7 @@ def _beyond(law: Any, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
 
 
 def _rows(
-    model: Model, held: Any, after: Kinematics, z: Any, h: jax.Array, over: Any, aim: Any, u: Unknowns
+    model: Model, held: Joints, after: Kinematics, z: Joints, h: jax.Array, over: Joints, aim: Joints, u: Unknowns
 ) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints.
 

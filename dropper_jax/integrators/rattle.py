@@ -47,7 +47,7 @@ class Rattle(Implicit):
 class RattleProblem(StepProblem):
     """Unknowns: x = v_h, y = lambda, the tensions of the first half."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array):
+    def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.node_mass(model.free_nodes)

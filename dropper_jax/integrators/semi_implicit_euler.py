@@ -61,7 +61,7 @@ class ElasticSemiImplicitEuler(Explicit):
 class SemiImplicitProblem(StepProblem):
     """Unknowns: x = v1, y = T."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array):
+    def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.node_mass(model.free_nodes)

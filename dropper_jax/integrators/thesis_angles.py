@@ -87,7 +87,7 @@ def _unit(theta: jax.Array, phi: jax.Array) -> jax.Array:
 class AnglesProblem(StepProblem):
     """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float):
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)

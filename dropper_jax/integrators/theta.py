@@ -51,7 +51,7 @@ class Theta(Implicit):
 class ThetaProblem(StepProblem):
     """Unknowns: x = v1 - v0 and the tensions T1 (gamma = 0: T0)."""
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float):
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
         self.gamma = gamma
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.scene.data import SceneData
+from dropper_jax.sea import Sea
 
 #: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche).
 BREAKING = 0.142
@@ -32,7 +31,7 @@ def check_water(effect: str, scene: SceneData) -> None:
             )
 
 
-def sea_warnings(scene: SceneData, sea: Any) -> tuple[str, ...]:
+def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
     """One line for each thing about the sea that a user should know; `sea` is what `make_sea` made."""
     if scene.sea is None:
         return ()
@@ -67,7 +66,7 @@ def _reach(scene: SceneData) -> list[str]:
     return [f"sea.depth: the line reaches down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
 
 
-def _breaking(scene: SceneData, sea: Any) -> list[str]:
+def _breaking(scene: SceneData, sea: Sea) -> list[str]:
     """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
     amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
     if amplitude.size == 1:
@@ -81,7 +80,7 @@ def _breaking(scene: SceneData, sea: Any) -> list[str]:
     return [f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"]
 
 
-def _mean_frequency(sea: Any) -> float:
+def _mean_frequency(sea: Sea) -> float:
     energy = np.asarray(sea.waves.amplitude, float) ** 2
     return float(np.sum(energy * np.asarray(sea.waves.omega)) / max(np.sum(energy), 1e-300))
 
@@ -97,7 +96,7 @@ def repeat_time(omega: np.ndarray) -> float:
     return float(2 * np.pi / steps.min()) if even else float("inf")
 
 
-def _interpolation(sea: Any) -> list[str]:
+def _interpolation(sea: Sea) -> list[str]:
     error = getattr(sea.waves, "error", None)
     if error is None:
         return []
@@ -108,14 +107,14 @@ def _interpolation(sea: Any) -> list[str]:
     ]
 
 
-def _repetition(scene: SceneData, sea: Any) -> list[str]:
+def _repetition(scene: SceneData, sea: Sea) -> list[str]:
     after = repeat_time(np.asarray(sea.waves.omega, float))
     if after >= scene.run.duration:
         return []
     return [f"sea.waves: the sea repeats after {after:.4g} s, within the run of {scene.run.duration:g} s"]
 
 
-def _slenderness(scene: SceneData, sea: Any) -> list[str]:
+def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     diameter = displaced_diameter(scene.line, scene)
     if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []

@@ -23,6 +23,7 @@ from dropper_jax.axial.force_table import ForceTable, tables_of
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    Plain,
     check_keys,
     plain,
     read_fields,
@@ -158,7 +159,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     return table
 
 
-def _types(items: Any) -> dict[str, LineType]:
+def _types(items: Plain) -> dict[str, LineType]:
     found: dict[str, LineType] = {}
     for i, item in enumerate(read_list(items, "line_type", None, "one or more [[line_type]] tables")):
         kind = LineType(**read_fields(LineType, item, f"line_type.{i}", {}))
@@ -184,7 +185,7 @@ def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> li
     return [_section(item, where, types) for item, where in zip(items, paths, strict=True)]
 
 
-def _section(item: Any, path: str, types: dict[str, LineType]) -> Section:
+def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
     item = read_table(item, path)
     check_keys(item, ("type", "length", "links"), path)
     for key, needed in (("type", "name of a [[line_type]]"), ("length", "length, > 0 m"), ("links", "number of links")):
@@ -247,7 +248,7 @@ def _between(sections: list[Section], low: float, high: float) -> list[Section]:
     return found
 
 
-def _each(sections: list[Section], value: Any) -> list[float]:
+def _each(sections: list[Section], value: Plain) -> list[float]:
     return [float(value(s)) for s in sections for _ in range(s.links)]
 
 

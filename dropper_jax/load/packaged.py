@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
@@ -19,7 +20,7 @@ UNDAMPED = "-undamped"
 RELEASES = "dropper-release-"
 
 
-def _folder() -> Any:
+def _folder() -> Traversable:
     return resources.files("dropper_jax") / "data" / "scenes"
 
 

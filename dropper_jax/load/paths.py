@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import field_keys
+from dropper_jax.base.read import Plain, field_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.scene.failure import FailureSpec
@@ -41,7 +41,7 @@ def paths(table: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def put(table: dict[str, Any], path: str, value: Any, known: Iterable[str] = ()) -> None:
+def put(table: dict[str, Any], path: str, value: Plain, known: Iterable[str] = ()) -> None:
     """Put a value at a path of plain values; numbers at the end of the path are entries of a list.
 
     Args:
@@ -54,7 +54,7 @@ def put(table: dict[str, Any], path: str, value: Any, known: Iterable[str] = ())
     parent[key] = value
 
 
-def get(table: dict[str, Any], path: str) -> Any:
+def get(table: dict[str, Any], path: str) -> Plain:
     """The plain value at a path.
 
     Raises:
@@ -115,7 +115,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
     return parent, key
 
 
-def entry(items: Any, index: int, path: str) -> tuple[list[Any], int, str]:
+def entry(items: Plain, index: int, path: str) -> tuple[list[Any], int, str]:
     """A list that has an entry of that number, the number and the path."""
     if not isinstance(items, list):
         raise SceneError(f"{path}: has no entries, it is {items!r}; allowed: the path without a number at its end")

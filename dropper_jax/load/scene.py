@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import check_keys, plain, read_fields, read_list, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_growth import check_growth
@@ -118,7 +118,7 @@ class Scene(SceneData):
             put(table, path, value)
         return Scene.from_dict(table)
 
-    def value(self, path: str) -> Any:
+    def value(self, path: str) -> Plain:
         """The plain value at a path, such as those of `with_values`.
 
         Raises:
@@ -145,7 +145,7 @@ def _list(table: Mapping[str, Any], section: str, allowed: str | None = None) ->
     return read_list(table.get(section, []), section, None, allowed or f"one or more [[{section}]] tables")
 
 
-def _read_effects(table: Any, links: int) -> dict[str, dict[str, Any]]:
+def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
     table = read_table(table, "effects")
     check_keys(table, EFFECTS, "effects")
     counts = {"node": links, "link": links, "joint": links + 1}

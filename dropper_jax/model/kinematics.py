@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 
@@ -11,6 +11,15 @@ from dropper_jax.base.numerics import cross, safe_norm
 from dropper_jax.model.geometry import Ends, Geometry
 from dropper_jax.model.line import Line
 from dropper_jax.sea import Water
+
+#: What an effect freezes over a step: any tree of arrays.
+Frozen = Any
+
+
+class Named(Protocol):
+    """Something with a name, as effects are."""
+
+    name: str
 
 
 class Kinematics:
@@ -33,7 +42,7 @@ class Kinematics:
         ends: Ends,
         prepared: dict[str, Any] | None = None,
         h: jax.Array | None = None,
-    ):
+    ) -> None:
         self.model, self.r, self.v, self.t, self.ends, self.h = model, r, v, t, ends, h
         self._prepared = prepared or {}
 
@@ -49,7 +58,7 @@ class Kinematics:
         """The same places with other velocities of the free nodes."""
         return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h)
 
-    def prepared(self, effect: Any) -> Any:
+    def prepared(self, effect: Named) -> Frozen:
         """What the effect's `prepare` returned for this step."""
         return self._prepared[effect.name]
 

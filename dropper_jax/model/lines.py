@@ -25,7 +25,7 @@ from dropper_jax.model.slots import PointMass
 class End(Part):
     """One end of all links: rows are links, node by node sums are gathers over the graph."""
 
-    def __init__(self, graph: Graph, last: bool):
+    def __init__(self, graph: Graph, last: bool) -> None:
         self.graph, self.last, self.share = graph, last, 0.5
         node = graph.last if last else graph.first
         self._node = np.minimum(node, max(graph.free - 1, 0))  # held nodes take any value: nothing is collected there

@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
 from dropper_jax.model.effect import Effect, Law
@@ -78,7 +79,7 @@ class Model:
         return tuple(e for e in self.effects if isinstance(e, Law) and e.components)
 
     @property
-    def dtype(self) -> Any:
+    def dtype(self) -> jnp.dtype:
         return self.line.length.dtype
 
     def effect(self, name: str) -> Effect | None:
@@ -207,6 +208,6 @@ class Model:
         own = self.line.axial.energy(k.links, self.line.length)
         return sum((e.potential(k) for e in self.having(Potential)), own)
 
-    def cast(self, dtype: Any) -> Model:
+    def cast(self, dtype: DTypeLike) -> Model:
         """The same model with its arrays in another precision."""
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import jax
 
 from dropper_jax.model.geometry import Geometry
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.kinematics import Frozen, Kinematics
 
 
 @runtime_checkable
@@ -50,7 +50,7 @@ class Prepared(Protocol):
 
     name: str
 
-    def prepare(self, k: Kinematics) -> object:
+    def prepare(self, k: Kinematics) -> Frozen:
         """Evaluated once at the predicted middle of the step; `k.prepared(self)` gives it back."""
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
@@ -40,7 +38,9 @@ class State:
     parted: Parted | None = None
 
 
-def state(model: Model, r: jax.Array, v: jax.Array | None = None, tension: Any = None, t: float = 0.0) -> State:
+def state(
+    model: Model, r: jax.Array, v: jax.Array | None = None, tension: jax.Array | None = None, t: float = 0.0
+) -> State:
     """A state from free-node positions (nodes, 3) [m] and velocities; what is not given is zero."""
     r = jnp.asarray(r, model.dtype)
     return State(

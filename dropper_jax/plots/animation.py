@@ -143,7 +143,7 @@ def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndar
 class _Stage:
     """A drawn background and the few things that move before it, redrawn alone for each frame."""
 
-    def __init__(self, run: Run, frames: np.ndarray, speed: float):
+    def __init__(self, run: Run, frames: np.ndarray, speed: float) -> None:
         self.t, self.run = run.t, run
         positions = run.positions[: frames[-1] + 1]
         self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -11,6 +12,7 @@ from dropper_jax.residual.problem import StepProblem
 from dropper_jax.residual.solver import Solver
 from dropper_jax.residual.unknowns import Unknowns, add, norm
 
+Linear = Callable[[Unknowns], Unknowns]
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 #: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
@@ -92,7 +94,7 @@ def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns,
     return u, norm(problem.residual(u), problem.row_scale())
 
 
-def refine(matvec: Any, apply: Any, b: Unknowns, column_scale: Unknowns) -> Unknowns:
+def refine(matvec: Linear, apply: Linear, b: Unknowns, column_scale: Unknowns) -> Unknowns:
     """Solve `J x = b` with the solver's `apply` = P^-1 as preconditioner, until x stops changing.
 
     Stationary iteration `x <- x + P^-1 (b - J x)`, which is what Newton with P does and converges as fast. It ends

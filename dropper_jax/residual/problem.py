@@ -36,7 +36,7 @@ class StepProblem:
     #: Smoothing of set-valued laws, 1 to 0; None is the laws themselves.
     easing: jax.Array | None = None
 
-    def __init__(self, model: Model, s: State, h: jax.Array):
+    def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         self.model, self.s, self.h = model, s, h
 
     def guess(self) -> Unknowns:

@@ -7,14 +7,18 @@ import json
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Plain
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_lines
+
+if TYPE_CHECKING:
+    import xarray
 
 #: Version of the JSON object that commands print.
 SCHEMA = 1
@@ -234,7 +238,7 @@ class Solution:
         return json.loads(json.dumps(meta, default=_plain))
 
     @classmethod
-    def restore(cls, meta: Any, arrays: dict[str, np.ndarray]) -> Solution:
+    def restore(cls, meta: Plain, arrays: dict[str, np.ndarray]) -> Solution:
         """The solution of saved provenance and arrays.
 
         Raises:
@@ -247,7 +251,7 @@ class Solution:
         tuples = {key: tuple(meta.pop(key, ())) for key in ("work_names", "warnings", "broken")}
         return cls(scene=scene, **arrays, **tuples, **meta)
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> xarray.Dataset:
         """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
         from dropper_jax.run.storage import to_xarray
 
@@ -289,13 +293,13 @@ def _extent(tension: np.ndarray) -> dict[str, float]:
     }
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: np.ndarray) -> Plain:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be saved")
 
 
-def jsonable(value: Any) -> Any:
+def jsonable(value: Plain) -> Plain:
     """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
     if isinstance(value, dict):
         return {str(key): jsonable(item) for key, item in value.items()}

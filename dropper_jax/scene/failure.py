@@ -10,11 +10,10 @@ breaks where they fell.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import read_fields, refuse
+from dropper_jax.base.read import Plain, read_fields, refuse
 from dropper_jax.scene.line import LineSpec
 
 
@@ -36,7 +35,7 @@ class FailureSpec:
     time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, optional=True)
 
     @classmethod
-    def read(cls, table: Any, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:
+    def read(cls, table: Plain, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:
         """A checked entry.
 
         Raises:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.base.read import plain, read_fields, refuse
+from dropper_jax.base.read import Plain, plain, read_fields, refuse
 
 
 class Grown(NamedTuple):
@@ -53,7 +53,7 @@ class GrowthSpec:
     )
 
     @classmethod
-    def read(cls, table: Any, path: str) -> GrowthSpec:
+    def read(cls, table: Plain, path: str) -> GrowthSpec:
         spec = cls(**read_fields(cls, table, path, {}))
         depths = len(spec.depth)
         if not depths or np.any(np.diff(spec.depth) <= 0):

@@ -11,7 +11,7 @@ from dropper_jax.axial import LAWS
 from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import as_table, check_keys, count, field_keys, read_fields, read_table, refuse
+from dropper_jax.base.read import Plain, as_table, check_keys, count, field_keys, read_fields, read_table, refuse
 from dropper_jax.scene.growth import GrowthSpec
 
 #: Keys that `line_types.expand` takes out of lines by the metre.
@@ -55,7 +55,7 @@ class LineSpec:
     growth: GrowthSpec | None = None
 
     @classmethod
-    def read(cls, table: Any, path: str) -> LineSpec:
+    def read(cls, table: Plain, path: str) -> LineSpec:
         own = dict(read_table(table, path))
         check_keys(own, [*field_keys(cls, cls.KEYS), "axial", "growth", *BY_THE_METRE], path)
         for key in BY_THE_METRE:
@@ -124,7 +124,7 @@ def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
     )
 
 
-def _read_axial(table: Any, path: str, links: int) -> dict[str, Any]:
+def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
     """Law and constants of `axial = {law = ..., ...}`; the constants are the fields of the law's class."""
     table = dict(read_table(table, path))
     law = table.pop("law", None)
@@ -142,10 +142,10 @@ def _read_axial(table: Any, path: str, links: int) -> dict[str, Any]:
     return {"axial_law": law, "EA": values.get("EA"), "axial_damping": values.get("damping")}
 
 
-def _per_link(value: Any, links: int) -> np.ndarray:
+def _per_link(value: Plain, links: int) -> np.ndarray:
     return np.broadcast_to(np.asarray(value, float), (links,)).copy()
 
 
-def _one_or_all(value: Any) -> Any:
+def _one_or_all(value: Plain) -> Plain:
     """One number where all entries of a list are equal, so that the number of links can be changed."""
     return value[0] if isinstance(value, list) and value and value.count(value[0]) == len(value) else value

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import read_fields, refuse
+from dropper_jax.base.read import Plain, read_fields, refuse
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class PointSpec:
     BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
 
     @classmethod
-    def read(cls, table: Any, path: str) -> PointSpec:
+    def read(cls, table: Plain, path: str) -> PointSpec:
         point = cls(**read_fields(cls, table, path, {}))
         if point.kind == "fixed" and point.body:
             given = next(key for key in cls.BODY if getattr(point, key) is not None)
@@ -60,7 +60,7 @@ class BuoySpec:
     )
 
     @classmethod
-    def read(cls, table: Any, path: str) -> BuoySpec:
+    def read(cls, table: Plain, path: str) -> BuoySpec:
         buoy = cls(**read_fields(cls, table, path, {}))
         if buoy.attachment > buoy.height:
             raise refuse(

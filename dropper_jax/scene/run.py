@@ -7,7 +7,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import as_table, check_keys, count, field_keys, read_fields, read_number, read_table, refuse
+from dropper_jax.base.read import (
+    Plain,
+    as_table,
+    check_keys,
+    count,
+    field_keys,
+    read_fields,
+    read_number,
+    read_table,
+    refuse,
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,7 +33,7 @@ class RunSpec:
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
 
     @classmethod
-    def read(cls, table: Any, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
+    def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
         """A checked `[run]`; `options` are what schemes may add, name and range."""
         options = options or {}
         given = read_table(table, path)

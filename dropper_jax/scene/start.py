@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import plain, read_fields, read_table, refuse
+from dropper_jax.base.read import Plain, plain, read_fields, read_table, refuse
 from dropper_jax.scene.line import LineSpec
 
 
@@ -46,7 +46,7 @@ class StartSpec:
     velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", optional=True)
 
     @classmethod
-    def read(cls, table: Any, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
+    def read(cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False) -> StartSpec:
         values = read_fields(cls, table, path, {})
         kind = values["kind"]
         allowed = ("static", "points") if branched else ("static", "angles", "positions")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import read_text
+from dropper_jax.base.read import Plain, read_text
 
 
-def _folder() -> Any:
+def _folder() -> Traversable:
     return resources.files("dropper_jax") / "data" / "seas"
 
 
@@ -19,7 +20,7 @@ def sea_names() -> tuple[str, ...]:
     return tuple(sorted(item.name.removesuffix(".toml") for item in _folder().iterdir() if item.name.endswith(".toml")))
 
 
-def read_packaged(name: Any, path: str) -> dict[str, Any]:
+def read_packaged(name: Plain, path: str) -> dict[str, Any]:
     """The table of a packaged sea; a component file that it names lies beside it."""
     name, known = read_text(name, path), sea_names()
     if name not in known:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import plain, read_fields, read_table, refuse
+from dropper_jax.base.read import Plain, plain, read_fields, read_table, refuse
 from dropper_jax.sea.current import KINDS
 from dropper_jax.sea.packaged import read_packaged
 from dropper_jax.sea.readers import read_components, read_elevation
@@ -62,7 +62,7 @@ class WaveSpec:
     seed: int = _count("seed of the phases", 0, 0)
 
     @classmethod
-    def read(cls, table: Any, path: str) -> WaveSpec:
+    def read(cls, table: Plain, path: str) -> WaveSpec:
         values = read_fields(cls, table, path, {})
         kind = values["kind"]
         for key in table:
@@ -118,7 +118,7 @@ class CurrentSpec:
     kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
     @classmethod
-    def read(cls, table: Any, path: str) -> CurrentSpec:
+    def read(cls, table: Plain, path: str) -> CurrentSpec:
         values = read_fields(cls, table, path, {})
         if values["kind"] == "power":
             values["exponent"] = 1.0 / 7.0 if values["exponent"] is None else values["exponent"]
@@ -158,7 +158,7 @@ class SeaSpec:
     current: CurrentSpec | None = None
 
     @classmethod
-    def read(cls, table: Any, path: str) -> SeaSpec:
+    def read(cls, table: Plain, path: str) -> SeaSpec:
         own = dict(read_table(table, path))
         if "packaged" in own:
             own = _merge(read_packaged(own.pop("packaged"), f"{path}.packaged"), own)

@@ -8,7 +8,7 @@ reaction, which is the order in which a free-ended chain of i links is always so
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -55,7 +55,7 @@ def block_inverse(m: jax.Array) -> jax.Array:
 class Layout:
     """How unknowns are packed into blocks: block i holds node i and link i, `width` nodes to a block."""
 
-    def __init__(self, nodes: int, links: int, width: int):
+    def __init__(self, nodes: int, links: int, width: int) -> None:
         self.nodes, self.links, self.width = nodes, links, width
         self.blocks = -(-links // width)
         self.size = 4 * width
@@ -97,7 +97,7 @@ class Banded:
     def prepare(self, problem: StepProblem, u: Unknowns) -> None:
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> tuple[_Factor, Layout]:
         layout = self._layout(problem)
         lower, diagonal, upper = _bands(problem, u, layout)
 
@@ -110,7 +110,7 @@ class Banded:
         _, (inverse, ahead) = jax.lax.scan(eliminate, jnp.zeros_like(upper[0]), (lower, diagonal, upper))
         return _Factor(lower, inverse, ahead), layout
 
-    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
         f, layout = factor
         b = layout.pack(rows)
         zero = jnp.zeros_like(b[0])
@@ -129,7 +129,7 @@ class Banded:
         _, x = jax.lax.scan(up, zero, (f.ahead, y), reverse=True)
         return layout.unpack(x)
 
-    def apply_transposed(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply_transposed(self, factor: tuple[_Factor, Layout], rows: Unknowns) -> Unknowns:
         f, layout = factor
         b = layout.pack(rows)
         zero = jnp.zeros_like(b[0])

@@ -8,7 +8,7 @@ Newton converge linearly, to the same solution: by a factor of about 0.1 per ite
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +17,16 @@ from jax.lax.linalg import tridiagonal_solve
 from dropper_jax.base.components import Components, components, dot, inverse_rows
 from dropper_jax.model.model import Model
 from dropper_jax.model.path import gather_links, link_differences
-from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.problem import CondensedParts, StepProblem
 from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
+#: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
+Inverse = jax.Array | tuple[Components, Components, Components]
+
 
 class _Factor(NamedTuple):
-    inverse: Any  # (nodes,), or three rows of three components (nodes,)
+    inverse: Inverse
     pull: Components
     gradient: Components
     lower: jax.Array
@@ -31,7 +34,7 @@ class _Factor(NamedTuple):
     upper: jax.Array
 
 
-def _times(inverse: Any, x: Components) -> Components:
+def _times(inverse: Inverse, x: Components) -> Components:
     if isinstance(inverse, tuple):
         return tuple(dot(row, x) for row in inverse)
     return tuple(inverse * c for c in x)
@@ -41,7 +44,7 @@ def _part(x: Components, where: slice) -> Components:
     return tuple(c[where] for c in x)
 
 
-def _eliminate(inverse: Any, pull: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
+def _eliminate(inverse: Inverse, pull: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
     """The tridiagonal matrix left in the tensions: node i joins link i before it and link i + 1 after it."""
     links = compliance.shape[0]
     held = free < links
@@ -96,21 +99,23 @@ class Condensed:
             return f"it eliminates node by node, but {what} neighbouring nodes; use banded or dense"
         return None
 
-    def prepare(self, problem: StepProblem, u: Unknowns) -> Any:
+    def prepare(self, problem: StepProblem, u: Unknowns) -> Inverse:
         """Inverses of the node blocks, kept over the iterations of a step: they change little, and cost the most."""
         node = problem.node_matrix(u)
         return 1.0 / node if node.ndim == 1 else inverse_rows(node)
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: Any = None) -> Any:
+    def factor(
+        self, problem: StepProblem, u: Unknowns, prepared: Inverse | None = None
+    ) -> tuple[_Factor, CondensedParts]:
         inverse = self.prepare(problem, u) if prepared is None else prepared
         parts = problem.condensed(u)
         free = u.x.shape[0]
         return _eliminate(inverse, components(parts.pull), components(parts.gradient), parts.compliance, free), parts
 
-    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         return _solve(factor[0], rows)
 
-    def apply_transposed(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply_transposed(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         f, parts = factor
         inverse = tuple(zip(*f.inverse, strict=True)) if isinstance(f.inverse, tuple) else f.inverse
         return _solve(_eliminate(inverse, f.gradient, f.pull, parts.compliance, rows.x.shape[0]), rows)

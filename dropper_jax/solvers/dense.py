@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +14,7 @@ from dropper_jax.residual.problem import StepProblem
 from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
+LU = tuple[jax.Array, jax.Array]
 #: Diagonal added for laws: their unknowns are of the size of their rows, so that this is far below either.
 SHARING = 1e-9
 
@@ -31,16 +31,16 @@ class Dense:
     def prepare(self, problem: StepProblem, u: Unknowns) -> None:
         return None
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> LU:
         flat, unravel = ravel_pytree(u)
         jacobian = jax.jacfwd(lambda x: ravel_pytree(problem.residual(unravel(x)))[0])(flat)
         return lu_factor(jacobian + _sharing(u) if u.z else jacobian)
 
-    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply(self, factor: LU, rows: Unknowns) -> Unknowns:
         flat, unravel = ravel_pytree(rows)
         return unravel(lu_solve(factor, flat))
 
-    def apply_transposed(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply_transposed(self, factor: LU, rows: Unknowns) -> Unknowns:
         flat, unravel = ravel_pytree(rows)
         return unravel(lu_solve(factor, flat, trans=1))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ from dropper_jax.model.model import Model
 from dropper_jax.model.state import State, state
 from dropper_jax.residual.newton import damped_newton
 from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
+from dropper_jax.residual.solver import Solver
 from dropper_jax.residual.unknowns import Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import Dense, residual_matrix
@@ -27,7 +27,7 @@ DENSE_LIMIT = 200
 class StaticProblem(StepProblem):
     """Unknowns: x = r, y = T, at rest at the state's time."""
 
-    def __init__(self, model: Model, s: State, loads: jax.Array):
+    def __init__(self, model: Model, s: State, loads: jax.Array) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
         self.loads = loads
         self.ends = model.ends(s.t)
@@ -49,7 +49,7 @@ class StaticProblem(StepProblem):
         return Unknowns(weight, line.length)
 
 
-def static_solver(model: Model) -> Any:
+def static_solver(model: Model) -> Solver:
     """The solver of the exact Jacobian that is cheaper for the model."""
     if SOLVERS["dense"].size(model) <= DENSE_LIMIT:
         return SOLVERS["dense"]
@@ -62,17 +62,17 @@ class LeastNorm(Dense):
 
     name: str = "least_norm"
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> Any:
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> jax.Array:
         return residual_matrix(problem, u)
 
-    def apply(self, factor: Any, rows: Unknowns) -> Unknowns:
+    def apply(self, factor: jax.Array, rows: Unknowns) -> Unknowns:
         flat, unravel = ravel_pytree(rows)
         return unravel(jnp.linalg.lstsq(factor, flat)[0])
 
 
 @partial(jax.jit, static_argnames=("solver", "iterations"))
 def _newton(
-    model: Model, s: State, loads: jax.Array, solver: Any, iterations: int = 25
+    model: Model, s: State, loads: jax.Array, solver: Solver, iterations: int = 25
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     problem = StaticProblem(model, s, loads)
     u, residual = damped_newton(problem, solver, Unknowns(s.r, s.tension), iterations)
@@ -84,7 +84,7 @@ def static_tolerance(model: Model) -> float:
     return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
 
 
-def solve_statics(model: Model, s: State, loads: jax.Array, t: float, solver: Any = None) -> tuple[State, float]:
+def solve_statics(model: Model, s: State, loads: jax.Array, t: float, solver: Solver = None) -> tuple[State, float]:
     """The pose next to that of `s`, and its largest scaled row."""
     r, tension, residual = _newton(model, s, loads, solver or static_solver(model))
     return state(model, r, tension=tension, t=t), float(residual)

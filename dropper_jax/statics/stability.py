@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ import numpy as np
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.residual.newton import damped_newton
+from dropper_jax.residual.solver import Solver
 from dropper_jax.residual.unknowns import Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
@@ -75,7 +75,7 @@ def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[St
 class DraggedProblem(StaticProblem):
     """The statics with a drag `stiffness (r - r_before)` towards the state's pose: one step of a slow fall."""
 
-    def __init__(self, model: Model, s: State, loads: jax.Array, stiffness: jax.Array):
+    def __init__(self, model: Model, s: State, loads: jax.Array, stiffness: jax.Array) -> None:
         super().__init__(model, s, loads)
         self.stiffness = stiffness
 
@@ -85,7 +85,7 @@ class DraggedProblem(StaticProblem):
 
 
 @partial(jax.jit, static_argnames="solver")
-def _fall(model: Model, s: State, loads: jax.Array, stiffness: jax.Array, solver: Any) -> State:
+def _fall(model: Model, s: State, loads: jax.Array, stiffness: jax.Array, solver: Solver) -> State:
     """A chain of poses, each lower in energy than the one before: implicit steps of a motion without inertia."""
 
     def lower(s: State, _: None) -> tuple[State, None]:

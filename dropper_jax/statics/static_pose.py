@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model.effect import Law
@@ -67,7 +68,7 @@ def rest(model: Model) -> Model:
     return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
 
 
-def nodal_loads(model: Model, nodes: Any, forces: Any) -> jax.Array:
+def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; none where `nodes` is None."""
     loads = jnp.zeros((model.free_nodes, 3), model.dtype)
     if nodes is None or len(nodes) == 0:

@@ -46,7 +46,7 @@ FALL, KEEP, RISE = 0.2, 0.7, 4.0
 class RestProblem(StepProblem):
     """Unknowns: x = r - (last round's r), y = T, at rest at the state's time."""
 
-    def __init__(self, model: System, s: State, loads: jax.Array, kappa: jax.Array):
+    def __init__(self, model: System, s: State, loads: jax.Array, kappa: jax.Array) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
         self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)

@@ -32,7 +32,7 @@ class ProjectionProblem(StepProblem):
     M x - G' y = 0,    d/L . (rate of the links) = 0
     """
 
-    def __init__(self, model: Model, s: State):
+    def __init__(self, model: Model, s: State) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
         self.ends = model.ends(s.t)
         self.pull = model.links(s.r, self.ends) / model.line.length[:, None]

@@ -19,6 +19,7 @@ from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.residual.newton import damped_newton, newton, newton_until
 from dropper_jax.residual.problem import StepProblem
+from dropper_jax.residual.solver import Solver
 from dropper_jax.residual.unknowns import Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import FULL_STEP, SETTLED, Stepper
@@ -88,7 +89,7 @@ def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, aliv
 
 
 def _more_iterations(
-    problem: StepProblem, solver: Any, u: Unknowns, residual: jax.Array, limit: float, extra: int
+    problem: StepProblem, solver: Solver, u: Unknowns, residual: jax.Array, limit: float, extra: int
 ) -> tuple[Unknowns, jax.Array]:
     bunch = 4
 

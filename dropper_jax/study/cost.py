@@ -97,7 +97,7 @@ def without(model: Model, names: list[str]) -> Model:
 class _Variant:
     """One compiled run of a model."""
 
-    def __init__(self, name: str, model: Model, stepper: Stepper, s: State, dt: float, steps: int):
+    def __init__(self, name: str, model: Model, stepper: Stepper, s: State, dt: float, steps: int) -> None:
         self.name, self.model, self.stepper = name, model, stepper
         # laws and work differ between the variants, so the start is made anew from places and velocities
         self.start = _fresh(stepper, model, s)

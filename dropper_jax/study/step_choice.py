@@ -84,7 +84,7 @@ def estimate_error(scene: Scene) -> StepChoice:
 class _Pilot:
     """Runs of one scene with steps `h 2^k` up to the time where errors stop meaning something; each is made once."""
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene) -> None:
         run = scene.run
         self.model, self.start = build(scene)
         self.stepper: Stepper = stepper_of(self.model, run, track_work=False)

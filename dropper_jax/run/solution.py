@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_lines
 
-#: Version of the JSON object that commands print.
-SCHEMA = 1
 #: Version of the saved file; a file that says otherwise is refused.
 FORMAT = 1
 
@@ -283,16 +282,3 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be saved")
-
-
-def jsonable(value: Any) -> Any:
-    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
-    if isinstance(value, dict):
-        return {str(key): jsonable(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return jsonable(value.tolist())
-    if isinstance(value, list | tuple):
-        return [jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -8,6 +8,9 @@ from typing import Any
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import count, read_fields, refuse
 
+#: Linear solvers by name, as `dropper_jax.solvers` offers them, which would bring scipy to every reader of a scene.
+SOLVERS = ("auto", "dense", "banded", "condensed", "network")
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RunSpec:
@@ -16,7 +19,7 @@ class RunSpec:
     dt: float = parameter("time step", unit="s", low=0.0, open_low=True)
     duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
     integrator: str = option("integrator", type=str, default="energy_momentum")
-    solver: str = option("linear solver", type=str, default="auto")
+    solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     gamma: float | None = parameter(
         "weight of the new time in the theta schemes", unit="-", low=0.0, high=1.0, optional=True

@@ -1,50 +1,20 @@
 """The command line `dropper`: commands are found by the entry-point group `dropper.commands`.
 
-A command is a module or object with `name`, `help`, `add_arguments(parser)` and `run(args) -> int`, an exit code of
-`dropper_jax.cli.codes`. With `--json` each prints exactly one object on standard output, whatever the exit code.
+A command is imported when it is asked for, and imports JAX when its arguments and files have been looked at; only
+here and in the package's root may imports stand inside functions. With `--json` each command prints exactly one object
+on standard output, whatever the exit code.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import entry_points
-from typing import Any, NoReturn
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import INTERRUPTED, INVALID_INPUT, OK
+from dropper_jax.cli.commands import parse
 from dropper_jax.cli.output import failure_object, print_json, print_line
-
-GROUP = "dropper.commands"
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, like every other invalid input."""
-
-    def error(self, message: str) -> NoReturn:
-        raise SceneError(f"{self.prog}: {' '.join(message.split())}")
-
-
-def _commands() -> dict[str, Any]:
-    found = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
-        try:
-            found[entry.name] = entry.load()
-        except ImportError as error:
-            print_line(f"warning: command {entry.name!r} is not available: {error}")
-    return found
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="dropper", description="Simulate mussel droppers, pendulums and strings.")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in _commands().values():
-        sub = commands.add_parser(command.name, help=command.help, description=command.help)
-        command.add_arguments(sub)
-        sub.set_defaults(run=command.run)
-    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,7 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = "--json" in argv
     try:
-        args = _parser().parse_args(argv)
+        args = parse(argv)
         code = args.run(args)
         sys.stdout.flush()
         return code

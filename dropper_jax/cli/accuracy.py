@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_scene, number, output_file, read_scene
-from dropper_jax.cli.output import print_json, print_line, progress, table
-from dropper_jax.load.scene import Scene
+from dropper_jax.cli.options import add_quiet, add_scene, number, output_file, read_scene
+from dropper_jax.cli.output import done_object, print_json, print_line, progress, table
 
-name = "accuracy"
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+
 help = "measure errors and times of all integrators over a range of steps, and advise"
 
 
@@ -26,19 +27,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--peers", action="store_true", help="also MuJoCo and diffrax, where installed and able")
     parser.add_argument("--quick", action="store_true", help="only errors, times, orders and advice")
     parser.add_argument("--plot", metavar="FILE.png", help="write the picture, and FILE-*.png for the other parts")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args)
+    for option, values in (("--dts", args.dts or ()), ("--span", () if args.span is None else (args.span,))):
+        for value in values:
+            if not 0 < value < float("inf"):
+                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
     plot = output_file(args.plot, "--plot", (".png",))
-    found = report(scene, args)
+    found = report(read_scene(args), args)
     if plot:
         draw(found, plot)
     if args.json:
-        from dropper_jax.run.solution import jsonable
-
-        print_json(jsonable({"schema": 1, "status": "ok", **found}))
+        print_json(done_object(**found))
     else:
         print(text(found))
     return OK
@@ -46,11 +48,6 @@ def run(args: argparse.Namespace) -> int:
 
 def report(scene: Scene, args: argparse.Namespace) -> dict[str, Any]:
     """Measure what the options ask for."""
-    for option, values in (("--dts", args.dts or ()), ("--span", [] if args.span is None else [args.span])):
-        for value in values:
-            if not 0 < value < float("inf"):
-                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
-
     from dropper_jax.study.accuracy import DTS, accuracy
     from dropper_jax.study.schemes import parse
 

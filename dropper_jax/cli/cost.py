@@ -7,9 +7,8 @@ from typing import Any
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, output_file, read_scene
-from dropper_jax.cli.output import print_json, print_line, table
+from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
 
-name = "cost"
 help = "operations, bytes and microseconds per step, with and without each effect"
 
 
@@ -19,26 +18,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args)
     plot = output_file(args.plot, "--plot", (".png",))
+    scene = read_scene(args)
 
     from dropper_jax.study.cost import cost
 
     found = cost(scene)
     proof = found["proof"]
     proved = proof["removed_is_never_had"] and proof["new_effect_changes_nothing"]
-    found = {"schema": 1, "status": "ok" if proved else "not_converged", **found}
-    if not proved:
-        found["error"] = "absent effects change the program"
-        print_line(f"error: {found['error']}")
+    error = None if proved else "absent effects change the program"
+    if error:
+        print_line(f"error: {error}")
     if plot:
         from dropper_jax.study import pictures
 
         pictures.costs(found, plot)
     if args.json:
-        from dropper_jax.run.solution import jsonable
-
-        print_json(jsonable(found))
+        print_json({**(failure_object("not_converged", error) if error else done_object()), **found})
     else:
         print(text(found))
     return OK if proved else FAILED

@@ -10,16 +10,17 @@ import argparse
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import print_line, progress
 from dropper_jax.cli.run import PICTURES, draw, report, text
-from dropper_jax.run.solution import Solution
 
-name = "demo"
+if TYPE_CHECKING:
+    from dropper_jax.run.solution import Solution
+
 help = "release the lab dropper and calibrate its damping from synthetic traces; pictures, animation, report"
 
 GROUP = "dropper.demo"

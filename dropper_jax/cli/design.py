@@ -7,9 +7,8 @@ import argparse
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, number, read_scene
-from dropper_jax.cli.output import listing, print_json
+from dropper_jax.cli.output import done_object, listing, print_json
 
-name = "design"
 help = "solve for a value of the scene that gives a wanted static tension or depth"
 
 
@@ -35,13 +34,12 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
 
     from dropper_jax.run.design import solve_design
-    from dropper_jax.run.solution import SCHEMA, jsonable
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     if args.json:
         values = {"path": found.path, "value": found.value, "target": found.target}
         more = {"wanted": found.wanted, "reached": found.reached, "solves": found.solves}
-        print_json(jsonable({"schema": SCHEMA, "status": "ok", "scene": scene.name, **values, **more}))
+        print_json(done_object(scene=scene.name, **values, **more))
         return OK
     print(
         listing(

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.output import print_json, print_line, table
-from dropper_jax.load.scene import Scene
+from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
 
-name = "equilibrium"
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+    from dropper_jax.scene.slices import LineSlice
+    from dropper_jax.statics.static_pose import Equilibrium
+
 help = "find the static pose of a scene, held by its release force where it has one"
 
 
@@ -25,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.solution import line_slices
+    from dropper_jax.scene.slices import line_slices
 
     found = equilibrium(scene)
     lines = line_slices(scene)
@@ -44,25 +48,24 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if failed else OK
 
 
-def _object(scene: Scene, found: Any, angles: np.ndarray) -> dict[str, Any]:
-    from dropper_jax.run.solution import SCHEMA, jsonable
+def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
     from dropper_jax.scene.slices import held_loads, line_places
 
+    failed = found.status != "ok"
     result = {
-        "schema": SCHEMA,
-        "status": found.status,
+        **(failure_object(found.status, f"{found.status}: {found.message}") if failed else done_object()),
         "scene": scene.name,
         "residual": float(found.residual),
         "angles_rad": angles,
-        "positions_m": np.asarray(found.positions),
-        "tension_n": np.asarray(found.tension),
+        "positions_m": found.positions,
+        "tension_n": found.tension,
     }
     if scene.branched:
         result |= {"lines": line_places(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
-    return jsonable(result if found.status == "ok" else {**result, "error": f"{found.status}: {found.message}"})
+    return result
 
 
-def _text(lines: Any, found: Any, angles: np.ndarray) -> str:
+def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray) -> str:
     parts = []
     for line in lines:
         if len(lines) > 1:
@@ -72,7 +75,7 @@ def _text(lines: Any, found: Any, angles: np.ndarray) -> str:
     return "\n".join([*parts, note])
 
 
-def _loads(scene: Scene, found: Any) -> str:
+def _loads(scene: Scene, found: Equilibrium) -> str:
     """What the lines pull on the held points."""
     from dropper_jax.scene.slices import held_loads
 

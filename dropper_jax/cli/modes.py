@@ -8,9 +8,8 @@ import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene, whole_number
-from dropper_jax.cli.output import failure_object, print_json, print_line, table
+from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
 
-name = "modes"
 help = "natural periods and modes about the static pose of an elastic scene"
 
 
@@ -23,7 +22,6 @@ def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
 
     from dropper_jax.run.build import build_model, equilibrium
-    from dropper_jax.run.solution import SCHEMA, jsonable
     from dropper_jax.statics.modes import natural_modes
 
     pose = equilibrium(scene)
@@ -35,18 +33,8 @@ def run(args: argparse.Namespace) -> int:
         return FAILED
     modes = natural_modes(build_model(scene), pose.state, args.count)
     if args.json:
-        print_json(
-            jsonable(
-                {
-                    "schema": SCHEMA,
-                    "status": "ok",
-                    "scene": scene.name,
-                    "period_s": modes.period,
-                    "frequency_hz": 1.0 / modes.period,
-                    "shape": modes.shape,
-                }
-            )
-        )
+        found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
+        print_json(done_object(scene=scene.name, **found))
         return OK
     rows = [("mode", "period [s]", "frequency [Hz]", "share of x, y, z in the motion")]
     for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True), 1):

@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.load.scene import Scene
+from dropper_jax.load.named import find_scene
+
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+    from dropper_jax.run.solution import Solution
 
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
@@ -16,8 +20,13 @@ SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """SCENE, --set and --json."""
     parser.add_argument("scene", metavar="SCENE", help="name of a packaged scene, a TOML file, or a MoorDyn input")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
+    add_set(parser)
     add_json(parser)
+
+
+def add_set(parser: argparse.ArgumentParser) -> None:
+    """--set."""
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -25,14 +34,35 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
 
 
-def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> Scene:
-    """The scene with `--set` and `more` values by path."""
-    from dropper_jax.load.source import load_scene
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    """--quiet."""
+    parser.add_argument("--quiet", action="store_true", help="no progress")
 
+
+def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> Scene:
+    """The scene with `--set` and `more` values by path; JAX is imported once the file is there and is TOML."""
     values = assignments(args.set)
     values.update({path: value for path, value in (more or {}).items() if value is not None})
-    scene = load_scene(args.scene)
+    found, name = find_scene(args.scene)
+
+    from dropper_jax.load.scene import Scene
+    from dropper_jax.load.source import plain_values
+
+    scene = Scene.from_dict(plain_values(found), name)
     return scene.with_values(values) if values else scene
+
+
+def read_run(file: str) -> Solution:
+    """A saved run; JAX is imported once the file is there."""
+    try:
+        with open(file, "rb"):
+            pass
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
+
+    from dropper_jax.run.storage import load_run
+
+    return load_run(file)
 
 
 def assignments(texts: list[str]) -> dict[str, Any]:
@@ -62,6 +92,16 @@ def output_file(text: str | None, option: str, suffixes: tuple[str, ...]) -> Pat
         raise SceneError(f"{option}: the folder {str(path.parent)!r} does not exist; allowed: an existing one")
     if path.is_dir():
         raise SceneError(f"{option}: {text!r} is a folder; allowed: a file")
+    return path
+
+
+def output_folder(text: str | None, option: str) -> Path | None:
+    """A folder to write to, which need not exist, refused before the work starts where it is a file."""
+    if text is None:
+        return None
+    path = Path(text)
+    if path.exists() and not path.is_dir():
+        raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
     return path
 
 

@@ -8,14 +8,16 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from dropper_jax.base.json_values import SCHEMA, jsonable
+
 BAR = 30
 #: Away from a terminal a progress line is printed at these shares of the whole.
 MARKS = (0.25, 0.5, 0.75, 1.0)
 
 
 def print_json(found: dict[str, Any]) -> None:
-    """The one object on standard output."""
-    print(json.dumps(found, allow_nan=False), flush=True)
+    """The one object on standard output; NaN and infinity as null."""
+    print(json.dumps(jsonable(found), allow_nan=False), flush=True)
 
 
 def print_line(text: str) -> None:
@@ -25,7 +27,12 @@ def print_line(text: str) -> None:
 
 def failure_object(status: str, message: str) -> dict[str, Any]:
     """The JSON object of a command that could not do its work."""
-    return {"schema": 1, "status": status, "error": message}
+    return {"schema": SCHEMA, "status": status, "error": message}
+
+
+def done_object(**values: Any) -> dict[str, Any]:
+    """The JSON object of a command that has done its work."""
+    return {"schema": SCHEMA, "status": "ok", **values}
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:

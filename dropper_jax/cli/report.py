@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, number
+from dropper_jax.cli.options import add_json, number, output_folder, read_run
 from dropper_jax.cli.output import print_json, print_line
 from dropper_jax.report.settings import Settings
-from dropper_jax.run.solution import Solution
 
-name = "report"
+if TYPE_CHECKING:
+    from dropper_jax.run.solution import Solution
+
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
 
 
@@ -35,14 +35,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     given = {f.name: getattr(args, f"setting_{f.name}") for f in dataclasses.fields(Settings)}
     settings = Settings(**{key: value for key, value in given.items() if value is not None})
-    out, vtk = (_folder(getattr(args, key), f"--{key}") for key in ("out", "vtk"))
+    out, vtk = (output_folder(getattr(args, key), f"--{key}") for key in ("out", "vtk"))
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
     solutions = _load(args.runs)
 
-    from dropper_jax.report import report_runs, write_report, write_vtk
+    from dropper_jax.report.build import report_runs
     from dropper_jax.report.text import markdown
-    from dropper_jax.run.solution import jsonable
+    from dropper_jax.report.vtk import write_vtk
+    from dropper_jax.report.write import write_report
 
     found: dict[str, Any] = report_runs(solutions, settings)
     failures = [f"{file}: {solution.failure}" for file, solution in solutions.items() if solution.failure]
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     if vtk:
         print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), vtk, args.every)}")
     if args.json:
-        print_json(jsonable(found))
+        print_json(found)
     else:
         print(markdown(found, [{} for _ in solutions]))
     for failure in failures:
@@ -62,16 +63,8 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if failures else OK
 
 
-def _folder(text: str | None, option: str) -> Path | None:
-    if text is not None and Path(text).exists() and not Path(text).is_dir():
-        raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
-    return None if text is None else Path(text)
-
-
 def _load(files: list[str]) -> dict[str, Solution]:
-    from dropper_jax.run.storage import load_run
-
     for i, file in enumerate(files):
         if file in files[:i]:
             raise SceneError(f"RUN: {file!r} is given twice; allowed: every run once")
-    return {file: load_run(file) for file in files}
+    return {file: read_run(file) for file in files}

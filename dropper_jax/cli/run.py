@@ -5,19 +5,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
-from dropper_jax.cli.options import add_scene, number, output_file, read_scene
+from dropper_jax.cli.options import add_quiet, add_scene, number, output_file, output_folder, read_scene
 from dropper_jax.cli.output import listing, print_json, print_line, progress, table
-from dropper_jax.run.failures import words as failure_words
-from dropper_jax.run.solution import Solution
-from dropper_jax.run.storage import RUN_SUFFIXES, netcdf_packages
 
-name = "run"
+if TYPE_CHECKING:
+    from dropper_jax.run.solution import Solution
+
 help = "simulate a scene"
 
+#: Files that hold a whole run.
+RUN_SUFFIXES = (".npz", ".nc")
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "gamma", "rho_infinity")
 #: Lines of a system whose tensions are printed.
@@ -51,25 +52,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
     parser.add_argument("--animate", metavar="FILE", help="write an animation, .gif or (with ffmpeg) .mp4")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
     out = output_file(args.out, "--out", RUN_SUFFIXES)
+    film = output_file(args.animate, "--animate", (".gif", ".mp4"))
+    plot = _plot_target(args.plot)
+    tables = output_folder(args.tables, "--tables")
+    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+
+    from dropper_jax.run.simulate import simulate
+    from dropper_jax.run.storage import netcdf_packages
+    from dropper_jax.run.tables import write_angles, write_tensions
+
     if out and out.suffix.lower() == ".nc":
         netcdf_packages()
-    film = output_file(args.animate, "--animate", (".gif", ".mp4"))
     if film:
         from dropper_jax.plots.animation import check_animation
 
         check_animation(film)
-    plot = _plot_target(args.plot)
-    tables = _tables_folder(args.tables)
-
-    from dropper_jax.run.simulate import simulate
-    from dropper_jax.run.tables import write_angles, write_tensions
-
+    if tables:
+        tables.mkdir(parents=True, exist_ok=True)
     solution = simulate(scene, progress=progress(args.quiet))
     for warning in solution.warnings:
         print_line(f"warning: {warning}")
@@ -95,16 +99,6 @@ def _plot_target(text: str | None) -> Path | None:
     path = Path(text)
     if path.exists() and not path.is_dir():
         raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
-    return path
-
-
-def _tables_folder(text: str | None) -> Path | None:
-    if text is None:
-        return None
-    path = Path(text)
-    if path.exists() and not path.is_dir():
-        raise SceneError(f"--tables: {text!r} is a file; allowed: a folder")
-    path.mkdir(parents=True, exist_ok=True)
     return path
 
 
@@ -147,15 +141,16 @@ def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = N
 def _flow(solution: Solution) -> dict[str, Any]:
     """Keulegan-Carpenter and Reynolds number and diameter over wavelength, where the scene has water on a line."""
     from dropper_jax.report.regime import regime
-    from dropper_jax.run.solution import jsonable
 
     if solution.scene.sea is None or solution.scene.lines[0].diameter is None:
         return {}
-    return {"flow": jsonable(regime(solution))}
+    return {"flow": regime(solution)}
 
 
 def text(solution: Solution) -> str:
     """The result for people."""
+    from dropper_jax.run.failures import words as failure_words
+
     used = solution.settings
     pairs = [
         ("scene", solution.scene.name),

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import SET_HELP, add_json, assignments, number, output_file
-from dropper_jax.cli.output import listing, print_json, print_line
-from dropper_jax.load.packaged import packaged
-from dropper_jax.load.scene import Scene
-from dropper_jax.load.source import read_toml
+from dropper_jax.cli.options import add_json, add_set, assignments, number, output_file
+from dropper_jax.cli.output import done_object, listing, print_json, print_line
+from dropper_jax.load.named import find_scene
+from dropper_jax.load.packaged import is_packaged, packaged_scene, scene_names
 
-name = "scenes"
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+
 help = "list the packaged scenes, or print one as TOML to edit"
 
 
@@ -21,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scene", nargs="?", metavar="SCENE", help="print this scene as TOML: a packaged one, or a MoorDyn input"
     )
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
+    add_set(parser)
     parser.add_argument("--moordyn", metavar="FILE", help="write the scene as a MoorDyn v2 input instead")
     parser.add_argument("--dt", type=number, help="MoorDyn's time step [s], else the scene's: its schemes are explicit")
     add_json(parser)
@@ -33,10 +36,9 @@ def run(args: argparse.Namespace) -> int:
     for option, given in (("--set", args.set), ("--moordyn", args.moordyn), ("--dt", args.dt)):
         if given:
             raise SceneError(f"{option}: needs a scene; allowed: dropper scenes SCENE {option} ...")
-    found = {scene: table["description"] for scene, table in packaged().items()}
+    found = {scene: packaged_scene(scene)["description"] for scene in scene_names()}
     if args.json:
-        scenes = [{"name": scene, "description": text} for scene, text in found.items()]
-        print_json({"schema": 1, "status": "ok", "scenes": scenes})
+        print_json(done_object(scenes=[{"name": scene, "description": text} for scene, text in found.items()]))
     else:
         print(listing(list(found.items())))
     return OK
@@ -44,37 +46,44 @@ def run(args: argparse.Namespace) -> int:
 
 def _one(args: argparse.Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
+    if args.dt is not None and not args.dt > 0:
+        raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")
+    file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
+    changes = assignments(args.set)
+    found, label = find_scene(args.scene)
+    if is_packaged(args.scene) and not changes and not file:
+        return _show({"name": label, **found}, args.json)  # good as packaged: values are looked at with JAX imported
+
     from dropper_jax.load.scene import Scene
+    from dropper_jax.load.source import plain_values
 
-    table, label = read_toml(args.scene)
-    table = {"name": label, **table}
+    table = {"name": label, **plain_values(found)}
     scene = Scene.from_dict(table)
-    if args.set:
-        scene = scene.with_values(assignments(args.set))
+    if changes:
+        scene = scene.with_values(changes)
         table = scene.as_written()
-    if args.moordyn:
-        return _moordyn(scene, args)
-    if args.json:
-        from dropper_jax.run.solution import jsonable
+    if file:
+        return _moordyn(scene, file, args)
+    return _show(table, args.json)
 
-        print_json(jsonable({"schema": 1, "status": "ok", "name": table["name"], "scene": table}))
+
+def _show(table: dict[str, Any], as_json: bool) -> int:
+    if as_json:
+        print_json(done_object(name=table["name"], scene=table))
     else:
         print(as_toml(table), end="")
     return OK
 
 
-def _moordyn(scene: Scene, args: argparse.Namespace) -> int:
+def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
     """The scene as a MoorDyn input; what that cannot say is listed."""
     from dropper_jax.moordyn.writing.writer import write_moordyn
 
-    if args.dt is not None and not args.dt > 0:
-        raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")
-    file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
     lost = write_moordyn(scene, file, dt=args.dt)
     for line in lost:
         print_line(f"warning: {line}")
     if args.json:
-        print_json({"schema": 1, "status": "ok", "name": scene.name, "file": str(file), "not_represented": lost})
+        print_json(done_object(name=scene.name, file=str(file), not_represented=lost))
     else:
         print(f"ok: {file}")
     return OK

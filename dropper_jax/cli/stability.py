@@ -7,10 +7,9 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json
-from dropper_jax.cli.output import print_json, print_line, progress, table
+from dropper_jax.cli.options import add_json, add_quiet
+from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, progress, table
 
-name = "stability"
 help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes"
 
 
@@ -18,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
     parser.add_argument("--short", action="store_true", help="shortened runs, without the thesis' schemes")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -42,14 +41,11 @@ def run(args: argparse.Namespace) -> int:
 def report(rows: list[dict[str, Any]], as_json: bool) -> int:
     """Print the rows; returns the exit code."""
     missed = [row["name"] for row in rows if not row["ok"]]
-    found: dict[str, Any] = {"schema": 1, "status": "not_converged" if missed else "ok", "cases": rows}
-    if missed:
-        found["error"] = f"beyond their limits: {', '.join(missed)}"
-        print_line(f"error: {found['error']}")
+    error = f"beyond their limits: {', '.join(missed)}" if missed else None
+    if error:
+        print_line(f"error: {error}")
     if as_json:
-        from dropper_jax.run.solution import jsonable
-
-        print_json(jsonable(found))
+        print_json({**(failure_object("not_converged", error) if error else done_object()), "cases": rows})
     else:
         print(text(rows))
     return FAILED if missed else OK

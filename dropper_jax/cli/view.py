@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_json, output_file
-from dropper_jax.cli.output import print_json
+from dropper_jax.cli.options import add_json, output_file, read_run
+from dropper_jax.cli.output import done_object, print_json
 
-name = "view"
 help = "make an interactive 3D page of a saved run"
 
 
@@ -21,14 +20,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", (".html", ".htm"))
 
-    from dropper_jax.run.storage import load_run
+    solution = read_run(args.run_file)
+
     from dropper_jax.view import write_view
 
-    solution = load_run(args.run_file)
     write_view(solution, out)
     size = out.stat().st_size
     if args.json:
-        print_json({"schema": 1, "status": "ok", "page": str(out), "bytes": size, "scene": solution.scene.name})
+        print_json(done_object(page=str(out), bytes=size, scene=solution.scene.name))
     else:
         print(f"ok: {out}, {size / 1e6:.2f} MB, {solution.scene.name} from {solution.t[0]:g} to {solution.t[-1]:g} s")
     return OK

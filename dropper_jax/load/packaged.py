@@ -1,4 +1,4 @@
-"""Packaged scenes and scene files as plain tables; needs no JAX, so that listing them is quick."""
+"""Packaged scenes as plain values; needs no JAX, so that listing them is quick."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ from importlib.resources.abc import Traversable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.load.farm import farm_table
+from dropper_jax.load.farm import farm_table, is_farm
 
 #: `NAME-undamped` is the packaged scene NAME without these effects, for the releases of the lab dropper.
 DAMPING = ("linear_damping", "quadratic_damping")
-
-
 UNDAMPED = "-undamped"
-
-
 RELEASES = "dropper-release-"
+#: Farms of other sizes are packaged too, but not listed.
+FARM = "dropper-farm"
 
 
-def _folder() -> Traversable:
-    return resources.files("dropper_jax") / "data" / "scenes"
+def parse_toml(data: bytes, label: str) -> dict[str, Any]:
+    """Plain values of a TOML file.
 
-
-def _parse(data: bytes, label: str) -> dict[str, Any]:
+    Raises:
+        SceneError: no UTF-8, or a syntax error (with the line number).
+    """
     try:
         return tomllib.loads(data.decode())
     except UnicodeDecodeError as error:
@@ -33,28 +32,37 @@ def _parse(data: bytes, label: str) -> dict[str, Any]:
         raise SceneError(f"{label}: TOML syntax: {error}") from None
 
 
-def _files() -> dict[str, Any]:
-    found = {item.name.removesuffix(".toml"): item for item in _folder().iterdir() if item.name.endswith(".toml")}
-    return dict(sorted(found.items()))
+def _files() -> dict[str, Traversable]:
+    folder = resources.files("dropper_jax") / "data" / "scenes"
+    return {item.name.removesuffix(".toml"): item for item in folder.iterdir() if item.name.endswith(".toml")}
 
 
-def packaged() -> dict[str, dict[str, Any]]:
-    """All packaged scenes by name, the undamped ones included."""
-    found = {}
-    for name, item in _files().items():
-        table = _parse(item.read_bytes(), item.name)
-        found[name] = table
-        if name.startswith(RELEASES):
-            found[name + UNDAMPED] = _undamped(table)
-    found["dropper-farm"] = farm_table("dropper-farm")
-    return dict(sorted(found.items()))
+def scene_names() -> tuple[str, ...]:
+    """Names of the packaged scenes."""
+    files = _files()
+    undamped = (name + UNDAMPED for name in files if name.startswith(RELEASES))
+    return tuple(sorted((*files, *undamped, FARM)))
+
+
+def is_packaged(name: str) -> bool:
+    """Whether a packaged scene has this name, farms of any size included."""
+    return is_farm(name) or name in scene_names()
+
+
+def packaged_scene(name: str) -> dict[str, Any]:
+    """Plain values of a packaged scene.
+
+    Raises:
+        SceneError: a farm of a size that there is not.
+        KeyError: not `is_packaged`.
+    """
+    if is_farm(name):
+        return farm_table(name)
+    damped = name.removesuffix(UNDAMPED)
+    table = parse_toml(_files()[damped].read_bytes(), f"{damped}.toml")
+    return table if damped == name else _undamped(table)
 
 
 def _undamped(table: dict[str, Any]) -> dict[str, Any]:
     effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
     return {**table, "description": table["description"] + " Without damping.", "effects": effects}
-
-
-def scene_names() -> tuple[str, ...]:
-    """Names of the packaged scenes."""
-    return tuple(packaged())

@@ -10,7 +10,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text
 from dropper_jax.effects import EFFECTS
-from dropper_jax.integrators import OPTIONS
+from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_growth import check_growth
 from dropper_jax.load.checks_line import check_line, check_points
 from dropper_jax.load.checks_system import check_bed, check_system, check_system_effects
@@ -26,7 +26,6 @@ from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.start import StartSpec
 from dropper_jax.sea.spec import SeaSpec
-from dropper_jax.stepping.choose import check_names
 
 SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes")
 
@@ -81,7 +80,7 @@ class Scene(SceneData):
             ),
             written=Written.of(given, table),
         )
-        check_names(scene.run.integrator, scene.run.solver)
+        read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
         if branched:
             check_system_effects(scene)
         for effect, values in scene.effects.items():

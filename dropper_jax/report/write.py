@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.report.figures import draw_extremes, draw_run
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.text import markdown
-from dropper_jax.run.solution import Solution, jsonable
+from dropper_jax.run.solution import Solution
 
 
 def write_report(

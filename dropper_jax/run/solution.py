@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Plain
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
@@ -20,8 +21,6 @@ from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_
 if TYPE_CHECKING:
     import xarray
 
-#: Version of the JSON object that commands print.
-SCHEMA = 1
 #: Version of the saved file; a file that says otherwise is refused.
 FORMAT = 1
 
@@ -297,16 +296,3 @@ def _plain(value: np.ndarray) -> Plain:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be saved")
-
-
-def jsonable(value: Plain) -> Plain:
-    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
-    if isinstance(value, dict):
-        return {str(key): jsonable(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return jsonable(value.tolist())
-    if isinstance(value, list | tuple):
-        return [jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

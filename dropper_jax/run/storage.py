@@ -22,8 +22,6 @@ from dropper_jax.run.solution import Solution
 if TYPE_CHECKING:
     import xarray
 
-#: Suffixes of files that hold a whole run.
-RUN_SUFFIXES = (".npz", ".nc")
 #: Name in the dataset, dimensions, units and meaning of each array of a solution.
 VARIABLES = {
     "positions": ("position", ("time", "node", "axis"), "m", "position of the nodes"),

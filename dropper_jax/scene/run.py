@@ -19,6 +19,9 @@ from dropper_jax.base.read import (
     refuse,
 )
 
+#: Linear solvers by name, as `dropper_jax.solvers` offers them, which would bring scipy to every reader of a scene.
+SOLVERS = ("auto", "dense", "banded", "condensed", "network")
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RunSpec:
@@ -27,7 +30,7 @@ class RunSpec:
     dt: float = parameter("time step", unit="s", low=0.0, open_low=True)
     duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
     integrator: str = option("integrator", type=str, default="energy_momentum")
-    solver: str = option("linear solver", type=str, default="auto")
+    solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("steps between saved states", default=1)
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name

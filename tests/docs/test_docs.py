@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dropper_jax.cli import _parser
+from dropper_jax.cli.commands import parse
 from dropper_jax.effects import EFFECTS, Effect, register
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -100,5 +100,5 @@ def commands():
 @pytest.mark.parametrize("line", list(commands()))
 def test_commands_on_the_pages_are_understood(line):
     # a misspelt option or a command that is gone ends in an error of the parser
-    args = _parser().parse_args(shlex.split(line)[1:])
+    args = parse(shlex.split(line)[1:])
     assert callable(args.run)

@@ -9,9 +9,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from dropper_jax.report import Settings, report_run
+from dropper_jax.report.build import report_run
 from dropper_jax.report.distance import segment_distance
 from dropper_jax.report.fatigue import cycles, damage, turning_points
+from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import snap_events
 
 rainflow = pytest.importorskip("rainflow")

@@ -1,0 +1,22 @@
+"""Values as JSON can say them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+#: Version of the JSON object that commands print.
+SCHEMA = 1
+
+
+def jsonable(value: Any) -> Any:
+    """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
+    if isinstance(value, dict):
+        return {str(key): jsonable(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return jsonable(value.tolist())
+    if isinstance(value, list | tuple):
+        return [jsonable(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,89 @@
+"""The commands: found by their entry points, imported when they are asked for."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from typing import NoReturn, Protocol
+
+from dropper_jax.base.errors import SceneError
+
+GROUP = "dropper.commands"
+PACKAGES = ("dropper-jax", "jax")
+HELP = ("-h", "--help")
+
+
+class Command(Protocol):
+    """What an entry point names, a module mostly; its own name is the command's.
+
+    Attributes:
+        help: one line for people.
+    """
+
+    help: str
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Declare the arguments; nothing heavy is imported here."""
+
+    def run(self, args: argparse.Namespace) -> int:
+        """Do the work; returns an exit code of `dropper_jax.cli.codes`."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, like every other invalid input."""
+
+    def error(self, message: str) -> NoReturn:
+        raise SceneError(f"{self.prog}: {' '.join(message.split())}")
+
+
+class _Version(argparse.Action):
+    """Print versions and stop; they are looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print("\n".join(f"{package} {_installed(package)}" for package in PACKAGES))
+        parser.exit()
+
+
+def _installed(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Arguments of a command, with its `run`.
+
+    Raises:
+        SceneError: arguments that cannot be used, or a command that cannot be imported.
+    """
+    # every option in front of the command ends the program, so the first other word is the command
+    asked = next((word for word in argv if not word.startswith("-")), None)
+    listed = asked is None and any(word in HELP for word in argv)
+    parser = _Parser(prog="dropper", description="Simulate mussel droppers, pendulums and strings.", allow_abbrev=False)
+    parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+        if entry.name == asked:
+            command = _load(entry)
+            own = commands.add_parser(entry.name, description=command.help)
+            command.add_arguments(own)
+            own.set_defaults(run=command.run)
+        else:
+            commands.add_parser(entry.name, **({"help": _help(entry)} if listed else {}))
+    return parser.parse_args(argv)
+
+
+def _load(entry: EntryPoint) -> Command:
+    try:
+        return entry.load()
+    except ImportError as error:
+        raise SceneError(f"dropper {entry.name}: is not available: {error}") from None
+
+
+def _help(entry: EntryPoint) -> str:
+    try:
+        return _load(entry).help
+    except SceneError as error:
+        return str(error).replace("%", "%%")

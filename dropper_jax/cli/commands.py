@@ -52,6 +52,11 @@ def _installed(package: str) -> str:
         return "not installed"
 
 
+def found() -> list[EntryPoint]:
+    """All commands, by name."""
+    return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+
+
 def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Arguments of a command, with its `run`.
 
@@ -64,7 +69,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser = _Parser(prog="dropper", description="Simulate mussel droppers, pendulums and strings.", allow_abbrev=False)
     parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+    for entry in found():
         if entry.name == asked:
             command = _load(entry)
             own = commands.add_parser(entry.name, description=command.help)

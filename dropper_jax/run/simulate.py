@@ -23,9 +23,10 @@ from dropper_jax.model.parted import Parted
 from dropper_jax.model.state import State
 from dropper_jax.model.work import work_names
 from dropper_jax.residual.scheme import Implicit
-from dropper_jax.run.build import SceneLike, build, stepper_of
+from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.solution import Solution
+from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import Stepper
@@ -92,10 +93,11 @@ def simulate(
         say(0.0, "choosing the step")
         scene, choice = _choose_step(scene, tolerance, dt is not None)
     run = scene.run
-    say(0.0, "finding the start")
-    model, start = build(scene)
+    model = build_model(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-    stepper = stepper_of(model, run, **renamed)
+    stepper = stepper_of(model, run, **renamed)  # a pairing that makes no sense is refused before the start is sought
+    say(0.0, "finding the start")
+    start = initial_state(model, scene.start)
     steps = _whole_steps(run.duration, run.dt, run.save_every)
     begun = time.perf_counter()
     compiled, chunk = _compile(stepper, model, start, steps // run.save_every, run.save_every)

@@ -14,13 +14,13 @@ import jax
 import numpy as np
 import pytest
 
-import dropper_jax
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.cli.output import progress
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
+from dropper_jax.run import simulate
 from dropper_jax.run.solution import Solution
 
 SCENE = "dropper-release-a"
@@ -264,7 +264,7 @@ def failed_run(scene, **_) -> Solution:
 
 
 def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(dropper_jax, "simulate", failed_run)
+    monkeypatch.setattr(simulate, "simulate", failed_run)
     out = tmp_path / "run.npz"
     assert main(["run", SCENE, "--json", "--quiet", "--out", str(out)]) == 3
     stdout, stderr = capsys.readouterr()
@@ -282,7 +282,7 @@ def test_interrupted_run_exits_with_130_and_says_so(capsys, monkeypatch):
     def interrupted(scene, **_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(dropper_jax, "simulate", interrupted)
+    monkeypatch.setattr(simulate, "simulate", interrupted)
     assert main(["run", SCENE, "--json"]) == 130
     out, err = capsys.readouterr()
     assert json.loads(out) == {"schema": 1, "status": "interrupted", "error": "interrupted"}
@@ -291,7 +291,7 @@ def test_interrupted_run_exits_with_130_and_says_so(capsys, monkeypatch):
 
 def test_run_stopped_on_the_way_keeps_its_part_and_exits_with_130(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
-        dropper_jax, "simulate", lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)
+        simulate, "simulate", lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)
     )
     assert main(["run", SCENE, "--json", "--quiet", "--out", str(tmp_path / "run.npz")]) == 130
     found = json.loads(capsys.readouterr().out)

@@ -1,0 +1,329 @@
+"""Whether two checkouts step the packaged scenes to the same numbers: for changes that are to change none.
+
+    python benchmarks/same_numbers.py record FILE.npz [SCENE ...]     where the numbers are right  (about 5 minutes)
+    python benchmarks/same_numbers.py compare FILE.npz [SCENE ...]    in the other checkout        (about 5 minutes)
+
+`record` runs every packaged scene for a while with its own step and stepper and keeps 20 states of that run, the state
+one step after each, the end of the run, and what a small change of the first velocities has grown to there. A scene
+that would stay at rest is pushed sideways first. `compare` steps from the kept states and prints one row per scene:
+
+    start           r and v that the scene is built with, against those built before
+    r, v, tension   after one step: over the length of all lines, over the largest speed of the run (at least
+                    sqrt(g length)), over the largest tension of the run
+    work            likewise over the largest work of the run; `-` where none or other works than before are counted
+    run             r at the end of the run, over that length and over the growth of a small change (at least 1)
+    level           whether the same steps were halved, and as often
+    noise           what the last bits of r and v make of one step, as recorded: the largest of r, v, tension, work
+
+All but the last are to stay within 1e-12, or the exit status is 1. A verdict `rounding` names columns above that which
+are still within 30 times their own noise: as good as anything that sums in another order can be (a tension follows
+from second differences of positions); `--rounding` lets them pass. Only public names are used, so that the script runs
+in old checkouts: there with PYTHONPATH set to them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import dropper_jax as dj
+
+LIMIT = 1e-12
+STATES = 20
+#: Steps of a run, and of one with more than `MANY` nodes; multiples of `STATES`.
+STEPS, FEWER, MANY = 400, 100, 40
+GRAVITY = 9.81
+#: Change of the first velocities whose growth is measured, over the speed.
+SMALL = 1e-10
+#: A run that has less than `REST` of the speed at its end starts again with `PUSH` of it, along y.
+REST, PUSH = 1e-4, 0.02
+#: Differences up to this many times the noise may be rounding.
+ROUNDING = 30.0
+STEPPED = ("r", "v", "tension", "work")
+COLUMNS = ("start", *STEPPED, "run")
+
+Arrays = Mapping[str, np.ndarray]
+
+
+class Case(NamedTuple):
+    """A packaged scene, ready to be stepped."""
+
+    stepper: dj.Stepper
+    model: dj.Model
+    start: dj.State
+    dt: jax.Array
+
+
+class Marched(NamedTuple):
+    """The state after some steps, the largest residual and the highest level of them."""
+
+    state: dj.State
+    residual: jax.Array
+    level: jax.Array
+
+
+def case_of(name: str) -> Case:
+    """The case of a packaged scene, stepped as `simulate` does."""
+    scene = dj.load_scene(name)
+    model, start = dj.build(scene)
+    run = scene.run
+    stepper = dj.make_stepper(model, run.integrator, run.solver, **options_of(run))
+    return Case(stepper, model, rebuilt(start, arrays(start)), jnp.asarray(run.dt, start.r.dtype))
+
+
+def options_of(run: object) -> dict[str, float]:
+    """Options of the scheme in a scene's `[run]`, in older checkouts too."""
+    older = {name: getattr(run, name, None) for name in ("gamma", "rho_infinity")}
+    return getattr(run, "options", {name: value for name, value in older.items() if value is not None})
+
+
+@partial(jax.jit, static_argnums=0)
+def march(stepper: dj.Stepper, model: dj.Model, s: dj.State, dt: jax.Array, steps: int) -> Marched:
+    """Any number of steps by one program, so that a scene is compiled once."""
+
+    def one(_: jax.Array, now: Marched) -> Marched:
+        s, report = dj.step(stepper, model, now.state, dt)
+        return Marched(s, jnp.maximum(now.residual, report.residual), jnp.maximum(now.level, report.level))
+
+    return jax.lax.fori_loop(0, steps, one, Marched(s, jnp.zeros_like(dt), jnp.full((), -1, jnp.int32)))
+
+
+def single_steps(case: Case, states: Sequence[dj.State]) -> dict[str, np.ndarray]:
+    """States one step after each of some, with residual and level of the step."""
+    found = []
+    for s in states:
+        after, residual, level = march(case.stepper, case.model, s, case.dt, 1)
+        found.append({**arrays(after), "residual": np.asarray(residual), "level": np.asarray(level)})
+    return stacked(found)
+
+
+# --- states as arrays -------------------------------------------------------------------------------------------
+
+
+def arrays(s: dj.State) -> dict[str, np.ndarray]:
+    """All arrays of a state as float64, such as `r.0` and `law.0`."""
+    return {
+        f"{field.name}.{i}": np.asarray(leaf, np.float64)
+        for field in dataclasses.fields(s)
+        for i, leaf in enumerate(jax.tree.leaves(getattr(s, field.name)))
+    }
+
+
+def rebuilt(start: dj.State, kept: Arrays) -> dj.State:
+    """The state of kept arrays; fields that are not kept, or in other shapes, stay those of `start`."""
+    fields = {}
+    for field in dataclasses.fields(start):
+        leaves, tree = jax.tree.flatten(getattr(start, field.name))
+        pairs = [(kept.get(f"{field.name}.{i}"), jnp.asarray(leaf)) for i, leaf in enumerate(leaves)]
+        if all(a is not None and a.shape == leaf.shape for a, leaf in pairs):
+            fields[field.name] = jax.tree.unflatten(tree, [jnp.asarray(a, leaf.dtype) for a, leaf in pairs])
+    return dataclasses.replace(start, **fields)
+
+
+def stacked(states: Sequence[Arrays]) -> dict[str, np.ndarray]:
+    """Arrays of several states, one after another."""
+    return {key: np.stack([s[key] for s in states]) for key in states[0]}
+
+
+def put(name: str, kept: Arrays) -> dict[str, np.ndarray]:
+    """Arrays to be kept under a name."""
+    return {f"{name}/{key}": value for key, value in kept.items()}
+
+
+def part(name: str, kept: Arrays) -> dict[str, np.ndarray]:
+    """Arrays that are kept under a name."""
+    return {key.removeprefix(f"{name}/"): value for key, value in kept.items() if key.startswith(f"{name}/")}
+
+
+def largest(a: np.ndarray, b: np.ndarray, scale: Any) -> float:
+    """Largest difference over a scale: 0 of nothing, not a number where shapes or numbers are none to compare."""
+    return float(np.max(np.abs(a - b), initial=0.0) / scale) if a.shape == b.shape else np.nan
+
+
+def differences(a: Arrays, b: Arrays, scales: Arrays) -> dict[str, float]:
+    """Largest differences of what a step finds, each over its scale."""
+    return {key: largest(a[f"{key}.0"], b[f"{key}.0"], scales[key]) for key in STEPPED}
+
+
+# --- record -----------------------------------------------------------------------------------------------------
+
+
+def record(name: str) -> dict[str, np.ndarray]:
+    """What is kept of one scene: states of a run, steps from them, the run's end, scales, growth and noise."""
+    case = case_of(name)
+    steps = STEPS if len(case.start.r) <= MANY else FEWER
+    states = run_of(case, steps)
+    scales = scales_of(case.model, states)
+    if np.max(np.abs(states[-1].v)) < REST * scales["v"]:
+        push = jnp.asarray([0.0, PUSH, 0.0], case.start.v.dtype) * scales["v"]
+        states = run_of(case._replace(start=dataclasses.replace(case.start, v=case.start.v + push)), steps)
+        scales = scales_of(case.model, states)
+    *before, end = states
+    after = single_steps(case, before)
+    return {
+        "dt": np.asarray(case.dt, np.float64),
+        "steps": np.asarray(steps),
+        "growth": np.asarray(growth(case, states, steps, scales)),
+        **put("start", arrays(case.start)),
+        **put("before", stacked([arrays(s) for s in before])),
+        **put("after", after),
+        **put("end", arrays(end)),
+        **put("scale", scales),
+        **put("noise", noise(case, before, after, scales)),
+    }
+
+
+def run_of(case: Case, steps: int) -> list[dj.State]:
+    """States of a run at `STATES` times from its start on, and its end."""
+    states = [case.start]
+    for _ in range(STATES):
+        states.append(march(case.stepper, case.model, states[-1], case.dt, steps // STATES).state)
+    return states
+
+
+def scales_of(model: dj.Model, states: Sequence[dj.State]) -> dict[str, np.ndarray]:
+    """What differences are measured by."""
+    run = stacked([arrays(s) for s in states])
+    most = {key: float(np.max(np.abs(run[f"{key}.0"]), initial=0.0)) for key in STEPPED}
+    length = float(np.sum(model.line.length))
+    speed = max(most["v"], float(np.sqrt(GRAVITY * length)))
+    energy = float(np.sum(model.line.mass)) * speed**2
+    sizes = {"r": length, "v": speed, "tension": most["tension"] or energy / length, "work": most["work"] or energy}
+    return {key: np.asarray(size) for key, size in sizes.items()}
+
+
+def growth(case: Case, states: Sequence[dj.State], steps: int, scales: Arrays) -> float:
+    """What a small change of the first velocities, over the speed, makes of the last positions, over the length."""
+    draw = np.random.default_rng(0).uniform(-1.0, 1.0, case.start.v.shape)
+    changed = dataclasses.replace(states[0], v=states[0].v + SMALL * scales["v"] * draw)
+    end = march(case.stepper, case.model, changed, case.dt, steps).state
+    return largest(np.asarray(end.r), np.asarray(states[-1].r), scales["r"]) / SMALL
+
+
+def noise(case: Case, before: Sequence[dj.State], after: Arrays, scales: Arrays) -> dict[str, np.ndarray]:
+    """What the last bits of positions and velocities make of one step."""
+    random = np.random.default_rng(1)
+
+    def shaken(a: jax.Array) -> jax.Array:
+        return a * (1.0 + jnp.finfo(a.dtype).eps * random.choice([-1.0, 1.0], a.shape))
+
+    again = single_steps(case, [dataclasses.replace(s, r=shaken(s.r), v=shaken(s.v)) for s in before])
+    return {key: np.asarray(value) for key, value in differences(again, after, scales).items()}
+
+
+# --- compare ----------------------------------------------------------------------------------------------------
+
+
+class Row(NamedTuple):
+    """What one scene came to: differences by column, whether levels are equal, noise by column."""
+
+    found: dict[str, float]
+    levels: bool
+    noise: dict[str, float]
+
+    def above(self) -> list[str]:
+        """Columns that are not within the limit."""
+        return [key for key, value in self.found.items() if not value <= LIMIT]
+
+    def verdict(self) -> str:
+        """`same`, `rounding` or `differs`, with the columns above the limit."""
+        above = self.above()
+        if not above and self.levels:
+            return "same"
+        rounding = self.levels and all(self.found[key] <= ROUNDING * self.noise.get(key, 0.0) for key in above)
+        return f"{'rounding' if rounding else 'differs'}: {' '.join([*above, *([] if self.levels else ['level'])])}"
+
+    def text(self) -> str:
+        """The row as printed after the scene's name."""
+        cells = [f"{self.found[key]:8.1e}" if key in self.found else f"{'-':>8}" for key in COLUMNS]
+        level = "equal" if self.levels else "OTHER"
+        return " ".join([*cells, f"{level:>6}", f"{max(self.noise.values()):8.1e}", f" {self.verdict()}"])
+
+
+def compare(name: str, kept: Arrays) -> Row:
+    """One scene stepped again from the states kept of it."""
+    case = case_of(name)._replace(dt=jnp.asarray(kept["dt"]))
+    before, after, scales = part("before", kept), part("after", kept), part("scale", kept)
+    states = [rebuilt(case.start, {key: a[i] for key, a in before.items()}) for i in range(STATES)]
+    again = single_steps(case, states)
+    end = march(case.stepper, case.model, states[0], case.dt, int(kept["steps"])).state
+    first, built = part("start", kept), arrays(case.start)
+    found = {
+        "start": max(largest(built[f"{key}.0"], first[f"{key}.0"], scales[key]) for key in ("r", "v")),
+        **differences(again, after, scales),
+        "run": largest(np.asarray(end.r), kept["end/r.0"], scales["r"]) / max(1.0, float(kept["growth"])),
+    }
+    if not after["work.0"].size or again["work.0"].shape != after["work.0"].shape:
+        del found["work"]
+    levels = np.array_equal(again["level"], after["level"])
+    return Row(found, levels, {key: float(value) for key, value in part("noise", kept).items()})
+
+
+# --- the two commands -------------------------------------------------------------------------------------------
+
+
+def record_all(path: str, names: Sequence[str]) -> int:
+    """Record scenes into a file."""
+    kept: dict[str, np.ndarray] = {}
+    for name in names or dj.scene_names():
+        begun = time.perf_counter()
+        one = record(name)
+        kept |= put(name, one)
+        residual, spent = float(np.max(one["after/residual"])), time.perf_counter() - begun
+        print(f"{name:36} {one['steps']:4d} steps, growth {one['growth']:8.1e}, ", end="")
+        print(f"residual {residual:8.1e}, highest level {np.max(one['after/level']):2d}, {spent:4.1f} s", flush=True)
+    np.savez_compressed(path, **kept)
+    return 0
+
+
+def compare_all(path: str, names: Sequence[str], rounding: bool) -> int:
+    """Compare the scenes of a file; the exit status."""
+    with np.load(path) as file:
+        kept = dict(file)
+    recorded = sorted({key.split("/")[0] for key in kept})
+    print(f"{'':36} " + " ".join([f"{key:>8}" for key in COLUMNS] + [" level", "   noise"]))
+    verdicts = []
+    for name in names or recorded:
+        if name in dj.scene_names():
+            row = compare(name, part(name, kept))
+            verdicts.append(row.verdict())
+            print(f"{name:36} {row.text()}", flush=True)
+        else:
+            verdicts.append("differs: is no packaged scene here")
+            print(f"{name:36} {verdicts[-1]}")
+    if new := sorted(set(dj.scene_names()) - set(recorded)):
+        print("not recorded:", *new)
+    counts = {kind: sum(v.startswith(kind) for v in verdicts) for kind in ("same", "rounding", "differs")}
+    print(", ".join(f"{count} {kind}" for kind, count in counts.items()))
+    return int(counts["differs"] > 0 or (counts["rounding"] > 0 and not rounding))
+
+
+def main() -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("command", choices=("record", "compare"))
+    parser.add_argument("file")
+    parser.add_argument("scene", nargs="*", help="these scenes only")
+    parser.add_argument("--rounding", action="store_true", help="let pass what may be rounding")
+    given = parser.parse_args()
+    print(f"{given.command}: {dj.__file__}, jax {jax.__version__}")
+    begun = time.perf_counter()
+    if given.command == "record":
+        status = record_all(given.file, given.scene)
+    else:
+        status = compare_all(given.file, given.scene, given.rounding)
+    print(f"{time.perf_counter() - begun:.0f} s")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

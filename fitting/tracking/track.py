@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.traces import FEWEST, Trace
+from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.angles import place_errors, to_trace
 from fitting.tracking.calibration import Lens, Plane, calibrate, plane_from_board, plane_from_scale
 from fitting.tracking.detection import Look, detect

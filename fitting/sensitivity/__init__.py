@@ -1,0 +1,7 @@
+"""What a quantity depends on: exact derivatives along the whole run, and indices over ranges of parameters."""
+
+from fitting.sensitivity.derivatives import Local, Study, local, ranges, study, windows
+from fitting.sensitivity.quantities import quantity
+from fitting.sensitivity.screening import Global, global_indices
+
+__all__ = ["Global", "Local", "Study", "global_indices", "local", "quantity", "ranges", "study", "windows"]

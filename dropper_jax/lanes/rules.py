@@ -1,4 +1,4 @@
-"""Operations on arrays whose member axis comes last: what `lanes` does with each, besides loops and branches.
+"""Operations on arrays whose member axis comes last: what a batch does with each, besides loops and branches.
 
 Elementwise ones need their arrays lined up; those on axes leave the member axis alone, as one more.
 """
@@ -29,8 +29,12 @@ ELEMENTWISE = frozenset(
 class Value(NamedTuple):
     """An array, and whether it has the member axis (the last one)."""
 
-    array: Any
+    array: jax.Array
     many: bool
+
+
+#: Parameters, number of members, inputs -> the result; None where the rule does not hold.
+Rule = Callable[[dict[str, Any], int, list[Value]], jax.Array | None]
 
 
 def spread(v: Value, members: int) -> jax.Array:
@@ -80,7 +84,7 @@ def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Arra
     return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
 
 
-def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Any:
+def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which keep running over the members."""
 
     def rule(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
@@ -117,7 +121,7 @@ def _tridiagonal(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Ar
     return jnp.stack(x[::-1])[:, None]
 
 
-STRUCTURAL = {
+STRUCTURAL: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast,
     "slice": _slice,
     "pad": _pad,

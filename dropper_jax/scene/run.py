@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 from dropper_jax.base.fields import option, parameter
@@ -25,6 +26,16 @@ class RunSpec:
         "what a step of generalized_alpha leaves of the fastest vibrations", unit="-", low=0.0, high=1.0, optional=True
     )
     save_every: int = count("steps between saved states", default=1)
+
+    @property
+    def saves(self) -> int:
+        """Saved states after the start, which cover the duration; a remainder below 1e-9 steps is rounding."""
+        return -(-math.ceil(self.duration / self.dt - 1e-9) // self.save_every)
+
+    @property
+    def steps(self) -> int:
+        """Steps in all, a multiple of `save_every`."""
+        return self.saves * self.save_every
 
     @classmethod
     def read(cls, table: Any, path: str) -> RunSpec:

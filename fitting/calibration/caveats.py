@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import Solution
 from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
-
-if TYPE_CHECKING:
-    from fitting.calibration.preparation import Prepared
 
 #: Correlation of two estimates from which on they are called hard to tell apart.
 HARD = 0.98

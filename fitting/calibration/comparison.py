@@ -10,20 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.heldout import fit_starts
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import Solution, fit_windows
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.windows import Starts, Windows, cut, first_starts
-from fitting.parameters.parameter import missing_effects, resolve
-
-if TYPE_CHECKING:
-    from fitting.calibration.preparation import Prepared, Progress
+from fitting.parameters.parameter import resolve, with_effects
 
 #: Every damping coefficient that a law may use.
 PARTS = {
@@ -84,7 +84,7 @@ def compare(
     Scores on the caller's held-out spans, else on every fifth window, which is then not fitted. What else is free in
     the fit (inertias, camera) is free in every law.
     """
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
     fitted, scored = _split(prepared)
     rows, squares, residuals = [], [], []
@@ -125,7 +125,6 @@ def _family(prepared: Prepared, others: list[str], dry: bool) -> tuple[Simulator
     """A simulator with every coefficient of the laws with or without dry friction; and each parameter's part."""
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
-    clean = dict.fromkeys(("effects.joint_friction.dry",), 0.0) if dry else {}
     table = prepared.scene.to_dict()
     friction = table["effects"].setdefault("joint_friction", {})
     links = len(prepared.scene.lines[0].length)
@@ -135,10 +134,7 @@ def _family(prepared: Prepared, others: list[str], dry: bool) -> tuple[Simulator
         friction["dry"] = [0.0] * (links + 1) if links <= 2 else 0.0
     else:
         friction.pop("dry", None)
-    scene = type(prepared.scene).from_dict(table)
-    added = {**missing_effects(scene, names), **{key: value for key, value in clean.items() if links > 2}}
-    scene = scene.with_values(added) if added else scene
-    model, _ = build(scene)
+    model, _ = build(with_effects(Scene.from_dict(table), names))
     release = prepared.simulator.release
     release = None if release is None else replace(release)  # its poses are of one model
     same = {p.name: p for p in prepared.parameters if p.name in others}
@@ -218,14 +214,3 @@ def _mark(rows: list[Law], squares: list[np.ndarray]) -> list[Law]:
             candidates.append(i)
     simplest = min(candidates, key=lambda i: (rows[i].coefficients, rows[i].held_out))
     return [replace(row, chosen=i == simplest) for i, row in enumerate(marked)]
-
-
-def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
-    """The table for people."""
-    least = min(law.bic for law in laws)
-    rows = [("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "BIC - least", "")]
-    for law in laws:
-        numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}", f"{law.bic - least:.1f}")
-        note = "<- simplest within one standard error" if law.chosen else "" if law.status == "ok" else law.status
-        rows.append((law.name, str(law.coefficients), *numbers, note))
-    return rows

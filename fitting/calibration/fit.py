@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from fitting.calibration.preparation import Prepared, Progress, prepare
+from dropper_jax.base.progress import Progress, silent
+from fitting.calibration.preparation import prepare
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
 from fitting.estimate import gradient as gradient_method
@@ -79,7 +81,7 @@ def fit(
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
         raise SceneError(f"method: {method!r} has no setting {sorted(settings)[0]!r}; allowed: none")
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     asked = convention(zero, sign, unit)
     prepared = prepare(
         traces,
@@ -118,7 +120,7 @@ def estimate(
     frozen: np.ndarray | None = None,
 ) -> tuple[Solution, Windows]:
     """Run an estimator; returns its solution and the windows with the noise it used; arguments as in `fit`."""
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     simulator, windows = prepared.simulator, prepared.windows
     if method == "gradient":
         solution = gradient_method.fit_gradient(

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
-from dropper_jax.run.build import build
-from fitting.calibration.heldout import check_spans, fitted_spans, only
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.run.build import SceneLike, build
+from fitting.calibration.prepared import Prepared
+from fitting.calibration.spans import check_spans, fitted_spans, only
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import Starts, Windows, check_step, cut, first_starts, time_step
 from fitting.parameters.naming import default_free, full_names
-from fitting.parameters.parameter import Parameter, missing_effects, resolve
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
@@ -30,41 +31,18 @@ STEPS_PER_PERIOD = {4: 75, 2: 300}
 #: Half width [s] of the smoother for the starts, as a part of that period.
 SMOOTH_PART = 0.12
 
-Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """Everything an estimator needs: what `prepare` made of the caller's input."""
-
-    scene: Any
-    traces: list[Trace]
-    sigma: list[np.ndarray]
-    parameters: tuple[Parameter, ...]
-    simulator: Simulator
-    windows: Windows
-    starts: Starts
-    held_out: tuple[tuple[float, float], ...]
-    lyapunov: float
-    period: float
-    warnings: tuple[str, ...]
-    begun: float = 0.0
-    compiled_before: float = 0.0
-
-    @property
-    def values(self) -> np.ndarray:
-        """Start values (k,)."""
-        return np.array([p.value for p in self.parameters])
+#: One run or several: CSV files or traces.
+TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
 
 
 def prepare(
-    traces: Any,
-    scene: Any,
+    traces: TracesLike,
+    scene: SceneLike,
     free: Sequence[str] | None = None,
     *,
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping | None = None,
-    priors: Mapping | None = None,
+    start: StartValues | None = None,
+    bounds: Bounds | None = None,
+    priors: Priors | None = None,
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
     window: float | None = None,
@@ -78,13 +56,12 @@ def prepare(
 
     Arguments as in `fit`; `simulator` is that of an earlier call on the same scene and parameters, compiled already.
     """
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     say(0.0, "reading")
     begun, compiled_before = time.perf_counter(), 0.0 if simulator is None else simulator.compile_s
     scene = load_scene(scene)
     names = default_free(scene) if free is None else full_names(scene, free)
-    added = missing_effects(scene, names)
-    scene = scene.with_values(added) if added else scene
+    scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
     read = [settle_convention(trace, model, asked) for trace in _as_traces(traces, model.line.links)]
@@ -122,7 +99,8 @@ def prepare(
     if window is None and shorter < length:
         windows, starts, rate = windowed(shorter)
     if release is not None:
-        values = release.guess(simulator, windows, starts, values)
+        residuals = lambda *at: simulator(*at).residual  # noqa: E731
+        values = release.guess(residuals, simulator.parameters, windows, starts, values)
         parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
     return Prepared(
         scene=scene,
@@ -141,7 +119,7 @@ def prepare(
     )
 
 
-def _as_traces(traces: Any, links: int) -> list[Trace]:
+def _as_traces(traces: TracesLike, links: int) -> list[Trace]:
     items = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
     if not items:
         raise SceneError("traces: none given; allowed: one or more CSV files")

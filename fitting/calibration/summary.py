@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fitting.calibration.caveats import warnings_of
 from fitting.calibration.heldout import score_held_out
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.gauss_newton import Solution
 from fitting.estimate.uncertainty import uncertainty
 from fitting.estimate.windows import Windows
-
-if TYPE_CHECKING:
-    from fitting.calibration.preparation import Prepared
 
 
 def summarise(prepared: Prepared, method: str, solution: Solution, windows: Windows) -> FitResult:

@@ -6,8 +6,6 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import SET_HELP, add_json, number, read_scene
@@ -125,52 +123,9 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def text(result: FitResult) -> str:
     """The result for people."""
+    from fitting.report.tables import comparison_rows, parameter_rows, status_text, summary
+
     parts = [table(parameter_rows(result)), "", listing(summary(result))]
     if result.comparison:
-        from fitting.calibration.comparison import comparison_rows
-
         parts += ["", table(comparison_rows(result.comparison))]
-    parts += ["", f"{result.status}: {result.message}" if result.message else result.status]
-    return "\n".join(parts)
-
-
-def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
-    """Name, value, error, interval, unit and bound of every parameter, with a heading."""
-    u = result.uncertainty
-    rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
-    for i, p in enumerate(result.parameters):
-        digits = significant(result.values[i], u.std_error[i])
-        ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
-        row = (f"{result.values[i]:.{digits}g}", f"{u.std_error[i]:.2g}", *ends)
-        rows.append((p.name, *row, p.unit, "at bound" if u.at_bound[i] else ""))
-    return rows
-
-
-def significant(value: float, error: float) -> int:
-    """Digits that show a value down to the second digit of its error."""
-    if not (error > 0 and np.isfinite(error) and value != 0):
-        return 5
-    return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(error)) + 2, 3, 12))
-
-
-def step_text(result: FitResult) -> str:
-    """The step, and how far it moves the estimates."""
-    bias = result.solution.step_bias
-    moves = "" if bias is None else f", moves the estimates by {np.max(np.abs(bias), initial=0):.2g} standard errors"
-    return f"{result.windows.dt / result.windows.substeps:.3g} s{moves}"
-
-
-def summary(result: FitResult) -> list[tuple[str, str]]:
-    """What else is said of a fit."""
-    gap = result.solution.gap_weight
-    joined = "separate" if gap is None else "joined exactly" if gap == 0 else f"joined, gap weight {gap:g}"
-    pairs = [
-        ("windows", f"{result.windows.count} of {result.windows.length:.3g} s, {joined}"),
-        ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
-        ("time step", step_text(result)),
-        ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
-        ("iterations", f"{result.iterations}"),
-        ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),
-    ]
-    pairs += [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
-    return pairs
+    return "\n".join([*parts, "", status_text(result)])

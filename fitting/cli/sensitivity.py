@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, number, output_file, read_scene
-from dropper_jax.cli.output import listing, print_json, print_line, progress, table
-from dropper_jax.run.solution import jsonable
+from dropper_jax.cli.output import print_json, print_line, progress
 
 if TYPE_CHECKING:
-    from fitting.sensitivity.derivatives import Local
-    from fitting.sensitivity.screening import Global
+    from fitting.sensitivity import Global, Local, Study
 
 name = "sensitivity"
 help = "how much a quantity depends on parameters: exact derivatives, Sobol indices, Morris screening"
@@ -54,41 +51,42 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
     from fitting import sensitivity
-    from fitting.sensitivity import screening
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
-    if args.method:
-        box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
-        found: Any = screening.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
-        ok = True
-    else:
-        found = sensitivity.local(problem, progress(args.quiet) or (lambda fraction, text: None))
-        ok = bool(np.isfinite(found.value) and np.isfinite(found.forward).all())
-    if picture and ok:
-        from fitting.sensitivity import tornado
+    found = _over_ranges(problem, args) if args.method else sensitivity.local(problem, progress(args.quiet) or silent)
+    if picture and found.finite:
+        from fitting.sensitivity.tornado import global_picture, local_picture
 
         if args.method:
-            tornado.global_picture(found, args.of, picture)
+            global_picture(found, args.of, picture)
         else:
-            tornado.local_picture(found, picture)
-    return _report(found, args, ok)
+            local_picture(found, picture)
+    return _report(found, args, problem.fallbacks.warnings())
 
 
-def _report(found: Any, args: argparse.Namespace, ok: bool) -> int:
-    status = "ok" if ok else "not_converged"
-    message = "" if ok else f"{args.of}: a step of the run failed; see `dropper run`"
+def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
+    from fitting.sensitivity import global_indices, ranges
+
+    box = ranges(problem, dict(_range(text) for text in args.range))
+    return global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
+
+
+def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str]) -> int:
+    from dropper_jax.run.solution import jsonable
+    from fitting.sensitivity.tables import global_text, local_text
+
+    message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
+    for warning in warnings:
+        print_line(f"warning: {warning}")
     if args.json:
-        import dataclasses
-
-        values = {"schema": 1, "status": status, "of": args.of, **dataclasses.asdict(found)}
-        if not args.method:
-            values |= {"scaled": found.scaled, "trusted": found.trusted}
-        print_json(jsonable(values | ({"error": message} if message else {})))
+        head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
+        error = {"error": message} if message else {}
+        print_json(jsonable({**head, **found.to_json(), "warnings": warnings, **error}))
     else:
         print(global_text(found, args.of) if args.method else local_text(found))
     if message:
         print_line(f"error: {message}")
-    return OK if ok else FAILED
+    return FAILED if message else OK
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
@@ -98,50 +96,3 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         raise SceneError(f"--range: {text!r} is not NAME=LO:HI; allowed: such as b_l=0.001:0.004") from None
     return name.strip(), (low, high)
-
-
-def local_text(found: Local) -> str:
-    """Derivatives for people, the largest first, and how far to trust them."""
-    order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
-    head = ["parameter", "value", "dQ/dp", "p/Q dQ/dp"]
-    windowed = not found.trusted
-    rows = [head + (["window mean", "std error"] if windowed else [])]
-    for i in order:
-        row = [
-            found.names[i],
-            f"{found.values[i]:.5g} {found.units[i]}",
-            f"{found.forward[i]:.6g}",
-            f"{found.scaled[i]:.4g}",
-        ]
-        rows.append(row + ([f"{found.window_mean[i]:.5g}", f"{found.window_error[i]:.2g}"] if windowed else []))
-    trust = (
-        "the whole run"
-        if found.trusted
-        else f"up to {found.horizon:.3g} s only: beyond, small changes grow more than 100 times"
-    )
-    pairs = [
-        ("quantity", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
-        ("modes", f"forward and reverse differ by {found.mismatch:.1e}"),
-        ("trust", f"{trust} (growth rate {found.exponent:.2g} per s)"),
-    ]
-    if windowed:
-        pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
-    return f"{listing(pairs)}\n\n{table(rows)}"
-
-
-def global_text(found: Global, of: str) -> str:
-    """Indices for people, the largest first."""
-    sobol = found.method == "sobol"
-    rows = [
-        [
-            "parameter",
-            "from",
-            "to",
-            *(("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")),
-        ]
-    ]
-    for i in np.argsort(-found.total if sobol else -found.first):
-        numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
-        cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]
-        rows.append([found.names[i], *(f"{x:.4g}" for x in found.ranges[i]), *cells])
-    return f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"

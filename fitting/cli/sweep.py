@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-
-import jax
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, number, read_scene
 from dropper_jax.cli.output import failure_object, listing, print_json, print_line, progress
+
+if TYPE_CHECKING:
+    import numpy as np
 
 name = "sweep"
 help = "run a grid of cases in batches and keep the results in a Zarr folder"
@@ -20,7 +21,7 @@ help = "run a grid of cases in batches and keep the results in a Zarr folder"
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 HOST_COUNT = "xla_force_host_platform_device_count"
-SPACINGS = {"linear": np.linspace, "log": np.geomspace}
+SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,6 +71,9 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print_json(failure_object("interrupted", str(error)))
         return FAILED
+    warnings = result.fallbacks.warnings()
+    for warning in warnings:
+        print_line(f"warning: {warning}")
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
         "schema": 1,
@@ -84,6 +88,8 @@ def run(args: argparse.Namespace) -> int:
         "compile_s": result.compile_s,
         "run_s": result.run_s,
         "steps_per_s": result.steps_per_s,
+        "vmapped": sorted(result.fallbacks.operations),
+        "warnings": warnings,
     }
     if args.json:
         print_json(found)
@@ -98,6 +104,8 @@ def use_cores(count: int | None) -> None:
         return
     if count is not None and count < 1:
         raise SceneError(f"--devices: {count}; allowed: a whole number >= 1")
+    import jax
+
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         jax.config.update("jax_num_cpu_devices", count or cores)
@@ -107,6 +115,8 @@ def use_cores(count: int | None) -> None:
 
 def _values(option: str) -> tuple[str, np.ndarray]:
     """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
+    import numpy as np
+
     path, equals, text = option.partition("=")
     try:
         if not equals or not path.strip():
@@ -118,14 +128,14 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         low, high, count, spacing = [*text.split(":"), "linear"][:4]
         if int(count) < 1:
             raise ValueError
-        return path.strip(), SPACINGS[spacing](float(low), float(high), int(count))
+        return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
     except (ValueError, KeyError):
         raise SceneError(
             f"--vary: {option!r} is not NAME=LO:HI:N; allowed: also NAME=LO:HI:N:log and NAME=A,B,C"
         ) from None
 
 
-def text(found: dict) -> str:
+def text(found: dict[str, Any]) -> str:
     """The result for people."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
     pairs = [
@@ -135,4 +145,6 @@ def text(found: dict) -> str:
         ("wall time", f"{found['compile_s']:.2f} s until compiled, {found['run_s']:.2f} s run and saved"),
         ("speed", f"{found['steps_per_s'] / 1e6:.2f} million steps per second"),
     ]
+    if found["vmapped"]:
+        pairs.append(("by vmap", f"{', '.join(found['vmapped'])}: between two moves of the cases' axis"))
     return listing(pairs) + f"\n\nok: {found['out']}"

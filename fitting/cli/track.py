@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
@@ -57,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     for key in ("square", "scale", "distance", "radius", "fps"):
         value = getattr(args, key)
-        if value is not None and not (np.isfinite(value) and value > 0):
+        if value is not None and not (0 < value < math.inf):
             raise SceneError(f"--{key}: {value:g} is out of range; allowed: > 0")
     out = output_file(args.out or f"{Path(args.video).stem}.csv", "--out", (".csv",))
     positions = output_file(args.positions, "--positions", (".csv",))

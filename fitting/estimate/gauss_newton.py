@@ -7,11 +7,11 @@ by damped steps of the equations in `normal_equations`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from dropper_jax.base.progress import Progress
 from fitting.estimate.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
 from fitting.estimate.simulator import Evaluation, Simulator
 from fitting.estimate.windows import Starts, Windows
@@ -108,7 +108,7 @@ def fit_windows(
     huber: float | None = None,
     iterations: int = 40,
     frozen: np.ndarray | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Solution:
     """Fit all window starts and the parameters together.
 

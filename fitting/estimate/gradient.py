@@ -8,7 +8,7 @@ window counts, then all of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ import numpy as np
 import optax
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress
 from fitting.estimate.gauss_newton import Solution, closed_starts, fit_windows, move
 from fitting.estimate.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
 from fitting.estimate.simulator import Evaluation, Simulator
@@ -113,7 +114,7 @@ def fit_gradient(
     learning_rate: float | None = None,
     horizon: Sequence[float] = (0.3, 1.0),
     huber: float | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Solution:
     """Fit by gradient descent with optax.
 

@@ -11,12 +11,12 @@ errors are a tenth of a per cent, need it. Steps are halved inside the compiled 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from dropper_jax.base.progress import Progress
 from fitting.estimate.gauss_newton import Solution, fit_windows
 from fitting.estimate.normal_equations import eliminate, normal_blocks, prior_terms
 from fitting.estimate.shooting import continue_shooting, joined_step
@@ -37,7 +37,7 @@ def refine(
     *,
     huber: float | None = None,
     frozen: np.ndarray | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Solution, Windows]:
     """Go on from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 

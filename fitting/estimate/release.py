@@ -11,9 +11,10 @@ h = dt (1 - (tau - t0)/T): every angle then depends smoothly on tau.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,15 +22,14 @@ import numpy as np
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.place import ReleasePlace
 from fitting.traces import planar
 from fitting.traces.trace import Trace
-
-if TYPE_CHECKING:
-    from fitting.estimate.simulator import Simulator
 
 TIME, FORCE = "release.time", "release.force"
 NAMES = (TIME, FORCE)
@@ -67,7 +67,9 @@ class Release:
     force: np.ndarray
     given: State | None = None
     _near: dict[int, State] = field(default_factory=dict, init=False, repr=False)
-    _programs: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+    _programs: dict[str, Callable[..., tuple[jax.Array, jax.Array, State]]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def parameters(self, name: str, option: str) -> list[Parameter]:
         """Parameters of `release.time[.RUN]` or `release.force[.RUN[.NODE.AXIS]]`; without AXIS those not zero."""
@@ -81,10 +83,10 @@ class Release:
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, [*NAMES, *known])}")
 
     def _all(self) -> list[Parameter]:
-        times = [Parameter(f"{TIME}.{i}", ("release", i, "time", None), 0.0, unit="s") for i in range(self.runs)]
+        times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
         forces = [
             Parameter(
-                f"{FORCE}.{i}.{node}.{AXES[c]}", ("release", i, "force", 3 * j + c), float(self.force[j, c]), unit="N"
+                f"{FORCE}.{i}.{node}.{AXES[c]}", ReleasePlace(i, "force", 3 * j + c), float(self.force[j, c]), unit="N"
             )
             for i in range(self.runs)
             for j, node in enumerate(self.nodes)
@@ -95,9 +97,8 @@ class Release:
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
         """Instants of release (runs,) [s] on the traces' clocks; 0 where they are not free."""
         found = jnp.zeros(self.runs)
-        for i, p in enumerate(parameters):
-            if p.where[:1] + p.where[2:3] == ("release", "time"):
-                found = found.at[p.where[1]].set(values[i])
+        for run, i in _free_times(parameters).items():
+            found = found.at[run].set(values[i])
         return found
 
     def clock(
@@ -114,43 +115,66 @@ class Release:
         index = jnp.minimum(jnp.floor(jax.lax.stop_gradient(place)), steps - 1)
         return h, (index.astype(jnp.int32), place - index)
 
-    def place(self, simulator: Simulator, values: np.ndarray, inputs: tuple, windows: Windows) -> tuple:
+    def place(
+        self,
+        model: Model,
+        parameters: Sequence[Parameter],
+        values: np.ndarray,
+        inputs: tuple[np.ndarray, ...],
+        windows: Windows,
+    ) -> tuple[np.ndarray, ...]:
         """The windows' inputs with the released ones at the model's own pose, and `Begun` of each."""
         theta, omega, basis, *rest = inputs
         theta, omega, basis = theta.copy(), omega.copy(), basis.copy()
         slope = np.zeros((windows.count, theta.shape[1], len(values)))
         for k in np.flatnonzero(windows.released):
-            theta[k], omega[k], slope[k] = self.pose(simulator, values, int(windows.run[k]))
+            theta[k], omega[k], slope[k] = self.pose(model, parameters, values, int(windows.run[k]))
             basis[k] = 0.0
         return theta, omega, basis, *rest, windows.released, windows.begin, windows.run, slope
 
-    def pose(self, simulator: Simulator, values: np.ndarray, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def pose(
+        self, model: Model, parameters: Sequence[Parameter], values: np.ndarray, run: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles (n,), rates (n,) and the angles' derivative (n, k) of a run's start.
 
         Raises:
             SceneError: no static pose at the start values.
         """
         if self.given is not None:
-            theta, omega = planar.from_nodes(simulator.model, self.given.r, self.given.v)
+            theta, omega = planar.from_nodes(model, self.given.r, self.given.v)
             return np.asarray(theta), np.asarray(omega), np.zeros((len(theta), len(values)))
-        loads = self._loads(simulator.model, simulator.parameters, jnp.asarray(values), run)
+        loads = self._loads(model, parameters, jnp.asarray(values), run)
         if run not in self._near:
-            found = statics.equilibrium(simulator.model_at(values), loads)
+            found = statics.equilibrium(apply(model, parameters, jnp.asarray(values)), loads)
             if found.status != "ok":
                 raise SceneError(f"static start: {found.message}")
             self._near[run] = found.state
         if "pose" not in self._programs:
-            self._programs["pose"] = jax.jit(lambda *a: _pose(simulator, self, *a), static_argnums=2)
+            self._programs["pose"] = jax.jit(partial(self._settled, model, parameters), static_argnums=2)
         theta, slope, state = self._programs["pose"](jnp.asarray(values), self._near[run], run)
         if np.isfinite(theta).all():
             self._near[run] = state
         return np.asarray(theta), np.zeros(len(theta)), np.asarray(slope)
 
+    def _settled(
+        self, model: Model, parameters: Sequence[Parameter], values: jax.Array, near: State, run: int
+    ) -> tuple[jax.Array, jax.Array, State]:
+        """Angles (n,), their derivative (n, k) and the static pose near another one."""
+
+        def angles(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, State]]:
+            changed = apply(model, parameters, values)
+            s = statics.settle(changed, near, self._loads(changed, parameters, values, run))
+            theta, _ = planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))
+            return theta, (theta, s)
+
+        slope, (theta, s) = jax.jacfwd(angles, has_aux=True)(values)
+        return theta, slope, s
+
     def _loads(self, model: Model, parameters: Sequence[Parameter], values: jax.Array, run: int) -> jax.Array:
         force = jnp.asarray(self.force, model.dtype).reshape(-1)
         for i, p in enumerate(parameters):
-            if p.where[:3] == ("release", run, "force"):
-                force = force.at[p.where[3]].set(values[i])
+            if isinstance(p.where, ReleasePlace) and (p.where.run, p.where.field) == (run, "force"):
+                force = force.at[p.where.entry].set(values[i])
         return statics.nodal_loads(model, list(self.nodes), force.reshape(-1, 3))
 
     def mark(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
@@ -175,23 +199,29 @@ class Release:
         """
         begin = {int(windows.run[k]): float(windows.begin[k]) for k in np.flatnonzero(windows.released)}
         reach = REACH * windows.length
-        free = {p.where[1]: p for p in parameters if p.where[0] == "release" and p.where[2] == "time"}
+        found, free = list(parameters), _free_times(parameters)
         for run, t0 in begin.items():
-            value = free[run].value if run in free else 0.0
+            value = found[free[run]].value if run in free else 0.0
             if abs(value - t0) > reach:
                 raise SceneError(
                     f"static start: released at {value:g} s, but run {run} begins at {t0:g} s; "
                     f"allowed: {t0 - reach:g} to {t0 + reach:g} s, cut or shift the trace"
                 )
             if run in free:
-                low, high = max(free[run].low, t0 - reach), min(free[run].high, t0 + reach)
-                free[run] = replace(free[run], low=low, high=high)
-        same = lambda p: p.where[0] == "release" and p.where[2] == "time"  # noqa: E731
-        return tuple(free[p.where[1]] if same(p) else p for p in parameters)
+                p = found[free[run]]
+                found[free[run]] = replace(p, low=max(p.low, t0 - reach), high=min(p.high, t0 + reach))
+        return tuple(found)
 
-    def guess(self, simulator: Simulator, windows: Windows, starts: Starts, values: np.ndarray) -> np.ndarray:
+    def guess(
+        self,
+        residuals: Callable[[np.ndarray, Starts, Windows], np.ndarray],
+        parameters: Sequence[Parameter],
+        windows: Windows,
+        starts: Starts,
+        values: np.ndarray,
+    ) -> np.ndarray:
         """The values (k,) with the release times that fit each run's first window best, of `TRIED` within bounds."""
-        index = {p.where[1]: i for i, p in enumerate(simulator.parameters) if p.where[::2][:2] == ("release", "time")}
+        index = _free_times(parameters)
         if not index:
             return values
         which = np.flatnonzero(windows.released)
@@ -201,29 +231,25 @@ class Release:
         found = values.copy()
         for share in np.linspace(0, 1, TRIED):
             for i in index.values():
-                low, high = simulator.parameters[i].low, simulator.parameters[i].high
+                low, high = parameters[i].low, parameters[i].high
                 tried[i] = low + share * (high - low)
-            cost = np.sum(simulator(tried, first, few).residual ** 2, axis=(1, 2))
+            cost = np.sum(residuals(tried, first, few) ** 2, axis=(1, 2))
             for k, run in enumerate(few.run):
                 if run in index and cost[k] < best[run]:
                     best[run], found[index[run]] = cost[k], tried[index[run]]
         return found
 
 
-def _pose(
-    simulator: Simulator, release: Release, values: jax.Array, near: State, run: int
-) -> tuple[jax.Array, jax.Array, State]:
-    def angles(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, State]]:
-        model = apply(simulator.model, simulator.parameters, values)
-        s = statics.settle(model, near, release._loads(model, simulator.parameters, values, run))
-        theta, _ = planar.from_nodes(model, s.r, jnp.zeros_like(s.r))
-        return theta, (theta, s)
-
-    slope, (theta, s) = jax.jacfwd(angles, has_aux=True)(values)
-    return theta, slope, s
+def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
+    """Which parameter is the release time of a run, by run; runs whose time is not free are left out."""
+    return {
+        p.where.run: i
+        for i, p in enumerate(parameters)
+        if isinstance(p.where, ReleasePlace) and p.where.field == "time"
+    }
 
 
-def release_of(scene: Any, state: State, names: Sequence[str], runs: int, wanted: bool) -> Release | None:
+def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, wanted: bool) -> Release | None:
     """The release that these free names or the caller ask for; None where every window is free.
 
     Raises:

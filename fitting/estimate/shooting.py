@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError
 
+from dropper_jax.base.progress import Progress
 from fitting.estimate.gaps import Joined, eliminate_joined, gaps, join
 from fitting.estimate.gauss_newton import (
     DECREASE_TOLERANCE,
@@ -73,7 +74,7 @@ def fit_shooting(
     iterations: int = 12,
     frozen: np.ndarray | None = None,
     finer: Callable[[Windows, Solution], tuple[Windows, Solution] | None] = lambda windows, solution: None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Solution, Windows]:
     """Join the windows of a fit by `fit_windows`, whose noise must be in the windows' weights.
 

@@ -112,7 +112,7 @@ class Simulator:
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
         if self.release:
-            inputs = self.release.place(self, values, inputs, windows)
+            inputs = self.release.place(self.model, self.parameters, values, inputs, windows)
         count, size = windows.count, self._chunk(windows)
         order = np.minimum(np.arange(-(-count // size) * size), count - 1).reshape(-1, size)
         chunks = [tuple(a[rows] for a in inputs) for rows in order]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +20,8 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.scene.point import BuoySpec, PointSpec
-from fitting.parameters.parameter import Parameter, apply, resolve
+from fitting.parameters.parameter import Parameter, check_once, resolve
+from fitting.parameters.place import Direction
 
 #: Steps of the differences, relative; two of them, extrapolated, leave 1e-12 of what is smooth.
 STEPS = (1e-3, 5e-4)
@@ -29,32 +29,7 @@ STEPS = (1e-3, 5e-4)
 FAR, STRAIGHT = 0.2, 1e-9
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class SceneParameter:
-    """A number of the scene, `value` at its path `name`.
-
-    Attributes:
-        direction: by number of the model's leaf, the derivative of the leaf with respect to the number.
-        linear: whether the model is the one of the scene far from the value too.
-        low, high: a number keeps its sign.
-        unit: as printed.
-    """
-
-    name: str
-    value: float
-    direction: dict[int, np.ndarray]
-    linear: bool
-    low: float
-    high: float
-    unit: str
-
-    @property
-    def scale(self) -> float:
-        """A size for steps and plots."""
-        return abs(self.value) or 1.0
-
-
-def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: str) -> tuple[Any, ...]:
+def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: str) -> tuple[Parameter, ...]:
     """The parameters of these paths: numbers of the model, else of the scene.
 
     Where lines are written by the metre, paths mean what they mean in the file: `line.leg.length` is the whole line.
@@ -62,7 +37,7 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
     Raises:
         SceneError: a path that is neither.
     """
-    found: list[Any] = []
+    found: list[Parameter] = []
     for name in names:
         if scene.written is not None and name in scene.written.places(scene.as_written()):
             found.append(scene_parameter(scene, model, name))
@@ -74,13 +49,11 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
                 found.append(scene_parameter(scene, model, name))
             except SceneError:
                 raise error from None
-    twice = [p.name for i, p in enumerate(found) if p.name in [q.name for q in found[:i]]]
-    if twice:
-        raise SceneError(f"{option}: {twice[0]!r} is given twice; allowed: every parameter once")
+    check_once([p.name for p in found], option)
     return tuple(found)
 
 
-def scene_parameter(scene: Scene, model: Model, path: str) -> SceneParameter:
+def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
     """The number of the scene at a path, and how the model follows it.
 
     Raises:
@@ -99,16 +72,17 @@ def scene_parameter(scene: Scene, model: Model, path: str) -> SceneParameter:
         return leaves
 
     wide, narrow = ([(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in STEPS)
-    direction = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
-    if not direction:
+    slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
+    if not slopes:
         raise SceneError(f"{path}: moves nothing in the model; allowed: numbers that do")
     here, there = at(0.0), at(FAR)
     linear = all(
         np.allclose(here[i] + FAR * size * slope, there[i], rtol=STRAIGHT, atol=STRAIGHT * np.max(np.abs(here[i])))
-        for i, slope in direction.items()
+        for i, slope in slopes.items()
     )
+    # a number keeps its sign
     low, high = (0.0, np.inf) if value > 0 else (-np.inf, 0.0) if value < 0 else (-np.inf, np.inf)
-    return SceneParameter(path, value, direction, linear, low, high, _unit(path))
+    return Parameter(path, Direction(slopes, value, linear), value, low, high, _unit(path))
 
 
 def _unit(path: str) -> str:
@@ -119,15 +93,3 @@ def _unit(path: str) -> str:
         return "m" if key in ("length", "at") else "-"
     fields = {f.name: f for f in dataclasses.fields(kinds[section])} if section in kinds else {}
     return fields[key].metadata.get("unit", "-") if key in fields else "-"
-
-
-def place(model: Model, parameters: Sequence[Parameter | SceneParameter], values: jax.Array) -> Model:
-    """The model with these values (k,) in place; differentiable."""
-    own = [i for i, p in enumerate(parameters) if isinstance(p, Parameter)]
-    model = apply(model, [parameters[i] for i in own], values[np.array(own, int)])
-    leaves, tree = jax.tree.flatten(model)
-    for i, p in enumerate(parameters):
-        if isinstance(p, SceneParameter):
-            for leaf, slope in p.direction.items():
-                leaves[leaf] = leaves[leaf] + (values[i] - p.value) * slope
-    return jax.tree.unflatten(tree, leaves)

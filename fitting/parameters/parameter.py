@@ -10,17 +10,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.line import Line, Point
 from dropper_jax.model.model import Model
+from fitting.parameters.place import CAMERA, CameraPlace, Direction, ModelPlace, Place
 
-CAMERA = "camera.offset"
+#: Start values, bounds and priors (mean, standard deviation) by path.
+StartValues = Mapping[str, float]
+Bounds = Mapping[str, tuple[float | None, float | None]]
+Priors = Mapping[str, tuple[float, float]]
+
 #: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.
 OPEN_BOUND = 1e-3
 #: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
@@ -33,7 +40,7 @@ class Parameter:
 
     Attributes:
         name: its path.
-        where: section (`points`, `lines`, `effects`, `camera`, `release`), index, field, entry (None: the whole field).
+        where: its place in the model, at the camera or at a release.
         value: start value.
         low, high: bounds, both reachable.
         unit: as printed.
@@ -41,7 +48,7 @@ class Parameter:
     """
 
     name: str
-    where: tuple[str, int, str, int | None]
+    where: Place
     value: float
     low: float = -np.inf
     high: float = np.inf
@@ -51,18 +58,23 @@ class Parameter:
     @property
     def scale(self) -> float:
         """A size for steps and plots."""
-        small = SMALL.get(self.name, SMALL.get(self.where[2], 1.0))
-        return abs(self.value) if self.value != 0 else small
+        return abs(self.value) if self.value != 0 else SMALL.get(self.where.field, 1.0)
+
+
+class Released(Protocol):
+    """What knows the parameters of `release.*` names."""
+
+    def parameters(self, name: str, option: str) -> list[Parameter]: ...
 
 
 def resolve(
     model: Model,
     names: Sequence[str],
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    start: StartValues | None = None,
+    bounds: Bounds | None = None,
+    priors: Priors | None = None,
     option: str = "free",
-    release: Any = None,
+    release: Released | None = None,
 ) -> tuple[Parameter, ...]:
     """The free parameters of these paths.
 
@@ -72,7 +84,7 @@ def resolve(
         bounds: (low, high) by path, inside the declared range; None keeps the declared one.
         priors: (mean, standard deviation) by path.
         option: what a mistake in `names` is called after.
-        release: the `Release` whose `release.*` names count too.
+        release: whose `release.*` names count too.
 
     Raises:
         SceneError: a path that does not exist (with the nearest), or bounds without room.
@@ -81,9 +93,7 @@ def resolve(
     for name in names:
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
-    twice = [p.name for i, p in enumerate(found) if p.name in [q.name for q in found[:i]]]
-    if twice:
-        raise SceneError(f"{option}: {twice[0]!r} is given twice; allowed: every parameter once")
+    check_once([p.name for p in found], option)
     known = [p.name for p in found]
     for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
         for name in given or {}:
@@ -92,7 +102,14 @@ def resolve(
     return tuple(_adjust(p, start or {}, bounds or {}, priors or {}) for p in found)
 
 
-def _adjust(p: Parameter, start: Mapping, bounds: Mapping, priors: Mapping) -> Parameter:
+def check_once(names: Sequence[str], option: str) -> None:
+    """Refuse a name that is there twice."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise SceneError(f"{option}: {name!r} is given twice; allowed: every parameter once")
+
+
+def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) -> Parameter:
     low, high = bounds.get(p.name, (None, None))
     low, high = p.low if low is None else max(low, p.low), p.high if high is None else min(high, p.high)
     value = float(start.get(p.name, p.value))
@@ -118,7 +135,7 @@ def paths(model: Model) -> list[str]:
     return found
 
 
-def _fields(item: Any) -> list[dataclasses.Field]:
+def _fields(item: Point | Line | Effect) -> list[dataclasses.Field]:
     return [
         f
         for f in dataclasses.fields(item)
@@ -128,30 +145,30 @@ def _fields(item: Any) -> list[dataclasses.Field]:
 
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if name == CAMERA:
-        return [Parameter(CAMERA, ("camera", 0, "offset", None), 0.0, unit="rad")]
+        return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
     section, index, field, entry = _locate(model, name, option)
     item = getattr(model, section)[index]
     value = np.asarray(getattr(item, field.name))
     meta = field.metadata
     if value.ndim == 0 and entry is None:
-        return [_parameter(name, (section, index, field.name, None), float(value), meta)]
+        return [_parameter(name, ModelPlace(section, index, field.name), float(value), meta)]
     flat = value.reshape(-1)
-    count = _used(model, section, item, field, len(flat))
+    count = _used(model, section, field, len(flat))
     if entry is not None and entry >= len(flat):
         raise SceneError(f"{option}: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
     entries = range(count) if entry is None else [entry]
     stem = name if entry is None else name.rsplit(".", 1)[0]
-    return [_parameter(f"{stem}.{i}", (section, index, field.name, i), float(flat[i]), meta) for i in entries]
+    return [_parameter(f"{stem}.{i}", ModelPlace(section, index, field.name, i), float(flat[i]), meta) for i in entries]
 
 
-def _used(model: Model, section: str, item: Any, field: dataclasses.Field, size: int) -> int:
+def _used(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
     """Entries that exist in the model: a free end has no joint and no held node of its own."""
     if section != "effects" or field.metadata["shape"] != "joint":
         return size
     return min(size, model.line.links + (1 if model.end_held else 0))
 
 
-def _parameter(name: str, where: tuple, value: float, meta: Mapping) -> Parameter:
+def _parameter(name: str, where: Place, value: float, meta: Mapping[str, Any]) -> Parameter:
     low = -np.inf if meta["low"] is None else float(meta["low"])
     if meta["open_low"]:
         low += OPEN_BOUND * abs(value)
@@ -175,27 +192,20 @@ def _locate(model: Model, name: str, option: str) -> tuple[str, int, dataclasses
 
 def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
     """The model with these values (k,) in place; differentiable."""
-    for i, p in enumerate(parameters):
-        section, index, field, entry = p.where
-        if section in ("camera", "release"):
-            continue
-        items = list(getattr(model, section))
-        old = getattr(items[index], field)
-        new = (
-            jnp.broadcast_to(values[i], jnp.shape(old)) if entry is None else jnp.asarray(old).at[entry].set(values[i])
-        )
-        items[index] = dataclasses.replace(items[index], **{field: new})
-        model = dataclasses.replace(model, **{section: tuple(items)})
+    for kind in (ModelPlace, Direction):  # what is put in place must not undo what moved it
+        for i, p in enumerate(parameters):
+            if isinstance(p.where, kind):
+                model = p.where.put(model, values[i])
     return model
 
 
 def camera_offset(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | float:
     """Rotation of the camera [rad]; 0 where it is not free."""
-    return next((values[i] for i, p in enumerate(parameters) if p.where[0] == "camera"), 0.0)
+    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, CameraPlace)), 0.0)
 
 
-def missing_effects(scene: Any, names: Sequence[str]) -> dict[str, float]:
-    """Values 0 for damping parameters that the scene could have but does not, to be added before the model is built."""
+def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
+    """The scene with value 0 for damping parameters that it could have but does not, so that its model has them."""
     found = {}
     for name in names:
         words = name.split(".")
@@ -206,4 +216,4 @@ def missing_effects(scene: Any, names: Sequence[str]) -> dict[str, float]:
             continue
         if scene.effects.get(words[1], {}).get(words[2]) is None:
             found[".".join(words[:3])] = 0.0
-    return found
+    return scene.with_values(found) if found else scene

@@ -1,26 +1,20 @@
 """The packaged example: synthetic traces of scenarios A, B and C, fitted jointly from start values ten times off.
 
-The traces are synthetic: the thesis' measured ones exist as figures only. `dropper demo` runs it (entry-point group
-`dropper.demo`).
+The traces are synthetic: the thesis' measured ones exist as figures only. `dropper demo` runs it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from dropper_jax import load_scene
-from dropper_jax.cli.demo import DemoPart
-from dropper_jax.cli.output import listing, table
+from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.fit import fit
 from fitting.calibration.result import FitResult
-from fitting.cli.fit import summary
-from fitting.report.report import markdown, write_report
+from fitting.report.report import write_report
 from fitting.traces.synthetic import Camera, synthetic_traces
 from fitting.traces.trace import write_trace
-
-title = "calibrating synthetic traces of scenarios A, B and C"
 
 LABEL = "the traces are synthetic: simulated with known damping, seen with artificial noise"
 
@@ -62,10 +56,10 @@ def calibrate_synthetic(
     folder: str | Path,
     example: Example = EXAMPLE,
     method: str = "shooting",
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> FitResult:
     """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
@@ -100,21 +94,3 @@ def calibrated_rows(result: FitResult, example: Example) -> list[tuple[str, ...]
         numbers = (example.truth[p.name], p.value, result.values[i], u.std_error[i], u.low[i], u.high[i])
         rows.append((p.name, *(f"{x:.4g}" for x in numbers), p.unit))
     return rows
-
-
-def run_part(folder: Path, progress: Callable[[float, str], None] | None) -> DemoPart:
-    """The calibration as a part of `dropper demo`."""
-    example = EXAMPLE
-    result = calibrate_synthetic(folder, example, progress=progress)
-    rows = calibrated_rows(result, example)
-    heading = f"Calibration of {len(result.traces)} runs together ({LABEL})"
-    status = f"{result.status}: {result.message}" if result.message else result.status
-    pictures = "\n".join(f"- [{trace.name}]({folder.name}/traces_{i + 1}.png)" for i, trace in enumerate(result.traces))
-    return DemoPart(
-        status=result.status,
-        text="\n".join([heading, "", table(rows), "", listing(summary(result)), "", status]),
-        markdown="\n\n".join(
-            [f"## {heading}", markdown(rows), f"Status {status}; [report]({folder.name}/report.md).", pictures]
-        ),
-        values={"synthetic": True, "truth": example.truth, "start": example.start, **result.to_json()},
-    )

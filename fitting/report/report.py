@@ -9,8 +9,8 @@ import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from fitting.calibration.result import FitResult
-from fitting.cli.fit import parameter_rows, summary
 from fitting.report.pictures import PICTURES, fitted
+from fitting.report.tables import comparison_rows, parameter_rows, summary
 
 #: The thesis' parts of a trace [s].
 PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
@@ -50,8 +50,6 @@ def report(result: FitResult) -> str:
         "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
     ]
     if result.comparison:
-        from fitting.calibration.comparison import comparison_rows
-
         parts += ["## Damping laws", markdown(comparison_rows(result.comparison))]
     for run, trace in enumerate(result.traces):
         if not (result.windows.run == run).any():

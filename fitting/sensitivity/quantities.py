@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -126,11 +125,3 @@ def quantity(name: str, model: Model) -> Quantity:
     if len(middle) > 1 or not middle[0].isdecimal() or not 1 <= int(middle[0]) <= most:
         raise SceneError(f"of: {name!r}: {'.'.join(middle)!r} is no {counted or 'part'}; allowed: 1 to {most}")
     return Quantity(name, signal, int(middle[0]), statistic)
-
-
-def catalogue() -> list[tuple[str, str]]:
-    """Signals with unit and meaning, for people."""
-    return [(name, f"[{unit}] {meaning}") for name, (unit, _, meaning) in SIGNALS.items()]
-
-
-__all__: list[Any] = ["SIGNALS", "STATISTICS", "Quantity", "catalogue", "quantity"]

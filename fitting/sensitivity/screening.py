@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,6 +36,13 @@ class Global:
     runs: int
     mean: float
     std: float
+
+    #: Cases that fail are refused before there are indices.
+    finite: ClassVar[bool] = True
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields."""
+        return dataclasses.asdict(self)
 
 
 def global_indices(

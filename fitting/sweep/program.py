@@ -12,7 +12,7 @@ from jax.sharding import PartitionSpec
 
 from dropper_jax import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.lanes.lanes import lanes
+from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.run.build import build
@@ -46,7 +46,8 @@ class Program:
         self.by_scene = [i for i, axis in enumerate(plan.axes) if not axis.parameters]
         self.by_start = [i for i, axis in enumerate(plan.axes) if axis.moves_start]
         self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
-        self._compiled = None
+        self.fallbacks = Fallbacks()
+        self._compiled: jax.stages.Compiled | None = None
 
     def compile(self, chunks: list[int]) -> None:
         """Make the program; every call is of the same shape."""
@@ -120,7 +121,7 @@ class Program:
         batched, shared = PartitionSpec("device"), PartitionSpec()
         member = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
         specs = tuple(shared if axis is None else batched for axis in member)
-        chunk = lanes(partial(run_case, self.plan), in_axes=member)
+        chunk = lanes(partial(run_case, self.plan), member, self.fallbacks)
         return jax.jit(jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=batched, check_vma=False))
 
 

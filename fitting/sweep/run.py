@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,16 +13,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.lanes import Fallbacks
+from dropper_jax.run.build import SceneLike
 from dropper_jax.run.simulate import _versions as versions
 from dropper_jax.run.storage import extra
-from fitting.sweep.plan import QUANTITIES, Plan, from_identity, make_plan
+from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
 from fitting.sweep.store import IDENTITY, Store, input_names
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["QUANTITIES", "SweepResult", "SweepStopped", "open_sweep", "sweep"]
+#: Arrays of one chunk by name, each (cases, ...).
+Found = dict[str, np.ndarray]
+#: A Dask client, or the address of a scheduler.
+Scheduler = Any
 
 
 class SweepStopped(RuntimeError):
@@ -40,6 +46,7 @@ class SweepResult:
         steps: time steps of one case.
         compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s].
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
+        fallbacks: what ran by `vmap` instead of side by side in the registers.
     """
 
     path: Path
@@ -50,10 +57,11 @@ class SweepResult:
     compile_s: float
     run_s: float
     steps_per_s: float
+    fallbacks: Fallbacks
 
 
 def sweep(
-    scene: Any,
+    scene: SceneLike,
     vary: Mapping[str, Sequence[float]],
     out: str | Path,
     *,
@@ -61,8 +69,8 @@ def sweep(
     quantities: Sequence[str] | None = None,
     traces: bool = False,
     chunk: int = 64,
-    scheduler: Any = None,
-    progress: Callable[[float, str], None] | None = None,
+    scheduler: Scheduler | None = None,
+    progress: Progress | None = None,
     **settings: Any,
 ) -> SweepResult:
     """Run every combination of values and keep what was asked for in a Zarr folder.
@@ -84,13 +92,14 @@ def sweep(
         SweepStopped: the disk refuses; the finished chunks are kept.
     """
     plan = make_plan(scene, vary, seeds, quantities, traces, chunk, **settings)
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     store = Store(out, plan, versions())
     done = store.done()
     todo = [c for c in range(plan.chunks) if not done[c]]
     before = sum(len(plan.cases_of(c)) for c in range(plan.chunks) if done[c])
     begun, first, ran = time.perf_counter(), None, 0
-    source = _local(plan, todo) if scheduler is None else _remote(plan, todo, scheduler)
+    told = Fallbacks()
+    source = _local(plan, todo, told) if scheduler is None else _remote(plan, todo, scheduler, told)
     for c, found in source if todo else ():
         first = time.perf_counter() if first is None else first
         if c is None:  # compiled
@@ -102,7 +111,7 @@ def sweep(
     compile_s = 0.0 if first is None else first - begun
     run_s = 0.0 if first is None else end - first
     rate = ran * plan.steps / run_s if run_s > 0 else 0.0
-    return SweepResult(store.path, plan.cases, before, store.counts(), plan.steps, compile_s, run_s, rate)
+    return SweepResult(store.path, plan.cases, before, store.counts(), plan.steps, compile_s, run_s, rate, told)
 
 
 def _speed(plan: Plan, ran: int, seconds: float, left: int) -> str:
@@ -110,7 +119,7 @@ def _speed(plan: Plan, ran: int, seconds: float, left: int) -> str:
     return f"{rate * plan.steps / 1e6:.2f} million steps/s, {left / max(rate, 1e-9):.0f} s left"
 
 
-def _write(store: Store, chunk: int, found: dict[str, np.ndarray], kept: int) -> None:
+def _write(store: Store, chunk: int, found: Found, kept: int) -> None:
     try:
         store.write(chunk, found)
     except OSError as error:
@@ -121,12 +130,13 @@ def _write(store: Store, chunk: int, found: dict[str, np.ndarray], kept: int) ->
         ) from None
 
 
-def _local(plan: Plan, todo: list[int]) -> Iterator[tuple[int | None, Any]]:
+def _local(plan: Plan, todo: list[int], told: Fallbacks) -> Iterator[tuple[int | None, Found]]:
     """Results chunk by chunk; the next chunks run while these are written."""
     program = _program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
-    yield None, None
+    told.join(program.fallbacks)
+    yield None, {}
     pending = program(groups[0])
     for group in groups[1:]:
         ahead = program(group)
@@ -141,13 +151,13 @@ def _program(identity: str, devices: int | None) -> Program:
     return Program(from_identity(json.loads(identity)), devices)
 
 
-def run_chunk(identity: str, chunk: int) -> dict[str, np.ndarray]:
-    """One chunk of the sweep with this identity, on a worker."""
+def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
+    """One chunk of the sweep with this identity, on a worker; and what its program left to `vmap`."""
     program = _program(identity, 1)
-    return program.collect(program([chunk]))[chunk]
+    return program.collect(program([chunk]))[chunk], program.fallbacks
 
 
-def _remote(plan: Plan, todo: list[int], scheduler: Any) -> Iterator[tuple[int, Any]]:
+def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, told: Fallbacks) -> Iterator[tuple[int, Found]]:
     """Results in the order in which the workers finish; a chunk of a worker that died is done elsewhere."""
     distributed = extra("distributed", "sweep")
     own = isinstance(scheduler, str)
@@ -159,7 +169,9 @@ def _remote(plan: Plan, todo: list[int], scheduler: Any) -> Iterator[tuple[int, 
         identity = json.dumps(plan.identity())
         names = {client.submit(run_chunk, identity, c, pure=False, retries=3): c for c in todo}
         for future in distributed.as_completed(list(names)):
-            yield names[future], future.result()
+            found, fallbacks = future.result()
+            told.join(fallbacks)
+            yield names[future], found
             future.release()
     finally:
         if own:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
 from dropper_jax.model.path import stack_nodes
 from dropper_jax.run.build import build
 from dropper_jax.stepping.integrate import integrate
@@ -89,7 +90,7 @@ def synthetic_traces(
     duration: float = 48.0,
     camera: Camera | None = None,
     seed: int = 0,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Trace]:
     """One trace per scene, such as scenarios A, B and C; labelled as synthetic by their names."""
     camera = camera or Camera(angle_noise=0.005)

@@ -8,7 +8,7 @@ from jax import lax
 from jax.lax.linalg import tridiagonal_solve
 
 import dropper_jax as dj
-from dropper_jax.lanes.lanes import lanes
+from dropper_jax.lanes import lanes
 
 X = np.linspace(0.3, 2.0, 5 * 3 * 4).reshape(5, 3, 4)
 SHARED = np.linspace(-1.0, 1.0, 4)

@@ -9,8 +9,9 @@ import pytest
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.run.build import build_model
-from fitting.parameters.of_scene import SceneParameter, find_parameters, place, scene_parameter
-from fitting.parameters.parameter import resolve
+from fitting.parameters.of_scene import find_parameters, scene_parameter
+from fitting.parameters.parameter import apply, resolve
+from fitting.parameters.place import Direction
 from fitting.sensitivity import Study, ranges
 from fitting.sensitivity.quantities import quantity
 
@@ -23,10 +24,10 @@ def test_model_follows_numbers_of_the_scene_exactly_where_it_depends_on_them_lin
     scene = load_scene(SCENE).with_values({"point.anchor.position.0": 1.0})
     model = build_model(scene)
     parameters = find_parameters(scene, model, list(LINEAR), "to")
-    assert [p.linear for p in parameters if isinstance(p, SceneParameter)] == [True] * 3
+    assert [p.where.linear for p in parameters if isinstance(p.where, Direction)] == [True] * 3
     assert [(p.unit, p.value) for p in parameters] == [("m", 50.0), ("-", 1.4), ("m", 1.0), ("kg", 1200.0)]
     values = {p.name: p.value + LINEAR[p.name] for p in parameters}
-    moved = place(model, parameters, jnp.array(list(values.values())))
+    moved = apply(model, parameters, jnp.array(list(values.values())))
     other = build_model(scene.with_values(values))
     for a, b in zip(jax.tree.leaves(moved), jax.tree.leaves(other), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
@@ -36,8 +37,8 @@ def test_slope_of_what_is_not_linear_is_its_derivative():
     scene = load_scene(SCENE)
     model = build_model(scene)
     found = scene_parameter(scene, model, "line_type.chain.EA")
-    assert not found.linear
-    slope = jax.jacfwd(lambda x: place(model, [found], x).line.axial.damping)(jnp.array([found.value]))[:, 0]
+    assert not found.where.linear
+    slope = jax.jacfwd(lambda x: apply(model, [found], x).line.axial.damping)(jnp.array([found.value]))[:, 0]
     # BA = ratio l sqrt(EA m): half of it per EA
     expected = 0.5 * 0.1 * (50.0 / 12) * np.sqrt(10.91 / 48884000.0)
     np.testing.assert_allclose(slope, expected, rtol=1e-9)

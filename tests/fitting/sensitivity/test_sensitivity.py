@@ -64,7 +64,7 @@ def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
     @jax.jit
     def held(p):
         model = apply(loop.model, loop.parameters, p)
-        return loop.measure(model, loop.start, loop.march(model, loop.start, loop.saves))
+        return loop.measure(model, loop.start, loop.march(model, loop.start, loop.scene.run.saves))
 
     mean, _, length = windows(loop, jnp.asarray(loop.values), 0.5)
     assert length == pytest.approx(0.5)

@@ -20,9 +20,9 @@ from calibration_theory import linearise
 from dropper_jax import load_scene
 from dropper_jax.base.files import atomic_write
 from dropper_jax.load.scene import Scene
-from fitting.fit import estimate, prepare, summarise
-from fitting.result import FitResult
-from fitting.synthetic import Camera, observe, simulate_truth
+from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.calibration.result import FitResult
+from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 RESULTS = Path(__file__).parent / "results"
 SCENE, DURATION, NOISE = "dropper-release-a", 48.0, 0.005

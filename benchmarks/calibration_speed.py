@@ -13,10 +13,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dropper_jax.stepping.integrate import integrate
-from fitting import planar
-from fitting.fit import estimate, summarise
-from fitting.gauss_newton import fit_windows
-from fitting.windows import Starts
+from fitting.calibration.fit import estimate, summarise
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.windows import Starts
+from fitting.traces import planar
 
 #: Windows of the side-by-side comparison; SciPy's cost grows with their square.
 FEW = 8

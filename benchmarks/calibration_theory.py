@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from fitting.gauss_newton import Solution, fit_windows
-from fitting.preparation import SMOOTH_PART
-from fitting.shooting import fit_shooting, joined_step
-from fitting.synthetic import Camera, observe
-from fitting.windows import Windows, cut, first_starts
+from fitting.calibration.preparation import SMOOTH_PART
+from fitting.estimate.gauss_newton import Solution, fit_windows
+from fitting.estimate.shooting import fit_shooting, joined_step
+from fitting.estimate.windows import Windows, cut, first_starts
+from fitting.traces.synthetic import Camera, observe
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,10 @@ import numpy as np
 
 from dropper_jax import load_scene
 from dropper_jax.base.files import atomic_write
-from fitting.comparison import compare
-from fitting.fit import estimate, prepare, summarise
-from fitting.heldout import score_held_out
-from fitting.traces import convention, read_trace
+from fitting.calibration.comparison import compare
+from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.calibration.heldout import score_held_out
+from fitting.traces.trace import convention, read_trace
 
 RESULTS = Path(__file__).parent / "results"
 DOWN = convention("down", 1, "rad")

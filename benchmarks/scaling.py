@@ -114,7 +114,7 @@ def by_batch(devices: int) -> list[dict[str, Any]]:
     import jax.numpy as jnp
 
     import dropper_jax as dj
-    from fitting.lanes import lanes
+    from dropper_jax.lanes import lanes
 
     model, s = line_of(7)
     rows = []

@@ -22,8 +22,8 @@ import numpy as np
 from machine import describe
 
 import dropper_jax as dj
+from fitting.cli.sweep import use_cores
 from fitting.sweep import sweep
-from fitting.sweep_cli import use_cores
 
 DT = 0.0065
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.fit import estimate, prepare
-from fitting.synthetic import Camera, observe, simulate_truth
-from fitting.why import draw_scan, scan
+from fitting.calibration.fit import estimate, prepare
+from fitting.report.why import draw_scan, scan
+from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 SCENE, NAME, TRUTH = "dropper-release-a", "effects.linear_damping.b_l", 0.002
 PICTURE = Path(__file__).parent.parent / "docs" / "pictures" / "why_windows.png"

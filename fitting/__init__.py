@@ -1,8 +1,29 @@
 """Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round."""
 
-import dropper_jax  # noqa: F401 - turns on float64 before anything is traced
-from fitting.fit import fit, prepare
-from fitting.result import FitResult
-from fitting.traces import Convention, Trace, read_trace, write_trace
+from importlib import import_module
+from typing import Any
 
-__all__ = ["Convention", "FitResult", "Trace", "fit", "prepare", "read_trace", "write_trace"]
+import dropper_jax  # noqa: F401 - turns on float64 before anything is traced
+
+#: Where each public name lives. They load on demand: `dropper --help` needs none of them.
+PUBLIC = {
+    "Convention": "traces.trace",
+    "FitResult": "calibration.result",
+    "Trace": "traces.trace",
+    "fit": "calibration.fit",
+    "prepare": "calibration.preparation",
+    "read_trace": "traces.trace",
+    "write_trace": "traces.trace",
+}
+
+__all__ = list(PUBLIC)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{PUBLIC[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *PUBLIC})

@@ -29,8 +29,8 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting.fit import fit
-from fitting.synthetic import Camera, observe, simulate_truth
+from fitting import fit
+from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
@@ -114,7 +114,7 @@ for i, (path, true) in enumerate(truth.items()):
 print(f"\nresidual {result.rms:.4f} rad, noise 0.0050 rad; chi-square per degree of freedom {result.chi2_per_dof:.2f}")
 
 # %%
-from fitting.pictures import fitted  # noqa: E402
+from fitting.report.pictures import fitted  # noqa: E402
 
 t, measured, model, _ = fitted(result, 0)
 shown = t < t[0] + 3.0

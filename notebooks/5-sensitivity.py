@@ -28,7 +28,8 @@ from IPython.display import Image
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import screening, sensitivity, tornado
+from fitting import sensitivity
+from fitting.sensitivity import screening, tornado
 
 FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})

@@ -13,7 +13,7 @@ import dropper_jax as dj
 from dropper_jax import statics
 from dropper_jax.plots import style
 from fitting.sweep import open_sweep, sweep
-from fitting.synthetic import Motion
+from fitting.traces.synthetic import Motion
 from fitting.tracking import track
 from fitting.tracking.overlay import write_overlay
 from fitting.tracking.render import View, chessboards, film

@@ -98,12 +98,11 @@ def simulate(
     stepper = stepper_of(model, run, **renamed)  # a pairing that makes no sense is refused before the start is sought
     say(0.0, "finding the start")
     start = initial_state(model, scene.start)
-    steps = _whole_steps(run.duration, run.dt, run.save_every)
     begun = time.perf_counter()
-    compiled, chunk = _compile(stepper, model, start, steps // run.save_every, run.save_every)
+    compiled, chunk = _compile(stepper, model, start, run.saves, run.save_every)
     compile_s = time.perf_counter() - begun
-    trajectory, run_s, interrupted = _run(compiled, chunk, stepper, model, start, run.dt, steps // run.save_every, say)
-    solution = _solution(scene, stepper, model, start, trajectory, steps, dict(settings))
+    trajectory, run_s, interrupted = _run(compiled, chunk, stepper, model, start, run.dt, run.saves, say)
+    solution = _solution(scene, stepper, model, start, trajectory, run.steps, dict(settings))
     solution = replace(solution, compile_s=compile_s, run_s=run_s)
     if interrupted:
         solution = replace(solution, status="interrupted")
@@ -132,12 +131,6 @@ def _judged(solution: Solution, tolerance: float, choice: Any) -> Solution:
         return solution
     text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad: take a smaller step"
     return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
-
-
-def _whole_steps(duration: float, dt: float, save_every: int) -> int:
-    """Steps that cover the duration, a multiple of `save_every`; a remainder below 1e-9 steps is rounding."""
-    steps = int(np.ceil(duration / dt - 1e-9))
-    return -(-steps // save_every) * save_every
 
 
 def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_every: int) -> tuple[Any, int]:

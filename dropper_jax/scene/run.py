@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,6 +35,16 @@ class RunSpec:
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("steps between saved states", default=1)
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
+
+    @property
+    def saves(self) -> int:
+        """Saved states after the start, which cover the duration; a remainder below 1e-9 steps is rounding."""
+        return -(-math.ceil(self.duration / self.dt - 1e-9) // self.save_every)
+
+    @property
+    def steps(self) -> int:
+        """Steps in all, a multiple of `save_every`."""
+        return self.saves * self.save_every
 
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:

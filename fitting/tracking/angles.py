@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.traces import Convention, Trace, noise
+from fitting.traces.trace import Convention, Trace, noise
 
 CONVENTION = Convention("horizontal", -1, "rad")
 

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fitting.synthetic import Motion
+from fitting.traces.synthetic import Motion
 from fitting.tracking.calibration import Lens
 from fitting.tracking.video import opencv
 

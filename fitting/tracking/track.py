@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.traces import FEWEST, Trace
+from dropper_jax.base.progress import Progress, silent
+from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.angles import place_errors, to_trace
 from fitting.tracking.calibration import Lens, Plane, calibrate, plane_from_board, plane_from_scale
 from fitting.tracking.detection import Look, detect
@@ -18,8 +19,6 @@ from fitting.tracking.identity import Follower
 from fitting.tracking.learning import learn
 from fitting.tracking.ordering import Chain
 from fitting.tracking.video import COMPLETE, Video
-
-Progress = Callable[[float, str], None]
 
 #: A marker that is not seen for longer [s] is lost: where it comes back is no longer certain.
 LONGEST_GAP = 0.5
@@ -127,7 +126,7 @@ def track(
         raise SceneError("track: more than one of --plane, --scale, --distance; allowed: one of them")
     if plane is not None and square is None:
         raise SceneError("--square: missing; needed: the side of the board's squares in m, since --plane is given")
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     film = Video(video, fps)
     lens = calibrate(calibration, board) if calibration else None
     if lens is not None and lens.size != film.size:

@@ -10,8 +10,8 @@ import pytest
 import dropper_jax
 from dropper_jax import plots
 from dropper_jax.cli import demo, main
-from fitting import example
-from fitting import report as fit_report
+from fitting.report import example
+from fitting.report import report as fit_report
 
 PENDULUM = {
     "run": {"dt": 0.01, "duration": 10.0},

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import dropper_jax as dj
-from fitting.naming import full_names
-from fitting.traces import read_trace
+from fitting.parameters.naming import full_names
+from fitting.traces.trace import read_trace
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "calibration.md").read_text()

@@ -13,7 +13,7 @@ from dropper_jax.cli import main
 from dropper_jax.run.solution import ARRAYS
 from dropper_jax.run.storage import load_run
 from dropper_jax.run.tables import write_angles, write_tensions
-from fitting.traces import read_trace
+from fitting.traces.trace import read_trace
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")

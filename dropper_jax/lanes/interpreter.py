@@ -1,0 +1,157 @@
+"""Carrying out a traced function on arrays whose member axis comes last."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.extend import core
+
+from dropper_jax.lanes.members import CALLS, Atom, closed, scan_parts, which_branched, which_looped, which_scanned
+from dropper_jax.lanes.rules import ELEMENTWISE, STRUCTURAL, Value, lined_up, spread
+
+
+@dataclass
+class Fallbacks:
+    """What went through `jax.vmap`; filled while a function is traced.
+
+    Attributes:
+        operations: names of those without a rule, each between two moves of the member axis.
+        whole: the operation, written otherwise by this JAX, because of which the whole function did.
+    """
+
+    operations: set[str] = field(default_factory=set)
+    whole: str | None = None
+
+    def join(self, other: Fallbacks) -> None:
+        """Add what another function left to `vmap`."""
+        self.operations |= other.operations
+        self.whole = self.whole or other.whole
+
+    def warnings(self) -> list[str]:
+        """A line for the user where nothing is left of the gain."""
+        if self.whole is None:
+            return []
+        return [f"members run by vmap, several times slower: this JAX writes the operation {self.whole!r} in a new way"]
+
+
+class Unreadable(Exception):
+    """An operation whose parameters have other names in this JAX; its name."""
+
+
+class Interpreter:
+    """Operations of a function of one member, done for `members` of them."""
+
+    def __init__(self, members: int, fallbacks: Fallbacks):
+        self.members, self.fallbacks = members, fallbacks
+        self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
+
+    def fitted(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
+        """Arrays with the member axis where `many` asks for it."""
+        return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
+
+    def run(self, program: core.ClosedJaxpr, inputs: Sequence[Value]) -> list[Value]:
+        """The results of a traced function.
+
+        Raises:
+            Unreadable: an operation of a JAX that names its parameters otherwise.
+        """
+        jaxpr = program.jaxpr
+        known = dict(zip(jaxpr.constvars, (Value(c, False) for c in program.consts), strict=True))
+        known |= dict(zip(jaxpr.invars, inputs, strict=True))
+
+        def read(atom: Atom) -> Value:
+            return Value(atom.val, False) if isinstance(atom, core.Literal) else known[atom]
+
+        for eqn in jaxpr.eqns:
+            try:
+                found = self.operation(eqn, [read(a) for a in eqn.invars])
+            except (KeyError, AttributeError) as error:
+                raise Unreadable(eqn.primitive.name) from error
+            known.update(zip(eqn.outvars, found, strict=True))
+        return [read(a) for a in jaxpr.outvars]
+
+    def operation(self, eqn: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
+        name, p = eqn.primitive.name, eqn.params
+        if name in CALLS:
+            return self.run(closed(p[CALLS[name]]), inputs)
+        if not any(v.many for v in inputs):
+            return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
+        if name in self.control:
+            return self.control[name](p, inputs)
+        if name in ELEMENTWISE:
+            shape = eqn.outvars[0].aval.shape
+            return [Value(eqn.primitive.bind(*(lined_up(v, shape, self.members) for v in inputs), **p), True)]
+        found = STRUCTURAL[name](p, self.members, inputs) if name in STRUCTURAL else None
+        if found is not None:
+            return [Value(found, True)]
+        self.fallbacks.operations.add(name)
+        first = [jnp.moveaxis(v.array, -1, 0) if v.many else v.array for v in inputs]
+        axes = tuple(0 if v.many else None for v in inputs)
+        rows = jax.vmap(lambda *xs: alone(eqn, xs), in_axes=axes, axis_size=self.members)(*first)
+        return [Value(jnp.moveaxis(x, 0, -1), True) for x in rows]
+
+    def _scan(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+        consts, carried = scan_parts(p)
+        out = which_scanned(p, [v.many for v in inputs])
+        start = self.fitted(inputs[consts : consts + carried], out[:carried])
+        rows = inputs[consts + carried :]
+
+        def body(carry: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
+            given = [*inputs[:consts], *valued(carry, out[:carried]), *valued(row, [v.many for v in rows])]
+            found = self.fitted(self.run(p["jaxpr"], given), out)
+            return found[:carried], found[carried:]
+
+        options = {"length": p["length"], "reverse": p["reverse"], "unroll": p["unroll"]}
+        end, saved = lax.scan(body, start, [v.array for v in rows], **options)
+        return valued([*end, *saved], out)
+
+    def _while(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+        tests, bodies = p["cond_nconsts"], p["body_nconsts"]
+        many, disagree = which_looped(p, [v.many for v in inputs])
+
+        def going(carry: list[Any]) -> jax.Array:
+            return self.run(p["cond_jaxpr"], [*inputs[:tests], *valued(carry, many)])[0].array
+
+        def body(carry: list[Any]) -> list[Any]:
+            given = [*inputs[tests : tests + bodies], *valued(carry, many)]
+            found = self.fitted(self.run(p["body_jaxpr"], given), many)
+            if not disagree:
+                return found
+            on = going(carry)
+            return [jnp.where(on, new, old) for new, old in zip(found, carry, strict=True)]
+
+        start = self.fitted(inputs[tests + bodies :], many)
+        end = lax.while_loop((lambda carry: jnp.any(going(carry))) if disagree else going, body, start)
+        return valued(end, many)
+
+    def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+        index, given = inputs[0], inputs[1:]
+        if index.many:  # members go different ways: all branches are run
+            found = [self.fitted(out, [True] * len(out)) for out in (self.run(b, given) for b in p["branches"])]
+            which = jnp.asarray(index.array, jnp.int32)
+            chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
+            return [Value(x, True) for x in chosen]
+        many = which_branched(p, [v.many for v in given])
+
+        def branch(program: core.ClosedJaxpr, arrays: list[Any]) -> list[Any]:
+            return self.fitted(self.run(program, valued(arrays, [v.many for v in given])), many)
+
+        branches = [partial(branch, b) for b in p["branches"]]
+        return valued(lax.switch(index.array, branches, [v.array for v in given]), many)
+
+
+def valued(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
+    """Arrays, and which of them have the member axis."""
+    return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
+
+
+def alone(eqn: core.JaxprEqn, inputs: Sequence[Any]) -> list[Any]:
+    """The operation itself, on inputs without members."""
+    found = eqn.primitive.bind(*inputs, **eqn.params)
+    return list(found) if eqn.primitive.multiple_results else [found]

@@ -1,0 +1,140 @@
+"""Operations on arrays whose member axis comes last: what a batch does with each, besides loops and branches.
+
+Elementwise ones need their arrays lined up; those on axes leave the member axis alone, as one more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+#: Longest tridiagonal system that is eliminated row by row in line; LAPACK, one member at a time, beyond.
+UNROLLED_ROWS = 32
+#: Longest reduction done as a tree of elementwise operations.
+UNROLLED_REDUCTION = 128
+
+ELEMENTWISE = frozenset(
+    """
+    add sub mul div rem max min neg sign abs square sqrt rsqrt cbrt exp exp2 log log1p expm1 logistic
+    sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh integer_pow pow floor ceil round is_finite
+    and or xor not eq ne lt le gt ge select_n convert_element_type stop_gradient copy add_any erf clamp nextafter
+    """.split()  # noqa: SIM905
+)
+
+
+class Value(NamedTuple):
+    """An array, and whether it has the member axis (the last one)."""
+
+    array: jax.Array
+    many: bool
+
+
+#: Parameters, number of members, inputs -> the result; None where the rule does not hold.
+Rule = Callable[[dict[str, Any], int, list[Value]], jax.Array | None]
+
+
+def spread(v: Value, members: int) -> jax.Array:
+    """The array with the member axis, repeated where it had none."""
+    x = jnp.asarray(v.array)
+    return x if v.many else jnp.broadcast_to(x[..., None], (*x.shape, members))
+
+
+def lined_up(v: Value, shape: tuple[int, ...], members: int) -> jax.Array:
+    """The array in the result's shape, members last; scalars and axes of one may stand in for whole ones."""
+    x = jnp.asarray(v.array)
+    x = x if v.many else x[..., None]
+    x = x.reshape((1,) * (len(shape) + 1 - x.ndim) + x.shape)
+    return jnp.broadcast_to(x, (*shape, members))
+
+
+def _broadcast(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+    if len(inputs) > 1:  # shapes that are known at run time only
+        return None
+    rank = len(p["shape"])
+    return lax.broadcast_in_dim(inputs[0].array, (*p["shape"], members), (*p["broadcast_dimensions"], rank))
+
+
+def _slice(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+    strides = None if p["strides"] is None else (*p["strides"], 1)
+    return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
+
+
+def _pad(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+    x, value = inputs
+    return None if value.many else lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
+
+
+def _concatenate(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+    return lax.concatenate([spread(v, members) for v in inputs], p["dimension"])
+
+
+def _stack(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+    return jnp.stack([spread(v, members) for v in inputs], p["axis"])
+
+
+def _reshape(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+    return lax.reshape(inputs[0].array, (*p["new_sizes"], members)) if p["dimensions"] is None else None
+
+
+def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+    return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
+
+
+def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
+    """Reduction over some axes as a tree of elementwise operations, which keep running over the members."""
+
+    def rule(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+        x, axes = inputs[0].array, tuple(p["axes"])
+        kept = [i for i in range(x.ndim) if i not in axes]
+        x = lax.transpose(x, (*axes, *kept))
+        x = x.reshape(-1, *x.shape[len(axes) :])
+        if not 0 < x.shape[0] <= UNROLLED_REDUCTION:
+            return None
+        while x.shape[0] > 1:
+            half = x.shape[0] // 2
+            paired = two(x[:half], x[half : 2 * half])
+            x = jnp.concatenate([paired, x[2 * half :]]) if x.shape[0] % 2 else paired
+        return x[0]
+
+    return rule
+
+
+def _tridiagonal(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+    """Elimination without pivoting, row by row: the systems of rods have no small pivots, and a step is checked."""
+    lower, diagonal, upper, b = (spread(v, members) for v in inputs)
+    rows = diagonal.shape[0]
+    if b.shape[1] != 1 or diagonal.ndim != 2 or rows > UNROLLED_ROWS:
+        return None
+    # divided, not multiplied by an inverse: the compiler keeps quotients, and does products anew wherever they are used
+    ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]
+    for i in range(1, rows):
+        pivot = diagonal[i] - lower[i] * ahead[-1]
+        ahead.append(upper[i] / pivot)
+        y.append((b[i, 0] - lower[i] * y[-1]) / pivot)
+    x = [y[-1]]
+    for i in range(rows - 2, -1, -1):
+        x.append(y[i] - ahead[i] * x[-1])
+    return jnp.stack(x[::-1])[:, None]
+
+
+STRUCTURAL: dict[str, Rule] = {
+    "broadcast_in_dim": _broadcast,
+    "slice": _slice,
+    "pad": _pad,
+    "concatenate": _concatenate,
+    "stack": _stack,
+    "reshape": _reshape,
+    "squeeze": lambda p, members, inputs: lax.squeeze(inputs[0].array, p["dimensions"]),
+    "transpose": _transpose,
+    "rev": lambda p, members, inputs: lax.rev(inputs[0].array, p["dimensions"]),
+    "reduce_sum": _reduced_by(lax.add),
+    "reduce_max": _reduced_by(lax.max),
+    "reduce_min": _reduced_by(lax.min),
+    "reduce_and": _reduced_by(jnp.logical_and),
+    "reduce_or": _reduced_by(jnp.logical_or),
+    "tridiagonal_solve": _tridiagonal,
+}

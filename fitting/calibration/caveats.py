@@ -1,0 +1,55 @@
+"""What a user must know before trusting a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.gauss_newton import Solution
+from fitting.estimate.refinement import LARGEST_BIAS
+from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
+
+#: Correlation of two estimates from which on they are called hard to tell apart.
+HARD = 0.98
+#: chi-square per degree of freedom outside which the noise does not explain the residuals.
+CHI2_RANGE = (0.5, 1.5)
+
+
+def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
+    """One line each: bounds, parameters that cannot be told apart, residuals that are not noise, failed steps."""
+    names = [p.name for p in prepared.parameters]
+    found = [
+        f"{name} sits on its bound {value:g}"
+        for name, value, on in zip(names, solution.values, u.at_bound, strict=True)
+        if on
+    ]
+    for direction in u.undetermined:
+        text = ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
+        found.append(f"not told apart by the data: changes along ({text}) in parts of their size")
+    correlation = np.abs(np.triu(u.correlation, 1))
+    for i, j in zip(*np.nonzero(correlation > HARD), strict=True):
+        found.append(f"{names[i]} and {names[j]} are hard to tell apart (correlation {u.correlation[i, j]:.3f})")
+    for name, value, error, on in zip(names, solution.values, u.std_error, u.at_bound, strict=True):
+        if not on and error > abs(value) and name.startswith("effects."):
+            found.append(f"{name} is not determined: {value:.3g} with standard error {error:.2g}")
+    if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
+        found.append(
+            f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were widened "
+            f"by up to {u.inflation:.2g}"
+        )
+    if not CHI2_RANGE[0] < chi2 < CHI2_RANGE[1]:
+        found.append(
+            f"chi-square per degree of freedom is {chi2:.3g}: the estimated noise does not explain the residuals"
+        )
+    if solution.step_bias is not None:
+        for name, bias in zip(names, solution.step_bias, strict=True):
+            if abs(bias) > LARGEST_BIAS:
+                found.append(f"the time step moves {name} by {bias:+.2g} standard errors; a smaller dt mends it")
+    failed = int(solution.evaluation.failed.sum())
+    if failed:
+        found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
+    if solution.status != "ok":
+        found.append(f"not converged: {solution.message}; the best point found is reported")
+    elif solution.message:
+        found.append(f"the cost is rough here: {solution.message}")
+    return found

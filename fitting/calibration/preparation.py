@@ -1,0 +1,140 @@
+"""What comes before any estimate: traces and scene read and checked, windows cut, their starts found."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax import load_scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.run.build import SceneLike, build
+from fitting.calibration.prepared import Prepared
+from fitting.calibration.spans import check_spans, fitted_spans, only
+from fitting.estimate import lyapunov as chaos
+from fitting.estimate.release import release_of
+from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.windows import Starts, Windows, check_step, cut, first_starts, time_step
+from fitting.parameters.naming import default_free, full_names
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
+from fitting.traces.conventions import settle_convention
+from fitting.traces.planar import check_planar
+from fitting.traces.trace import Convention, Trace, noise, read_trace
+
+#: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
+#: 1 s 1.6e-5 rad) at order 4; second order takes four times as many.
+STEPS_PER_PERIOD = {4: 75, 2: 300}
+#: Half width [s] of the smoother for the starts, as a part of that period.
+SMOOTH_PART = 0.12
+
+#: One run or several: CSV files or traces.
+TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
+
+
+def prepare(
+    traces: TracesLike,
+    scene: SceneLike,
+    free: Sequence[str] | None = None,
+    *,
+    start: StartValues | None = None,
+    bounds: Bounds | None = None,
+    priors: Priors | None = None,
+    until: float | None = None,
+    held_out: Sequence[tuple[float, float]] = (),
+    window: float | None = None,
+    dt: float | None = None,
+    asked: Convention = Convention(),  # noqa: B008 - frozen
+    static_start: bool = False,
+    simulator: Simulator | None = None,
+    progress: Progress | None = None,
+) -> Prepared:
+    """Read and check everything, cut windows, find their starts.
+
+    Arguments as in `fit`; `simulator` is that of an earlier call on the same scene and parameters, compiled already.
+    """
+    say = progress or silent
+    say(0.0, "reading")
+    begun, compiled_before = time.perf_counter(), 0.0 if simulator is None else simulator.compile_s
+    scene = load_scene(scene)
+    names = default_free(scene) if free is None else full_names(scene, free)
+    scene = with_effects(scene, names)
+    model, state = build(scene)
+    check_planar(model, state)
+    read = [settle_convention(trace, model, asked) for trace in _as_traces(traces, model.line.links)]
+    runs, notes = [trace for trace, _ in read], [note for _, more in read for note in more]
+    if dt is not None:
+        check_step(runs, dt)
+    release = release_of(scene, state, names, len(runs), static_start)
+    parameters = resolve(model, names, start, bounds, priors, release=release)
+    held_out = check_spans(runs, held_out)
+    spans = fitted_spans(runs, until, held_out)
+    span = max(high - low for _, low, high in spans)
+    period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
+    simulator = simulator or Simulator(model, parameters, choose_stepper(model), release)
+    simulator.parameters = parameters
+    dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
+    # what is held out touches nothing, not even the noise or the first guess of a start
+    seen = [only(trace, [(low, high) for run, low, high in spans if run == i]) for i, trace in enumerate(runs)]
+    sigma = [noise(trace) for trace in seen]
+    length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
+    values = np.array([p.value for p in parameters])
+
+    def windowed(length: float) -> tuple[Windows, Starts, float]:
+        say(0.02, f"windows of {length:.3g} s: compiling")
+        windows = cut(runs, length, dt, sigma, spans)
+        if release is not None:
+            windows = release.mark(windows, runs)
+            simulator.parameters = release.bounded(simulator.parameters, windows)
+        starts = first_starts(model, seen, windows, SMOOTH_PART * period)
+        evaluation = simulator(values, starts, windows)
+        _check_effective(parameters, evaluation.jacobian, simulator.freedoms)
+        return windows, starts, chaos.lyapunov(simulator, windows, evaluation, values)
+
+    windows, starts, rate = windowed(length)
+    shorter = chaos.shorter_window(length, rate)
+    if window is None and shorter < length:
+        windows, starts, rate = windowed(shorter)
+    if release is not None:
+        residuals = lambda *at: simulator(*at).residual  # noqa: E731
+        values = release.guess(residuals, simulator.parameters, windows, starts, values)
+        parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
+    return Prepared(
+        scene=scene,
+        traces=runs,
+        sigma=sigma,
+        parameters=parameters,
+        simulator=simulator,
+        windows=windows,
+        starts=starts,
+        held_out=held_out,
+        lyapunov=rate,
+        period=period,
+        warnings=tuple(notes),
+        begun=begun,
+        compiled_before=compiled_before,
+    )
+
+
+def _as_traces(traces: TracesLike, links: int) -> list[Trace]:
+    items = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
+    if not items:
+        raise SceneError("traces: none given; allowed: one or more CSV files")
+    found = [item if isinstance(item, Trace) else read_trace(item, links) for item in items]
+    for trace in found:
+        if trace.links != links:
+            raise SceneError(
+                f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}"
+            )
+    return found
+
+
+def _check_effective(parameters: Sequence[Parameter], jacobian: np.ndarray, freedoms: int) -> None:
+    """Refuse a parameter that changes no residual."""
+    size = np.abs(jacobian[..., freedoms:]).max(axis=(0, 1, 2), initial=0.0)
+    for p, found in zip(parameters, size, strict=True):
+        if found == 0.0:
+            raise SceneError(f"free: {p.name!r} does nothing to the traced angles; allowed: a parameter that does")

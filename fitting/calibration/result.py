@@ -1,0 +1,119 @@
+"""What a fit returns: numbers with errors, how good it is, and what to beware of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fitting.estimate.gauss_newton import Solution
+from fitting.estimate.simulator import Simulator
+from fitting.estimate.uncertainty import Uncertainty
+from fitting.estimate.windows import Windows
+from fitting.parameters.parameter import Parameter
+from fitting.traces.trace import Trace
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A stretch of trace that the fit has not seen; only its starts were fitted, on its own angles."""
+
+    low: float
+    high: float
+    rms: float
+    solution: Solution
+    windows: Windows
+
+
+@dataclass
+class FitResult:
+    """A calibrated model.
+
+    Attributes:
+        parameters, values, uncertainty: what was free, its estimates, its errors.
+        status: `ok` or `not_converged`; `message` says why.
+        rms: RMS angle error of the windows [rad]; `noise` the estimated deviation of the noise [rad].
+        chi2_per_dof: against the noise the traces (or their standard errors) claim.
+        held_out: error on stretches that were not fitted.
+        comparison: rows of the model comparison, or empty.
+        seconds: compile and run time.
+    """
+
+    scene: Any
+    method: str
+    parameters: tuple[Parameter, ...]
+    values: np.ndarray
+    uncertainty: Uncertainty
+    status: str
+    message: str
+    rms: float
+    noise: float
+    chi2_per_dof: float
+    iterations: int
+    seconds: dict[str, float]
+    solution: Solution
+    windows: Windows
+    traces: list[Trace]
+    simulator: Simulator
+    lyapunov: float
+    held_out: list[HeldOut] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    comparison: list[Any] = field(default_factory=list)
+
+    def __getitem__(self, name: str) -> float:
+        """The estimate of a parameter by its path."""
+        return float(self.values[[p.name for p in self.parameters].index(name)])
+
+    @property
+    def model(self) -> Any:
+        """The calibrated model."""
+        return self.simulator.model_at(self.values)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values with the keys of the command line's JSON."""
+        u, bias = self.uncertainty, self.solution.step_bias
+        rows = zip(self.parameters, self.values, u.std_error, u.low, u.high, u.at_bound, strict=True)
+        found = {
+            "schema": SCHEMA,
+            "status": self.status,
+            "method": self.method,
+            "parameters": {
+                p.name: {
+                    "value": number(v),
+                    "std_error": number(s),
+                    "low": number(a),
+                    "high": number(b),
+                    "at_bound": bool(c),
+                    "unit": p.unit,
+                }
+                for p, v, s, a, b, c in rows
+            },
+            "correlation": [[number(x) for x in row] for row in u.correlation],
+            "rms_rad": number(self.rms),
+            "held_out_rms_rad": [number(h.rms) for h in self.held_out],
+            "chi2_per_dof": number(self.chi2_per_dof),
+            "noise_rad": number(self.noise),
+            "iterations": int(self.iterations),
+            "seconds": {key: number(value) for key, value in self.seconds.items()},
+            "window_s": number(self.windows.length),
+            "step_s": number(self.windows.dt / self.windows.substeps),
+            "step_bias_std_errors": None if bias is None else [number(x) for x in bias],
+            "gap_weight": number(self.solution.gap_weight),
+            "lyapunov_per_s": number(self.lyapunov),
+            "warnings": list(self.warnings),
+        }
+        if self.comparison:
+            found["comparison"] = [row.to_json() for row in self.comparison]
+        if self.status != "ok":
+            found["error"] = f"{self.status}: {self.message}"
+        return found
+
+
+def number(value: Any) -> float | None:
+    """A number for JSON; what is not finite is null."""
+    if value is None or not np.isfinite(value):
+        return None
+    return float(value)

@@ -1,0 +1,60 @@
+"""Stretches of time that a fit does not see, and what they leave to fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from fitting.traces.trace import Trace
+
+
+def check_spans(traces: Sequence[Trace], spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Sorted held-out spans.
+
+    Raises:
+        SceneError: a span that is empty, overlaps another or lies outside every trace.
+    """
+    found = sorted((float(low), float(high)) for low, high in spans)
+    for i, (low, high) in enumerate(found):
+        text = f"held-out: {low:g}:{high:g}"
+        if not low < high:
+            raise SceneError(f"{text} is empty; allowed: lo < hi")
+        if i and low < found[i - 1][1] - 1e-9:
+            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}; allowed: spans apart")
+        if not any(len(trace.between(low, high).t) > 2 for trace in traces):
+            raise SceneError(f"{text} holds no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
+    return tuple(found)
+
+
+def fitted_spans(
+    traces: Sequence[Trace], until: float | None, held_out: Sequence[tuple[float, float]]
+) -> list[tuple[int, float, float]]:
+    """(run, from, to) of everything that may be fitted: before `until`, outside the held-out spans.
+
+    Raises:
+        SceneError: nothing left.
+    """
+    found = []
+    for i, trace in enumerate(traces):
+        low, last = float(trace.t[0]), float(trace.t[-1]) + trace.interval
+        last = last if until is None else min(last, until)
+        for begin, end in held_out:
+            if low < min(begin, last):
+                found.append((i, low, min(begin, last)))
+            low = max(low, end)
+        if low < last:
+            found.append((i, low, last))
+    if not found:
+        raise SceneError("until, held-out: leave nothing to fit; allowed: spans that leave some of the trace")
+    return found
+
+
+def only(trace: Trace, spans: Sequence[tuple[float, float]]) -> Trace:
+    """The trace with every sample outside the spans [s] missing."""
+    inside = np.zeros(len(trace.t), bool)
+    for low, high in spans:
+        inside |= (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
+    return replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan))

@@ -1,0 +1,36 @@
+"""What `dropper demo` shows of calibration (entry-point group `dropper.demo`): the packaged example."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dropper_jax.cli.output import listing, table
+
+if TYPE_CHECKING:
+    from dropper_jax.base.progress import Progress
+    from dropper_jax.cli.demo import DemoPart
+
+title = "calibrating synthetic traces of scenarios A, B and C"
+
+
+def run_part(folder: Path, progress: Progress | None) -> DemoPart:
+    """The calibration as a part of `dropper demo`."""
+    from dropper_jax.cli.demo import DemoPart
+    from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
+    from fitting.report.report import markdown
+    from fitting.report.tables import status_text, summary
+
+    result = calibrate_synthetic(folder, EXAMPLE, progress=progress)
+    rows = calibrated_rows(result, EXAMPLE)
+    heading = f"Calibration of {len(result.traces)} runs together ({LABEL})"
+    status = status_text(result)
+    pictures = "\n".join(f"- [{trace.name}]({folder.name}/traces_{i + 1}.png)" for i, trace in enumerate(result.traces))
+    return DemoPart(
+        status=result.status,
+        text="\n".join([heading, "", table(rows), "", listing(summary(result)), "", status]),
+        markdown="\n\n".join(
+            [f"## {heading}", markdown(rows), f"Status {status}; [report]({folder.name}/report.md).", pictures]
+        ),
+        values={"synthetic": True, "truth": EXAMPLE.truth, "start": EXAMPLE.start, **result.to_json()},
+    )

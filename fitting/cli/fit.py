@@ -1,0 +1,131 @@
+"""`dropper fit TRACES.csv... --scene SCENE`: calibrate a scene to measured angles."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import SET_HELP, add_json, number, read_scene
+from dropper_jax.cli.output import listing, print_json, print_line, progress, table
+
+if TYPE_CHECKING:
+    from fitting.calibration.result import FitResult
+
+name = "fit"
+help = "calibrate a scene to measured angle traces"
+
+METHODS = ("windows", "shooting", "gradient")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("traces", nargs="+", metavar="TRACES.csv", help="one CSV per run: t, theta_1..n")
+    parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
+    parser.add_argument(
+        "--free", metavar="NAMES", help="parameters, such as b_l,line.0.inertia,release.time (default: damping)"
+    )
+    parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
+    parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")
+    parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
+    parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
+    parser.add_argument(
+        "--dt",
+        type=number,
+        help="time step [s], at most the samples' interval (default: 1/75 of the shortest link's period)",
+    )
+    parser.add_argument("--zero", help="where the traces' angles are zero: horizontal or down")
+    parser.add_argument("--sign", help="1 or -1")
+    parser.add_argument("--unit", help="rad or deg")
+    parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
+    parser.add_argument(
+        "--iterations", type=int, default=40, help="most iterations over separate windows (default: 40)"
+    )
+    parser.add_argument("--static-start", action="store_true", help="every run is let go at t = 0 as [start] says")
+    parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
+    parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    spans = held_out_spans(args.held_out)
+    free = None if args.free is None else args.free.split(",")
+    folder = _folder(args.report)
+    _check_numbers(args)
+    scene = read_scene(args)
+
+    from fitting.calibration.fit import fit
+
+    result = fit(
+        args.traces,
+        scene,
+        free,
+        method=args.method,
+        until=args.until,
+        held_out=spans,
+        window=args.window,
+        dt=args.dt,
+        zero=args.zero,
+        sign=args.sign,
+        unit=args.unit,
+        huber=args.huber,
+        iterations=args.iterations,
+        static_start=args.static_start,
+        compare_models=args.compare_models,
+        progress=progress(args.quiet),
+    )
+    for warning in result.warnings:
+        print_line(f"warning: {warning}")
+    if folder:
+        from fitting.report.report import write_report
+
+        write_report(result, folder)
+    if args.json:
+        print_json(result.to_json())
+    else:
+        print(text(result))
+    if result.status != "ok":
+        print_line(f"error: {result.status}: {result.message}")
+    return OK if result.status == "ok" else FAILED
+
+
+def held_out_spans(text: str | None) -> list[tuple[float, float]]:
+    """Spans [s] of `lo:hi,lo:hi`."""
+    found = []
+    for part in filter(None, (text or "").split(",")):
+        try:
+            low, high = (float(x) for x in part.split(":"))
+        except ValueError:
+            raise SceneError(f"--held-out: {part!r} is not lo:hi; allowed: spans in s such as 40:45,45:50") from None
+        found.append((low, high))
+    return found
+
+
+def _folder(text: str | None) -> Path | None:
+    if text is None:
+        return None
+    folder = Path(text)
+    if folder.exists() and not folder.is_dir():
+        raise SceneError(f"--report: {text!r} is a file; allowed: a folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _check_numbers(args: argparse.Namespace) -> None:
+    for key in ("until", "window", "dt", "huber", "iterations"):
+        value = getattr(args, key)
+        if value is not None and not value > 0:
+            raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0")
+
+
+def text(result: FitResult) -> str:
+    """The result for people."""
+    from fitting.report.tables import comparison_rows, parameter_rows, status_text, summary
+
+    parts = [table(parameter_rows(result)), "", listing(summary(result))]
+    if result.comparison:
+        parts += ["", table(comparison_rows(result.comparison))]
+    return "\n".join([*parts, "", status_text(result)])

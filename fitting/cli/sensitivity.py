@@ -1,0 +1,98 @@
+"""`dropper sensitivity SCENE --of QUANTITY --to NAMES`: what a quantity depends on, locally and over ranges."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import silent
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_scene, number, output_file, read_scene
+from dropper_jax.cli.output import print_json, print_line, progress
+
+if TYPE_CHECKING:
+    from fitting.sensitivity import Global, Local, Study
+
+name = "sensitivity"
+help = "how much a quantity depends on parameters: exact derivatives, Sobol indices, Morris screening"
+
+#: Options that stand for a value of the scene.
+OVERRIDES = ("integrator", "dt", "duration")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument(
+        "--of", required=True, metavar="QUANTITY", help="such as tension.3.max, angle.1.std, excursion.max"
+    )
+    parser.add_argument("--to", required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass")
+    parser.add_argument("--global", dest="method", choices=("sobol", "morris"), help="indices over ranges instead")
+    parser.add_argument(
+        "--range",
+        action="append",
+        default=[],
+        metavar="NAME=LO:HI",
+        help="range of a parameter (default: 20 %% each way)",
+    )
+    parser.add_argument("--samples", type=int, default=64, help="size of a global study (default: 64)")
+    parser.add_argument("--seed", type=int, default=0, help="of a global study")
+    parser.add_argument("--picture", metavar="FILE.png", help="tornado picture")
+    parser.add_argument("--integrator", help="time integration scheme")
+    parser.add_argument("--dt", type=number, help="time step [s]")
+    parser.add_argument("--duration", type=number, help="simulated time [s]")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+    picture = output_file(args.picture, "--picture", (".png",))
+    if args.samples < 2:
+        raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
+
+    from fitting import sensitivity
+
+    problem = sensitivity.study(scene, args.of, args.to.split(","))
+    found = _over_ranges(problem, args) if args.method else sensitivity.local(problem, progress(args.quiet) or silent)
+    if picture and found.finite:
+        from fitting.sensitivity.tornado import global_picture, local_picture
+
+        if args.method:
+            global_picture(found, args.of, picture)
+        else:
+            local_picture(found, picture)
+    return _report(found, args, problem.fallbacks.warnings())
+
+
+def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
+    from fitting.sensitivity import global_indices, ranges
+
+    box = ranges(problem, dict(_range(text) for text in args.range))
+    return global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
+
+
+def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str]) -> int:
+    from dropper_jax.run.solution import jsonable
+    from fitting.sensitivity.tables import global_text, local_text
+
+    message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
+    for warning in warnings:
+        print_line(f"warning: {warning}")
+    if args.json:
+        head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
+        error = {"error": message} if message else {}
+        print_json(jsonable({**head, **found.to_json(), "warnings": warnings, **error}))
+    else:
+        print(global_text(found, args.of) if args.method else local_text(found))
+    if message:
+        print_line(f"error: {message}")
+    return FAILED if message else OK
+
+
+def _range(text: str) -> tuple[str, tuple[float, float]]:
+    try:
+        name, values = text.split("=")
+        low, high = (float(x) for x in values.split(":"))
+    except ValueError:
+        raise SceneError(f"--range: {text!r} is not NAME=LO:HI; allowed: such as b_l=0.001:0.004") from None
+    return name.strip(), (low, high)

@@ -1,0 +1,150 @@
+"""`dropper sweep SCENE --vary name=lo:hi:n --out sweep.zarr`: every combination of values, in batches, resumable."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_scene, number, read_scene
+from dropper_jax.cli.output import failure_object, listing, print_json, print_line, progress
+
+if TYPE_CHECKING:
+    import numpy as np
+
+name = "sweep"
+help = "run a grid of cases in batches and keep the results in a Zarr folder"
+
+#: Options that stand for a value of the scene.
+OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
+HOST_COUNT = "xla_force_host_platform_device_count"
+SPACINGS = {"linear": "linspace", "log": "geomspace"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
+    parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
+    parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
+    parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; a part that is there is kept")
+    parser.add_argument("--quantities", metavar="NAMES", help="what to keep, separated by commas (default: all)")
+    parser.add_argument("--traces", action="store_true", help="also keep positions and tensions at every saved time")
+    parser.add_argument("--chunk", type=int, default=64, help="cases advanced together on a device (default: 64)")
+    parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
+    parser.add_argument("--integrator", help="time integration scheme")
+    parser.add_argument("--solver", help="linear solver")
+    parser.add_argument("--dt", type=number, help="time step [s]")
+    parser.add_argument("--duration", type=number, help="simulated time [s]")
+    parser.add_argument("--dtype", help="float64 or float32")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+
+
+def run(args: argparse.Namespace) -> int:
+    vary = dict(_values(text) for text in args.vary)
+    if args.seeds < 0:
+        raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
+    if not Path(args.out).parent.is_dir():
+        raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
+    use_cores(args.devices)
+    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+
+    from fitting.sweep import SweepStopped, sweep
+
+    try:
+        result = sweep(
+            scene,
+            vary,
+            args.out,
+            seeds=args.seeds,
+            quantities=args.quantities.split(",") if args.quantities else None,
+            traces=args.traces,
+            chunk=args.chunk,
+            scheduler=args.scheduler,
+            progress=progress(args.quiet),
+        )
+    except SweepStopped as error:
+        print_line(f"error: {error}")
+        if args.json:
+            print_json(failure_object("interrupted", str(error)))
+        return FAILED
+    warnings = result.fallbacks.warnings()
+    for warning in warnings:
+        print_line(f"warning: {warning}")
+    failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
+    found = {
+        "schema": 1,
+        "status": "ok",
+        "scene": scene.name,
+        "out": str(result.path),
+        "cases": result.cases,
+        "resumed": result.resumed,
+        "failed": failed,
+        "counts": result.counts,
+        "steps_per_case": result.steps,
+        "compile_s": result.compile_s,
+        "run_s": result.run_s,
+        "steps_per_s": result.steps_per_s,
+        "vmapped": sorted(result.fallbacks.operations),
+        "warnings": warnings,
+    }
+    if args.json:
+        print_json(found)
+    else:
+        print(text(found))
+    return OK
+
+
+def use_cores(count: int | None) -> None:
+    """One host device per core, unless the environment says how many; jax must not have begun to work."""
+    if HOST_COUNT in os.environ.get("XLA_FLAGS", ""):
+        return
+    if count is not None and count < 1:
+        raise SceneError(f"--devices: {count}; allowed: a whole number >= 1")
+    import jax
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        jax.config.update("jax_num_cpu_devices", count or cores)
+    except RuntimeError:  # jax is at work in this process already: what exists is used
+        print_line("warning: the number of devices cannot be changed any more in this process")
+
+
+def _values(option: str) -> tuple[str, np.ndarray]:
+    """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
+    import numpy as np
+
+    path, equals, text = option.partition("=")
+    try:
+        if not equals or not path.strip():
+            raise ValueError
+        if ":" not in text:
+            return path.strip(), np.array(
+                [int(x) if x.strip().lstrip("+-").isdecimal() else float(x) for x in text.split(",")]
+            )
+        low, high, count, spacing = [*text.split(":"), "linear"][:4]
+        if int(count) < 1:
+            raise ValueError
+        return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
+    except (ValueError, KeyError):
+        raise SceneError(
+            f"--vary: {option!r} is not NAME=LO:HI:N; allowed: also NAME=LO:HI:N:log and NAME=A,B,C"
+        ) from None
+
+
+def text(found: dict[str, Any]) -> str:
+    """The result for people."""
+    counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
+    pairs = [
+        ("scene", found["scene"]),
+        ("cases", f"{found['cases']} of {found['steps_per_case']} steps, {found['resumed']} were there before"),
+        ("ended", counts),
+        ("wall time", f"{found['compile_s']:.2f} s until compiled, {found['run_s']:.2f} s run and saved"),
+        ("speed", f"{found['steps_per_s'] / 1e6:.2f} million steps per second"),
+    ]
+    if found["vmapped"]:
+        pairs.append(("by vmap", f"{', '.join(found['vmapped'])}: between two moves of the cases' axis"))
+    return listing(pairs) + f"\n\nok: {found['out']}"

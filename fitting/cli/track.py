@@ -1,0 +1,150 @@
+"""`dropper track VIDEO --nodes N`: angle traces from a video of marked nodes."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_json, number, output_file
+from dropper_jax.cli.output import listing, print_json, print_line, progress
+
+if TYPE_CHECKING:
+    from fitting.tracking.track import Tracked
+
+name = "track"
+help = "angle traces from a video of a chain with a circle on every node"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("video", metavar="VIDEO", help="what OpenCV reads: MP4, AVI, MOV, ...")
+    parser.add_argument(
+        "--nodes", type=int, required=True, metavar="N", help="markers, both ends included: 8 for a chain of 7 links"
+    )
+    parser.add_argument("--out", metavar="FILE.csv", help="angles as `dropper fit` reads them (default: VIDEO's name)")
+    parser.add_argument(
+        "--positions", metavar="FILE.csv", help="also write the nodes' places and whether they were seen"
+    )
+    parser.add_argument("--overlay", metavar="FILE", help="contact sheet (.png) or video (.mp4, .avi) to check by eye")
+    lens = parser.add_argument_group("lens and scale")
+    lens.add_argument("--calibration", nargs="+", default=[], metavar="IMAGE", help="pictures of a chessboard")
+    lens.add_argument("--board", default="9x6", metavar="CxR", help="its inner corners (default: 9x6)")
+    lens.add_argument("--plane", metavar="IMAGE", help="picture of the board in the plane of motion, with --square")
+    lens.add_argument("--square", type=number, metavar="M", help="side of the board's squares [m]")
+    lens.add_argument("--scale", type=number, metavar="M", help="metres per pixel")
+    lens.add_argument("--distance", type=number, metavar="M", help="distance of the first and last marker [m]")
+    lens.add_argument("--level", action="store_true", help="first and last marker are at the same height")
+    look = parser.add_argument_group("markers")
+    look.add_argument("--radius", type=number, metavar="PX", help="of the circles [pixel] (default: found)")
+    look.add_argument("--marker", choices=("bright", "dark"), help="circles against their rim (default: found)")
+    look.add_argument("--first", choices=("auto", "left", "right", "top"), default="auto", help="which end is node 0")
+    look.add_argument(
+        "--start", nargs="+", metavar="X,Y", help="places of the nodes in the first frame [pixel], in order"
+    )
+    parser.add_argument("--fps", type=number, help="frames per second, where the file is wrong")
+    parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="take the video from here [s]")
+    parser.add_argument("--end", type=number, metavar="T", help="take the video to here [s]")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    for key in ("square", "scale", "distance", "radius", "fps"):
+        value = getattr(args, key)
+        if value is not None and not (0 < value < math.inf):
+            raise SceneError(f"--{key}: {value:g} is out of range; allowed: > 0")
+    out = output_file(args.out or f"{Path(args.video).stem}.csv", "--out", (".csv",))
+    positions = output_file(args.positions, "--positions", (".csv",))
+    overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
+
+    from fitting.traces.trace import write_trace
+    from fitting.tracking.overlay import write_overlay
+    from fitting.tracking.track import track
+
+    tracked = track(
+        args.video,
+        args.nodes,
+        calibration=args.calibration,
+        board=board_size(args.board),
+        square=args.square,
+        plane=args.plane,
+        scale=args.scale,
+        distance=args.distance,
+        level=args.level,
+        radius=args.radius,
+        bright=None if args.marker is None else args.marker == "bright",
+        first=args.first,
+        start=None if args.start is None else [place(text) for text in args.start],
+        fps=args.fps,
+        begin=args.begin,
+        end=args.end,
+        progress=progress(args.quiet),
+    )
+    for warning in tracked.warnings:
+        print_line(f"warning: {warning}")
+    write_trace(out, tracked.trace)
+    if positions:
+        write_positions(tracked, positions)
+    if overlay:
+        write_overlay(tracked, args.video, overlay)
+    if args.json:
+        print_json({**tracked.to_json(), "out": str(out)})
+    else:
+        print(text(tracked, out))
+    if tracked.status != "ok":
+        print_line(f"error: {tracked.message}; what came before is in {out}")
+    return OK if tracked.status == "ok" else FAILED
+
+
+def board_size(text: str) -> tuple[int, int]:
+    """Columns and rows of `9x6`."""
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
+        raise SceneError(f"--board: {text!r} is not COLUMNSxROWS; allowed: inner corners such as 9x6, at least 3")
+    return int(columns), int(rows)
+
+
+def place(text: str) -> tuple[float, float]:
+    """A pixel of `x,y`."""
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise SceneError(f"--start: {text!r} is not X,Y; allowed: pixels such as 120,85") from None
+    return x, y
+
+
+def write_positions(tracked: Tracked, path: Path) -> Path:
+    """Time, places and whether each node was seen: t, x_0, z_0, seen_0, ...; places of unseen nodes are bridged."""
+    from dropper_jax.base.files import atomic_write
+
+    nodes = tracked.seen.shape[1]
+    text = io.StringIO()
+    text.write(f"# unit={'m' if tracked.scaled else 'pixel'}, x=right, z=up, zero=node 0 in the first frame\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t", *(f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen"))])
+    for t, places, seen in zip(tracked.trace.t, tracked.metres, tracked.seen, strict=True):
+        cells = [(f"{x:.7g}", f"{z:.7g}", int(s)) for (x, z), s in zip(places, seen, strict=True)]
+        writer.writerow([f"{t:.9g}", *(cell for node in cells for cell in node)])
+    return atomic_write(path, text.getvalue())
+
+
+def text(tracked: Tracked, out: Path) -> str:
+    """The result for people."""
+    found = tracked.to_json()
+    bridged = sum(found["bridged"])
+    pairs = [
+        ("frames", f"{found['frames']} at {found['fps']:g} 1/s, {tracked.trace.t[-1] - tracked.trace.t[0]:.3g} s"),
+        ("markers", f"{found['nodes']} of radius {found['marker_radius_pixel']:.3g} pixel, {found['links']} links"),
+        ("not seen", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
+        ("angles", f"standard error {found['angle_se_rad']:.2g} rad (median)"),
+    ]
+    if tracked.lens is not None:
+        pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
+    if tracked.scaled:
+        pairs.append(("links", ", ".join(f"{x:.4f}" for x in found["link_length_m"]) + " m"))
+    return "\n".join([listing(pairs), "", f"{found['status']}: angles in {out}"])

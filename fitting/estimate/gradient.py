@@ -1,0 +1,226 @@
+"""Plain gradient descent that works: optax on the parameters, the window starts eliminated inside.
+
+Variable projection (Golub and Pereyra 1973): L(p) = min over starts z of the loss; at that minimum the envelope theorem
+gives dL/dp = P' r, the partial derivative alone. Descent on starts and parameters together is hopelessly stiff, and
+descent on one long run meets a loss that is flat but for a needle. The horizon grows: first only the early part of each
+window counts, then all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress
+from fitting.estimate.gauss_newton import Solution, closed_starts, fit_windows, move
+from fitting.estimate.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
+from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.windows import Starts, Windows
+
+OPTIMIZERS, LOSSES = ("lbfgs", "adam"), ("angles", "spectrum")
+#: Inner Gauss-Newton steps on the starts before each gradient; they follow the parameters from call to call.
+INNER = 2
+#: Gradient, in standard errors of its parameter, at which descent has arrived.
+ARRIVED = 0.05
+#: Restarts of adam in each stage.
+ADAM_ROUNDS = 3
+#: Share of chi-square by which amplitude spectra join the loss.
+SPECTRUM_FLOOR = 1e-9
+
+
+def spectrum_terms(evaluation: Evaluation, windows: Windows, slope: np.ndarray) -> tuple[float, np.ndarray]:
+    """Half the squared distance of amplitude spectra and its gradient (k,), from the residuals' slopes (K, S, n, k).
+
+    Per window and link, with x the angles less their mean: `1/2 sum_f (|X_f| - |Y_f|)^2/(S s^2)`, X the simulated and
+    Y the measured discrete Fourier transform; blind to the phase, so its basin is wide.
+    """
+    known = windows.weight > 0
+    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
+
+    def centre(angle: np.ndarray) -> np.ndarray:
+        return np.where(known, angle - np.sum(np.where(known, angle, 0.0), axis=1, keepdims=True) / count, 0.0)
+
+    simulated = np.fft.rfft(centre(evaluation.theta), axis=1)
+    measured_angle = evaluation.theta - np.where(known, evaluation.residual / np.where(known, windows.weight, 1), 0.0)
+    measured = np.abs(np.fft.rfft(centre(measured_angle), axis=1))
+    size = np.maximum(np.abs(simulated), SPECTRUM_FLOOR)
+    rest = size - measured
+    scale = (windows.weight.max(axis=1, keepdims=True) ** 2) / windows.theta.shape[1]
+    cost = 0.5 * float(np.sum(scale * rest**2))
+    slope = np.where(known, 1 / np.where(known, windows.weight, 1), 0.0)[..., None] * slope
+    slope = slope - slope.sum(axis=1, keepdims=True) / count[..., None]
+    moved = np.fft.rfft(np.where(known[..., None], slope, 0.0), axis=1)
+    amplitude = np.real(np.conj(simulated)[..., None] * moved) / size[..., None]
+    return cost, np.einsum("ksn,ksnp->p", scale * rest, amplitude)
+
+
+class ProjectedLoss:
+    """The projected loss and its gradient in scaled parameters; keeps the starts between calls."""
+
+    def __init__(self, simulator: Simulator, windows: Windows, starts: Starts, loss: str, huber: float | None):
+        self.simulator, self.windows, self.starts, self.loss, self.huber = simulator, windows, starts, loss, huber
+        self.evaluations = 0
+        self.zero = np.zeros(len(simulator.parameters))
+        self.curvature = np.ones(len(simulator.parameters))
+        self.information = np.eye(len(simulator.parameters))
+
+    def __call__(self, values: np.ndarray, inner: int = INNER) -> tuple[float, np.ndarray]:
+        m2 = self.simulator.freedoms
+        best = None
+        for i in range(inner + 1):
+            evaluation = self.simulator(values, self.starts, self.windows)
+            self.evaluations += 1
+            cost = data_cost(evaluation.residual, self.huber)
+            if best is not None and not cost <= best[0]:
+                break
+            best = (cost, evaluation, closed_starts(evaluation))
+            if not np.isfinite(cost) or i == inner:
+                break
+            weights = huber_weights(evaluation.residual, self.huber)
+            step = eliminate(
+                normal_blocks(evaluation, weights, m2), 1e-6, (0.0, self.zero, self.zero), self.zero, self.zero
+            )
+            self.starts = move(self.simulator, best[2], values, step.dz)
+        cost, evaluation, self.starts = best
+        weights = huber_weights(evaluation.residual, self.huber)
+        normal = normal_blocks(evaluation, weights, m2)
+        reduced = eliminate(normal, 0.0, (0.0, self.zero, self.zero), self.zero, self.zero)
+        self.information = reduced.information
+        self.curvature = np.maximum(np.diag(reduced.information), 1e-300)
+        gradient = normal.gp
+        prior = prior_terms(self.simulator.parameters, values)
+        if self.loss == "spectrum":
+            # the starts are where the angles want them, not the spectra: no envelope theorem, they move along
+            jacobian = evaluation.jacobian
+            slope = jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], reduced.eliminated)
+            cost, gradient = spectrum_terms(evaluation, self.windows, slope)
+        return cost + prior[0], gradient + prior[1]
+
+
+def fit_gradient(
+    simulator: Simulator,
+    windows: Windows,
+    values: np.ndarray,
+    starts: Starts,
+    *,
+    optimizer: str = "lbfgs",
+    loss: str = "angles",
+    steps: int = 60,
+    learning_rate: float | None = None,
+    horizon: Sequence[float] = (0.3, 1.0),
+    huber: float | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Fit by gradient descent with optax.
+
+    Args:
+        optimizer: `lbfgs` (with a backtracking line search) or `adam` (cosine decay).
+        loss: `angles`, or `spectrum`, which starts with amplitude spectra and ends with the angles.
+        steps: most steps over all horizons.
+        learning_rate: of adam, in parts of the distance that the curvature predicts; default 0.2.
+        horizon: parts of each window that count, one after another.
+        huber: threshold of the robust loss.
+
+    Returns:
+        A solution like `fit_windows`'s, with covariance from the same normal equations.
+    """
+    for key, value, allowed in (("optimizer", optimizer, OPTIMIZERS), ("loss", loss, LOSSES)):
+        if value not in allowed:
+            raise SceneError(f"{key}: {value!r} is unknown; {nearest(value, allowed)}")
+    values, history, evaluations = np.asarray(values, float), [], 0
+    stages = [(part, "angles") for part in horizon]
+    stages = [(1.0, "spectrum"), *stages] if loss == "spectrum" else stages
+    elapsed = windows.index * windows.dt / windows.length
+    arrived = False
+    for i, (part, kind) in enumerate(stages):
+        seen = replace(windows, weight=windows.weight * (elapsed <= part)[:, :, None])
+        # angles decide the start values; the spectrum needs starts from the angles too
+        problem = ProjectedLoss(simulator, seen, starts, kind, huber)
+        share = steps // len(stages) if i < len(stages) - 1 else steps - len(history)
+        descend = _lbfgs if optimizer == "lbfgs" else _adam
+        values, arrived = descend(problem, values, max(share, 1), learning_rate or 0.2, history)
+        starts, evaluations = problem.starts, evaluations + problem.evaluations
+        if progress:
+            progress(0.9 * (i + 1) / len(stages), f"horizon {part:g}, {kind}: {values}")
+    frozen = np.ones(len(values), bool)
+    found = fit_windows(simulator, windows, values, starts, huber=huber, frozen=frozen, iterations=8)
+    found.iterations, found.history = evaluations, history
+    found.status = "ok" if arrived else "not_converged"
+    found.message = "" if arrived else f"no convergence in {steps} gradient steps"
+    return found
+
+
+def _limits(problem: ProjectedLoss) -> tuple[np.ndarray, np.ndarray]:
+    parameters = problem.simulator.parameters
+    return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+
+
+def _at_rest(problem: ProjectedLoss, values: np.ndarray, gradient: np.ndarray, cost: float) -> bool:
+    """Whether the projected gradient is below `ARRIVED` standard errors in every parameter."""
+    low, high = _limits(problem)
+    held = ((values <= low) & (gradient > 0)) | ((values >= high) & (gradient < 0))
+    unit = max(2 * cost / max(problem.windows.samples, 1), 1e-12)
+    return bool(np.all(np.abs(np.where(held, 0.0, gradient)) < ARRIVED * np.sqrt(problem.curvature * unit)))
+
+
+def _lbfgs(
+    problem: ProjectedLoss, values: np.ndarray, steps: int, rate: float, history: list
+) -> tuple[np.ndarray, bool]:
+    low, high = _limits(problem)
+    cost, gradient = problem(values, inner=6)
+    size = 1 / np.sqrt(problem.curvature)
+    transform = optax.scale_by_lbfgs(memory_size=8)
+    state = transform.init(jnp.asarray(values / size))
+    for _ in range(steps):
+        if _at_rest(problem, values, gradient, cost):
+            return values, True
+        update, state = transform.update(jnp.asarray(gradient * size), state, jnp.asarray(values / size))
+        direction = -np.asarray(update) * size
+        if direction @ gradient >= 0:
+            direction = -gradient * size**2
+        fraction, kept = 1.0, problem.starts
+        for _ in range(12):
+            trial = np.clip(values + fraction * direction, low, high)
+            problem.starts = kept
+            trial_cost, trial_gradient = problem(trial)
+            if trial_cost <= cost + 1e-4 * float(gradient @ (trial - values)):
+                break
+            fraction *= 0.4
+        else:
+            problem.starts = kept
+            return values, _at_rest(problem, values, gradient, cost)
+        values, cost, gradient = trial, trial_cost, trial_gradient
+        history.append({"cost": cost, "values": values.tolist()})
+    return values, _at_rest(problem, values, gradient, cost)
+
+
+def _adam(
+    problem: ProjectedLoss, values: np.ndarray, steps: int, rate: float, history: list
+) -> tuple[np.ndarray, bool]:
+    """Adam in coordinates x = L' p, where S = L L': damping coefficients that stand in for each other are apart there.
+
+    Rounds of cosine decay with restarts (Loshchilov and Hutter 2017); each starts with steps of `rate` of the distance
+    that its curvature predicts, so that the last ones are as small as the standard errors.
+    """
+    low, high = _limits(problem)
+    _, gradient = problem(values, inner=6)
+    share = max(1, steps // ADAM_ROUNDS)
+    for _ in range(min(ADAM_ROUNDS, steps)):
+        root = np.linalg.cholesky(problem.information + 1e-12 * np.diag(problem.curvature))
+        whiten = lambda g, root=root: jnp.asarray(np.linalg.solve(root, g))  # noqa: E731
+        distance = float(np.linalg.norm(whiten(gradient)))
+        transform = optax.adam(optax.cosine_decay_schedule(rate * distance, share))
+        x = jnp.asarray(root.T @ values)
+        state = transform.init(x)
+        for _ in range(share):
+            update, state = transform.update(whiten(gradient), state, x)
+            values = np.clip(np.linalg.solve(root.T, np.asarray(optax.apply_updates(x, update))), low, high)
+            x = jnp.asarray(root.T @ values)
+            cost, gradient = problem(values, inner=1)
+            history.append({"cost": cost, "values": values.tolist()})
+    return values, _at_rest(problem, values, gradient, cost)

@@ -1,0 +1,150 @@
+"""Normal equations of all windows: their blocks, the starts eliminated, and a step of the parameters inside bounds.
+
+    r_k ~ r_k + Z_k dz_k + P_k dp,      A_k = Z'Z,  B_k = Z'P,  C = sum_k P'P
+    S dp = -g,   S = C - sum_k B_k' A_k^-1 B_k       (bounds on p: an exact box problem)
+    dz_k = -A_k^-1 (Z'r + B_k dp)
+
+Levenberg-Marquardt scales the diagonals by 1 + damping; Huber's loss enters through weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import lsq_linear
+
+from fitting.estimate.simulator import Evaluation
+from fitting.parameters.parameter import Parameter
+
+#: Added to the diagonal of a scaled information matrix, the first that makes it positive definite: eliminating starts
+#: that a stuck joint leaves undetermined costs digits.
+FLOORS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
+
+
+class Normal(NamedTuple):
+    """Blocks of the normal equations: A (K, m2, m2), B (K, m2, k), C (k, k), gz (K, m2), gp (k,)."""
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    gz: np.ndarray
+    gp: np.ndarray
+
+
+def huber_weights(residual: np.ndarray, threshold: float | None) -> np.ndarray:
+    """Weights min(1, threshold/|r|) of Huber's loss; 1 without threshold."""
+    if threshold is None:
+        return np.ones_like(residual)
+    return np.minimum(1.0, threshold / np.maximum(np.abs(residual), 1e-300))
+
+
+def data_cost(residual: np.ndarray, threshold: float | None) -> float:
+    """Half chi-square, or Huber's loss `c |r| - c^2/2` beyond the threshold c."""
+    if not np.isfinite(residual).all():
+        return np.inf
+    size = np.abs(residual)
+    if threshold is None:
+        return 0.5 * float(np.sum(size**2))
+    return float(np.sum(np.where(size <= threshold, 0.5 * size**2, threshold * size - 0.5 * threshold**2)))
+
+
+def prior_terms(parameters: Sequence[Parameter], values: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Cost, gradient (k,) and curvature (k,) of the normal priors."""
+    rest = np.array(
+        [0.0 if p.prior is None else (v - p.prior[0]) / p.prior[1] for p, v in zip(parameters, values, strict=True)]
+    )
+    scale = np.array([0.0 if p.prior is None else 1 / p.prior[1] for p in parameters])
+    return 0.5 * float(rest @ rest), rest * scale, scale**2
+
+
+def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Normal:
+    """Normal equations of the measured angles."""
+    count = len(evaluation.residual)
+    root = np.sqrt(weights).reshape(count, -1)
+    r = root * evaluation.residual.reshape(count, -1)
+    jacobian = root[..., None] * evaluation.jacobian.reshape(count, r.shape[1], -1)
+    square = np.swapaxes(jacobian, 1, 2) @ jacobian
+    held = ~jacobian[..., :m2].any(axis=(1, 2))  # a released window; or one without a derivative
+    square[:, :m2, :m2] += held[:, None, None] * np.eye(m2)
+    slope = np.einsum("kij,ki->kj", jacobian, r)
+    return Normal(
+        square[:, :m2, :m2], square[:, :m2, m2:], square[:, m2:, m2:].sum(0), slope[:, :m2], slope[:, m2:].sum(0)
+    )
+
+
+class Step(NamedTuple):
+    """A proposed step: dp (k,), dz (K, m2), the decrease of the cost it predicts, S, its gradient, dz/dp.
+
+    Of joined windows also the log determinant of the starts' matrix, which their evidence takes.
+    """
+
+    dp: np.ndarray
+    dz: np.ndarray
+    predicted: float
+    information: np.ndarray
+    gradient: np.ndarray
+    eliminated: np.ndarray
+    log_determinant: float | None = None
+
+
+def _root(scaled: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor of a matrix with diagonal 1; parameters that cannot be told apart leave a rank short."""
+    for floor in FLOORS:
+        try:
+            return cholesky(scaled + floor * np.eye(len(scaled)), lower=True)
+        except LinAlgError:
+            continue
+    return np.eye(len(scaled))
+
+
+def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The dp (k,) in [low, high] that minimises `gradient . dp + dp' information dp/2`; exact, by active sets."""
+    if not len(gradient):
+        return gradient
+    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information * np.outer(size, size)
+    lower = _root(scaled)
+    target = -solve_triangular(lower, gradient * size, lower=True)
+    free = cho_solve((lower, True), -gradient * size) * size
+    if ((free >= low) & (free <= high)).all():
+        return free
+    fixed = high - low <= 0
+    room = np.where(fixed, 1.0, high)
+    found = lsq_linear(
+        lower.T[:, ~fixed], target, (low[~fixed] / size[~fixed], room[~fixed] / size[~fixed]), "bvls", tol=1e-14
+    )
+    step = np.zeros_like(size)
+    step[~fixed] = np.clip(found.x * size[~fixed], low[~fixed], high[~fixed])
+    return step
+
+
+def eliminate(normal: Normal, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> Step:
+    """One damped step with the window starts eliminated."""
+    diagonal = np.einsum("kii->ki", normal.A)
+    floor = 1e-12 * diagonal.max() + 1e-300
+    A = normal.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
+    solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
+    AB, Ag = solved[..., :-1], solved[..., -1]
+    curvature = normal.C + np.diag(prior[2])
+    information = curvature - np.einsum("kij,kil->jl", normal.B, AB)
+    information = 0.5 * (information + information.T)
+    gradient = normal.gp + prior[1] - np.einsum("kij,ki->j", normal.B, Ag)
+    damped = information + damping * np.diag(np.diag(information))
+    dp = bounded_step(damped, gradient, low, high)
+    dz = -(Ag + AB @ dp)
+    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior[1]) @ dp)
+    square = (
+        np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp) + dp @ curvature @ dp
+    )
+    return Step(dp, dz, -(slope + 0.5 * float(square)), information, gradient, -AB)
+
+
+def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Solve with a symmetric positive definite matrix, its diagonal scaled to 1."""
+    size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    factor = cho_factor(matrix * np.outer(size, size) + 1e-13 * np.eye(len(size)))
+    scaled = cho_solve(factor, (rhs.T * size).T)
+    return (scaled.T * size).T

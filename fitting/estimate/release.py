@@ -1,0 +1,265 @@
+"""How a run begins where the model says so: at rest in the static pose, let go at an instant that may be unknown.
+
+A released window has no start of its own. Its pose theta_s solves the static equations under the force that holds the
+line, so that it depends on the parameters p (masses, lengths, ends, the force itself) and brings their derivative:
+
+    theta(t) = theta_s(p) for t <= tau,     theta_s from the implicit function theorem, see `statics.static_pose.settle`
+
+The run is simulated from the release tau on. Its steps are stretched so that the last one ends with the window,
+h = dt (1 - (tau - t0)/T): every angle then depends smoothly on tau.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax import statics
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from fitting.estimate.windows import Starts, Windows
+from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.place import ReleasePlace
+from fitting.traces import planar
+from fitting.traces.trace import Trace
+
+TIME, FORCE = "release.time", "release.force"
+NAMES = (TIME, FORCE)
+#: Part of a window by which the release may lie before or after its beginning.
+REACH = 0.5
+#: Release times tried for a first guess.
+TRIED = 21
+#: Least stretch of a step [-]: only steps that a fit will not accept go below it.
+LEAST_STRETCH = 0.1
+AXES = ("x", "y", "z")
+
+
+class Begun(NamedTuple):
+    """What a window needs to know of its beginning: its time [s] and run, and how theta_s moves with p (n, k)."""
+
+    released: jax.Array
+    begin: jax.Array
+    run: jax.Array
+    slope: jax.Array
+
+
+@dataclass(frozen=True)
+class Release:
+    """The beginning of every run.
+
+    Attributes:
+        runs: how many.
+        nodes: nodes let go, counted from 1.
+        force: what holds them [N] (nodes, 3).
+        given: the scene's own start, where it is no static pose but one of known angles.
+    """
+
+    runs: int
+    nodes: tuple[int, ...]
+    force: np.ndarray
+    given: State | None = None
+    _near: dict[int, State] = field(default_factory=dict, init=False, repr=False)
+    _programs: dict[str, Callable[..., tuple[jax.Array, jax.Array, State]]] = field(
+        default_factory=dict, init=False, repr=False
+    )
+
+    def parameters(self, name: str, option: str) -> list[Parameter]:
+        """Parameters of `release.time[.RUN]` or `release.force[.RUN[.NODE.AXIS]]`; without AXIS those not zero."""
+        known = {p.name: p for p in self._all()}
+        found = [p for key, p in known.items() if key == name]
+        found = found or [p for key, p in known.items() if key.startswith(name + ".") and (p.value or TIME in key)]
+        if found:
+            return found
+        if name.startswith(FORCE) and not self.nodes:
+            raise SceneError(f"{option}: {name!r}: the scene lets no node go; allowed: [start] with release_nodes")
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, [*NAMES, *known])}")
+
+    def _all(self) -> list[Parameter]:
+        times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
+        forces = [
+            Parameter(
+                f"{FORCE}.{i}.{node}.{AXES[c]}", ReleasePlace(i, "force", 3 * j + c), float(self.force[j, c]), unit="N"
+            )
+            for i in range(self.runs)
+            for j, node in enumerate(self.nodes)
+            for c in (0, 2)
+        ]
+        return times + forces
+
+    def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
+        """Instants of release (runs,) [s] on the traces' clocks; 0 where they are not free."""
+        found = jnp.zeros(self.runs)
+        for run, i in _free_times(parameters).items():
+            found = found.at[run].set(values[i])
+        return found
+
+    def clock(
+        self, parameters: Sequence[Parameter], p: jax.Array, begun: Begun, position: jax.Array, dt: float, steps: int
+    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        """A window's step [s] and the place of its samples, in steps from the release: whole and rest.
+
+        Args:
+            position: of the samples (S,), in steps of dt from the window's beginning.
+        """
+        late = jnp.where(begun.released, self.times(parameters, p)[begun.run] - begun.begin, 0.0)
+        h = dt * jnp.maximum(1 - late / (steps * dt), LEAST_STRETCH)
+        place = jnp.clip((position * dt - late) / h, 0.0, float(steps))  # before the release: at rest
+        index = jnp.minimum(jnp.floor(jax.lax.stop_gradient(place)), steps - 1)
+        return h, (index.astype(jnp.int32), place - index)
+
+    def place(
+        self,
+        model: Model,
+        parameters: Sequence[Parameter],
+        values: np.ndarray,
+        inputs: tuple[np.ndarray, ...],
+        windows: Windows,
+    ) -> tuple[np.ndarray, ...]:
+        """The windows' inputs with the released ones at the model's own pose, and `Begun` of each."""
+        theta, omega, basis, *rest = inputs
+        theta, omega, basis = theta.copy(), omega.copy(), basis.copy()
+        slope = np.zeros((windows.count, theta.shape[1], len(values)))
+        for k in np.flatnonzero(windows.released):
+            theta[k], omega[k], slope[k] = self.pose(model, parameters, values, int(windows.run[k]))
+            basis[k] = 0.0
+        return theta, omega, basis, *rest, windows.released, windows.begin, windows.run, slope
+
+    def pose(
+        self, model: Model, parameters: Sequence[Parameter], values: np.ndarray, run: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angles (n,), rates (n,) and the angles' derivative (n, k) of a run's start.
+
+        Raises:
+            SceneError: no static pose at the start values.
+        """
+        if self.given is not None:
+            theta, omega = planar.from_nodes(model, self.given.r, self.given.v)
+            return np.asarray(theta), np.asarray(omega), np.zeros((len(theta), len(values)))
+        loads = self._loads(model, parameters, jnp.asarray(values), run)
+        if run not in self._near:
+            found = statics.equilibrium(apply(model, parameters, jnp.asarray(values)), loads)
+            if found.status != "ok":
+                raise SceneError(f"static start: {found.message}")
+            self._near[run] = found.state
+        if "pose" not in self._programs:
+            self._programs["pose"] = jax.jit(partial(self._settled, model, parameters), static_argnums=2)
+        theta, slope, state = self._programs["pose"](jnp.asarray(values), self._near[run], run)
+        if np.isfinite(theta).all():
+            self._near[run] = state
+        return np.asarray(theta), np.zeros(len(theta)), np.asarray(slope)
+
+    def _settled(
+        self, model: Model, parameters: Sequence[Parameter], values: jax.Array, near: State, run: int
+    ) -> tuple[jax.Array, jax.Array, State]:
+        """Angles (n,), their derivative (n, k) and the static pose near another one."""
+
+        def angles(values: jax.Array) -> tuple[jax.Array, tuple[jax.Array, State]]:
+            changed = apply(model, parameters, values)
+            s = statics.settle(changed, near, self._loads(changed, parameters, values, run))
+            theta, _ = planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))
+            return theta, (theta, s)
+
+        slope, (theta, s) = jax.jacfwd(angles, has_aux=True)(values)
+        return theta, slope, s
+
+    def _loads(self, model: Model, parameters: Sequence[Parameter], values: jax.Array, run: int) -> jax.Array:
+        force = jnp.asarray(self.force, model.dtype).reshape(-1)
+        for i, p in enumerate(parameters):
+            if isinstance(p.where, ReleasePlace) and (p.where.run, p.where.field) == (run, "force"):
+                force = force.at[p.where.entry].set(values[i])
+        return statics.nodal_loads(model, list(self.nodes), force.reshape(-1, 3))
+
+    def mark(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
+        """The windows with the first one of every run released.
+
+        Raises:
+            SceneError: a run whose beginning is not fitted.
+        """
+        released = np.zeros(windows.count, bool)
+        for run, trace in enumerate(traces):
+            first = np.flatnonzero((windows.run == run) & (np.abs(windows.begin - trace.t[0]) < 0.5 * windows.dt))
+            if not len(first):
+                raise SceneError(f"static start: {trace.name} does not begin in the fit; allowed: all of its beginning")
+            released[first] = True
+        return replace(windows, released=released)
+
+    def bounded(self, parameters: Sequence[Parameter], windows: Windows) -> tuple[Parameter, ...]:
+        """The parameters with every release time kept within half a window of its run's first sample.
+
+        Raises:
+            SceneError: a release outside.
+        """
+        begin = {int(windows.run[k]): float(windows.begin[k]) for k in np.flatnonzero(windows.released)}
+        reach = REACH * windows.length
+        found, free = list(parameters), _free_times(parameters)
+        for run, t0 in begin.items():
+            value = found[free[run]].value if run in free else 0.0
+            if abs(value - t0) > reach:
+                raise SceneError(
+                    f"static start: released at {value:g} s, but run {run} begins at {t0:g} s; "
+                    f"allowed: {t0 - reach:g} to {t0 + reach:g} s, cut or shift the trace"
+                )
+            if run in free:
+                p = found[free[run]]
+                found[free[run]] = replace(p, low=max(p.low, t0 - reach), high=min(p.high, t0 + reach))
+        return tuple(found)
+
+    def guess(
+        self,
+        residuals: Callable[[np.ndarray, Starts, Windows], np.ndarray],
+        parameters: Sequence[Parameter],
+        windows: Windows,
+        starts: Starts,
+        values: np.ndarray,
+    ) -> np.ndarray:
+        """The values (k,) with the release times that fit each run's first window best, of `TRIED` within bounds."""
+        index = _free_times(parameters)
+        if not index:
+            return values
+        which = np.flatnonzero(windows.released)
+        few, first = windows.pick(which), Starts(starts.theta[which], starts.omega[which])
+        tried = values.copy()
+        best = dict.fromkeys(index, np.inf)
+        found = values.copy()
+        for share in np.linspace(0, 1, TRIED):
+            for i in index.values():
+                low, high = parameters[i].low, parameters[i].high
+                tried[i] = low + share * (high - low)
+            cost = np.sum(residuals(tried, first, few) ** 2, axis=(1, 2))
+            for k, run in enumerate(few.run):
+                if run in index and cost[k] < best[run]:
+                    best[run], found[index[run]] = cost[k], tried[index[run]]
+        return found
+
+
+def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
+    """Which parameter is the release time of a run, by run; runs whose time is not free are left out."""
+    return {
+        p.where.run: i
+        for i, p in enumerate(parameters)
+        if isinstance(p.where, ReleasePlace) and p.where.field == "time"
+    }
+
+
+def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, wanted: bool) -> Release | None:
+    """The release that these free names or the caller ask for; None where every window is free.
+
+    Raises:
+        SceneError: a scene that lets nothing go.
+    """
+    if not wanted and not any(name.startswith("release.") for name in names):
+        return None
+    start = scene.start
+    if start.kind != "static":
+        return Release(runs, (), np.zeros((0, 3)), state)
+    if not start.release_nodes:
+        raise SceneError("static start: the scene lets nothing go; allowed: [start] with release_nodes")
+    return Release(runs, tuple(start.release_nodes), np.asarray(start.release_force, float))

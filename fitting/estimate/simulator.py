@@ -1,0 +1,221 @@
+"""Running all windows at once, with exact derivatives by their starts and the parameters."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.integrators.rattle_4 import Rattle4
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.integrate import failed as unsolved
+from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import Stepper
+from fitting.estimate.release import Begun, Release
+from fitting.estimate.windows import Starts, Windows
+from fitting.parameters.parameter import Parameter, apply, camera_offset
+from fitting.traces import planar
+
+#: Windows run side by side in one program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all
+#: cores busy and compile fastest.
+CHUNK = 8
+#: Newton iterations of a rattle_4 stage: its Jacobian is exact, three leave rounding at 1/60 s (residual 8e-16).
+ITERATIONS = 3
+#: Times the median over windows beyond which a window's derivative is taken for none. A joint that is just about to
+#: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
+WILD = 1e4
+
+
+class Evaluation(NamedTuple):
+    """All windows at one point; derivatives are by the chart coordinates z (m angles, m rates) and the parameters.
+
+    Attributes:
+        theta: simulated angles less the camera's offset (K, S, n) [rad].
+        residual: (simulated - measured)/sigma (K, S, n), 0 where there is no sample.
+        jacobian: of `residual` (K, S, n, 2 m + k).
+        start, end: angles and rates at both ends of each window (K, 2 n).
+        start_jacobian, end_jacobian: (K, 2 n, 2 m + k).
+        failed: steps above tolerance (K,).
+    """
+
+    theta: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    start_jacobian: np.ndarray
+    end_jacobian: np.ndarray
+    failed: np.ndarray
+
+
+def choose_stepper(model: Model, integrator: str | None = None) -> Stepper:
+    """The scheme of the best price for its error: rattle_4 for point masses, else energy_momentum."""
+    if integrator is None and Rattle4().refuse(model) is None:
+        settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False}
+        return Stepper(Rattle4(), "condensed", "banded", ITERATIONS, **settings)
+    # No halving: a window whose steps do not solve is a step too far of the fit, which then takes a smaller one. Not so
+    # where joints stick: which of them do is found by the last resort alone, on the whole step or on half of it, and an
+    # unsolved step's derivative is of no size at all (measured on three links: 1e20).
+    settings = {"halvings": 1} if model.laws else {"halvings": 0, "extra": 0}
+    return make_stepper(
+        model, integrator or "energy_momentum", "auto", track_work=False, reverse=False, **settings
+    )  # all derivatives of a fit are taken forwards
+
+
+def trusted(e: Evaluation) -> Evaluation:
+    """The evaluation with no derivative, and one failed step more, where a window's is beyond all measure."""
+    size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
+    wild = ~(size <= WILD * max(float(np.median(size)), 1e-300))
+    if not wild.any():
+        return e
+    keep = ~wild
+    derivatives = ("jacobian", "start_jacobian", "end_jacobian")
+    zeroed = {f: np.where(keep.reshape(-1, *[1] * (getattr(e, f).ndim - 1)), getattr(e, f), 0.0) for f in derivatives}
+    return e._replace(failed=e.failed + wild, **zeroed)
+
+
+class Simulator:
+    """Runs windows of one model, a chunk at a time; compiles once per window length and sampling.
+
+    Attributes:
+        release: how released windows begin; None where every window has a start of its own.
+        compile_s: time spent compiling [s].
+        evaluations: calls so far.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: Sequence[Parameter],
+        stepper: Stepper | None = None,
+        release: Release | None = None,
+    ):
+        self.model, self.parameters, self.release = model, tuple(parameters), release
+        self.stepper = stepper or choose_stepper(model)
+        self.freedoms = 2 * planar.freedoms(model)
+        self.compile_s, self.evaluations = 0.0, 0
+        self._programs: dict[tuple, Any] = {}
+
+    def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
+        """Evaluate at parameter values (k,) and window starts; every window has its own line in the answer."""
+        values = np.asarray(values, float)
+        bases = planar.chart(self.model_at(values), starts.theta)
+        inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
+        if self.release:
+            inputs = self.release.place(self.model, self.parameters, values, inputs, windows)
+        count, size = windows.count, self._chunk(windows)
+        order = np.minimum(np.arange(-(-count // size) * size), count - 1).reshape(-1, size)
+        chunks = [tuple(a[rows] for a in inputs) for rows in order]
+        substeps = np.int32(windows.substeps)
+        program = self._program(values, substeps, chunks[0], windows)
+        self.evaluations += 1
+        run = lambda chunk: [np.asarray(a) for a in program(values, substeps, *chunk)]  # noqa: E731
+        # the compiled program leaves the interpreter, so that two threads use two cores
+        with ThreadPoolExecutor(min(len(chunks), os.cpu_count() or 1)) as pool:
+            parts = list(pool.map(run, chunks))
+        return trusted(Evaluation(*(np.concatenate(column)[:count] for column in zip(*parts, strict=True))))
+
+    def model_at(self, values: np.ndarray) -> Model:
+        """The model with these parameter values (k,)."""
+        return apply(self.model, self.parameters, jnp.asarray(values))
+
+    def _chunk(self, windows: Windows) -> int:
+        """Windows per program."""
+        # A program of several windows takes all that any of them needs, and both sides of every choice. Joints that
+        # stick are all choices: with a law windows run one by one, in 0.55 of the time (seven links), and compile in
+        # 0.4 of it.
+        if self.model.laws:
+            return 1
+        # two sizes only, every other one would be compiled anew; the small one not where the large one is there already
+        large = windows.count > CHUNK // 2 or self._key(CHUNK, windows) in self._programs
+        return CHUNK if large else CHUNK // 2
+
+    def _key(self, size: int, windows: Windows) -> tuple:
+        return size, windows.theta.shape[1], windows.dt, windows.steps, self._on_grid(windows)
+
+    def _on_grid(self, windows: Windows) -> bool:
+        return self.release is None and not windows.fraction.any()
+
+    def _program(self, values: np.ndarray, substeps: np.int32, chunk: tuple, windows: Windows) -> Any:
+        key = self._key(len(chunk[0]), windows)
+        if key not in self._programs:
+            begun = time.perf_counter()
+            one = partial(self._window, dt=windows.dt, steps=windows.steps, on_grid=self._on_grid(windows))
+            batched = jax.vmap(one, in_axes=(None, None, *(0 for _ in chunk)))
+            if len(chunk[0]) == 1:  # a batch of one is a batch, and would take both sides of every choice too
+                batched = lambda v, n, *inputs: [a[None] for a in one(v, n, *(a[0] for a in inputs))]  # noqa: E731
+            self._programs[key] = jax.jit(batched).lower(values, substeps, *chunk).compile()
+            self.compile_s += time.perf_counter() - begun
+        return self._programs[key]
+
+    def _window(self, values, substeps, *inputs, dt, steps, on_grid):  # noqa: ANN001, ANN002, ANN202
+        """Value and Jacobian of one window, all tangents in one batch."""
+        theta0, omega0, basis, measured, weight, index, fraction, *more = inputs
+        m = basis.shape[1]
+        point = jnp.concatenate([jnp.zeros(2 * m), values])
+
+        def outputs(x):  # noqa: ANN001, ANN202
+            z, p = x[: 2 * m], x[2 * m :]
+            model = apply(self.model, self.parameters, p)
+            theta, h, place = theta0 + basis @ z[:m], dt, (index, fraction)
+            if self.release:
+                begun = Begun(*more)
+                theta = theta + begun.slope @ (p - values)
+                h, place = self.release.clock(self.parameters, p, begun, index + fraction, dt, steps)
+            start = planar.closed(model, theta, omega0 + basis @ z[m:])
+            angles, rates, failed = march(self.stepper, model, planar.to_state(model, *start), h, steps, substeps)
+            seen = _at_samples(start, angles, rates, *place, h, on_grid)
+            seen = seen + camera_offset(self.parameters, p)
+            residual = planar.wrap(seen - measured) * weight
+            end = jnp.concatenate([angles[-1], rates[-1]])
+            return (residual, jnp.concatenate(start), end), (seen, failed)
+
+        push = lambda d: jax.jvp(outputs, (point,), (d,), has_aux=True)  # noqa: E731
+        (residual, start, end), (jr, js, je), (seen, failed) = jax.vmap(push, out_axes=(None, -1, None))(
+            jnp.eye(len(point))
+        )
+        return seen, residual, jr, start, end, js, je, failed
+
+
+def march(
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, steps: int, substeps: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Angles and rates (steps, n) after every step of dt, and how many (sub)steps failed.
+
+    Each step is taken in `substeps` parts, a traced number, so that one program serves every fineness.
+    """
+
+    def part(_: int, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+        s, bad = carry
+        s, report = step(stepper, model, s, dt / substeps, bad == 0)
+        return s, bad + unsolved(stepper, model, s, report.residual)
+
+    def whole(carry: tuple[State, jax.Array], _: None) -> tuple[tuple[State, jax.Array], tuple[jax.Array, jax.Array]]:
+        carry = jax.lax.fori_loop(0, substeps, part, carry)
+        return carry, (carry[0].r, carry[0].v)
+
+    first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
+    (_, bad), (r, v) = jax.lax.scan(whole, first, None, length=steps)
+    return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
+
+
+def _at_samples(start, angles, rates, index, fraction, dt, on_grid):  # noqa: ANN001, ANN202
+    """Angles (S, n) at the sample times: cubic Hermite between steps, whose error is below the scheme's own."""
+    angles = jnp.concatenate([start[0][None], angles])
+    if on_grid:
+        return angles[index]
+    rates = jnp.concatenate([start[1][None], rates])
+    a, ra, rb = angles[index], rates[index], rates[index + 1]
+    turn = planar.wrap(angles[index + 1] - a)
+    s = fraction[:, None]
+    return a + turn * (3 * s**2 - 2 * s**3) + dt * ((s - 2 * s**2 + s**3) * ra + (s**3 - s**2) * rb)

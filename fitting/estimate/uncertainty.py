@@ -1,0 +1,222 @@
+"""How sure a fit is: covariance with correlated residuals, intervals at bounds, bootstrap, profiles, identifiability.
+
+The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of deviation s. Where residuals are correlated, the
+score `sum_i J_i r_i` of the parameters has another variance, V; then the covariance is `S^-1 V S^-1` (Huber 1967), with
+V summed over lags within each window and link (Newey and West 1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from fitting.estimate.gauss_newton import Solution
+from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.windows import Windows
+from fitting.parameters.parameter import Parameter
+
+#: Probability of the reported intervals.
+LEVEL = 0.90
+#: Lag-1 correlation that counts as real: so many of its own standard errors, and at least this large.
+CORRELATED, CORRELATION_FLOOR = 4.0, 0.05
+#: Standard errors in scaled parameters whose ratio makes a direction "not told apart".
+UNIDENTIFIED_RATIO = 1e3
+#: Relative standard error beyond which a direction is called undetermined.
+UNDETERMINED = 1.0
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Errors of the parameters.
+
+    Attributes:
+        covariance: (k, k).
+        std_error: (k,).
+        low, high: ends of the 90 % intervals (k,).
+        at_bound: (k,) bool.
+        noise: deviation of the residuals in units of the assumed noise.
+        correlation_1: correlation of neighbouring residuals.
+        inflation: largest factor on a standard error that the correlation brought.
+        undetermined: directions (name -> share) that the data do not determine.
+    """
+
+    covariance: np.ndarray
+    std_error: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    at_bound: np.ndarray
+    noise: float
+    correlation_1: float
+    inflation: float
+    undetermined: tuple[dict[str, float], ...]
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix (k, k)."""
+        size = np.where(self.std_error > 0, self.std_error, 1.0)
+        return self.covariance / np.outer(size, size)
+
+
+def degrees_of_freedom(solution: Solution, windows: Windows, parameters: int, freedoms: int) -> int:
+    """Samples less what was fitted; joined windows share one start per run."""
+    joined = solution.gap_weight is not None
+    starts = int((~windows.follows).sum()) if joined else windows.count
+    starts -= int(windows.released.sum())
+    return max(1, windows.samples - starts * freedoms - parameters)
+
+
+def scores(solution: Solution) -> np.ndarray:
+    """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
+    m2 = solution.eliminated.shape[1]
+    jacobian = solution.evaluation.jacobian
+    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated)
+
+
+def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
+    """Correlation of neighbouring residuals (K, S, n) and its standard error for white noise."""
+    both = known[:, 1:] & known[:, :-1]
+    product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
+    square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
+    return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
+
+
+def long_run_variance(score: np.ndarray, lags: int) -> np.ndarray:
+    """Newey and West's variance (k, k) of the sum of scores (K, S, n, k): `G_0 + sum_l (1 - l/(L+1)) (G_l + G_l')`."""
+    flat = np.swapaxes(score, 1, 2).reshape(-1, score.shape[1], score.shape[3])
+    total = np.einsum("wsi,wsj->ij", flat, flat)
+    for lag in range(1, min(lags, score.shape[1] - 1) + 1):
+        part = np.einsum("wsi,wsj->ij", flat[:, lag:], flat[:, :-lag])
+        total = total + (1 - lag / (lags + 1)) * (part + part.T)
+    return total
+
+
+def uncertainty(
+    solution: Solution,
+    windows: Windows,
+    parameters: Sequence[Parameter],
+    freedoms: int,
+    frozen: np.ndarray | None = None,
+) -> Uncertainty:
+    """Errors at a solution; the larger of the white and the correlated estimate where residuals are correlated."""
+    k = len(parameters)
+    frozen = np.zeros(k, bool) if frozen is None else frozen
+    free = np.flatnonzero(~frozen)
+    noise2 = solution.chi2 / degrees_of_freedom(solution, windows, len(free), freedoms)
+    inner = _inverse(solution.information[np.ix_(free, free)])
+    white = noise2 * inner
+    residual = solution.weights * solution.evaluation.residual
+    correlation, error = lag_one(residual, windows.weight > 0)
+    covariance, inflation = white, 1.0
+    if abs(correlation) > max(CORRELATED * error, CORRELATION_FLOOR):
+        score = (scores(solution) * residual[..., None])[..., free]
+        # residuals of smooth misfits stay correlated over a good part of a window
+        lags = max(1, windows.theta.shape[1] // 2)
+        robust = inner @ long_run_variance(score, lags) @ inner
+        grow = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(white), 1e-300), 1.0))
+        covariance, inflation = white * np.outer(grow, grow), float(grow.max(initial=1.0))
+    full = np.zeros((k, k))
+    full[np.ix_(free, free)] = covariance
+    se = np.sqrt(np.maximum(np.diag(full), 0.0))
+    at_bound = np.array(
+        [
+            i in free and (v <= p.low or v >= p.high)
+            for i, (p, v) in enumerate(zip(parameters, solution.values, strict=True))
+        ],
+        bool,
+    )
+    low, high = intervals(solution, parameters, full, free)
+    return Uncertainty(
+        full,
+        se,
+        low,
+        high,
+        at_bound,
+        float(np.sqrt(noise2)),
+        correlation,
+        inflation,
+        undetermined(parameters, solution, full, free),
+    )
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    if not len(information):
+        return information
+    return solve_spd(information, np.eye(len(information)))
+
+
+def intervals(
+    solution: Solution, parameters: Sequence[Parameter], covariance: np.ndarray, free: np.ndarray, level: float = LEVEL
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (k,) of the intervals: normal, cut at the bounds.
+
+    On a bound the interval starts there and ends at the quantile of the normal law around the unbounded optimum,
+    given that the parameter is inside its bounds.
+    """
+    values = solution.values
+    se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    reach = norm.ppf(0.5 + level / 2) * se
+    low, high = values - reach, values + reach
+    centre = values.copy()
+    if len(free):
+        centre[free] -= _inverse(solution.information[np.ix_(free, free)]) @ solution.gradient[free]
+    for i in free:
+        p = parameters[i]
+        if values[i] <= p.low and se[i] > 0:
+            below = norm.cdf((p.low - centre[i]) / se[i])
+            low[i], high[i] = p.low, centre[i] + se[i] * norm.ppf(below + level * (1 - below))
+        elif values[i] >= p.high and se[i] > 0:
+            below = norm.cdf((p.high - centre[i]) / se[i])
+            low[i], high[i] = centre[i] + se[i] * norm.ppf(below * (1 - level)), p.high
+        low[i], high[i] = max(low[i], p.low), min(high[i], p.high)
+        if not np.isfinite(high[i]):
+            high[i] = values[i] + reach[i]
+    return low, high
+
+
+def undetermined(
+    parameters: Sequence[Parameter], solution: Solution, covariance: np.ndarray, free: np.ndarray
+) -> tuple[dict[str, float], ...]:
+    """Directions that the data leave open: eigenvectors of the covariance in units of the parameters' sizes."""
+    if len(free) < 2:
+        return ()
+    size = np.array([max(abs(solution.values[i]), parameters[i].scale * 0.1) for i in free])
+    spread, direction = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(size, size))
+    found = []
+    for variance, column in zip(spread[::-1], direction.T[::-1], strict=True):
+        several = np.abs(column) > 0.2
+        if np.sqrt(max(variance, 0.0)) > UNDETERMINED and several.sum() > 1:
+            column = column / np.abs(column).max()
+            found.append({parameters[i].name: float(c) for i, c, s in zip(free, column, several, strict=True) if s})
+    return tuple(found)
+
+
+def bootstrap(
+    solution: Solution,
+    windows: Windows,
+    parameters: Sequence[Parameter],
+    draws: int = 200,
+    block: int = 3,
+    seed: int = 0,
+) -> np.ndarray:
+    """Parameters (draws, k) refitted, to first order, to blocks of `block` neighbouring windows drawn with replacement.
+
+    Each draw solves the linearised problem `sum_k m_k (S_k dp + g_k) = 0` with m_k how often window k was drawn, the
+    window starts following along. For windows that are not joined.
+    """
+    rng = np.random.default_rng(seed)
+    score = scores(solution) * np.sqrt(solution.weights)[..., None]
+    residual = np.sqrt(solution.weights) * solution.evaluation.residual
+    information = np.einsum("ksni,ksnj->kij", score, score)
+    gradient = np.einsum("ksni,ksn->ki", score, residual)
+    count = windows.count
+    found = []
+    for _ in range(draws):
+        first = rng.integers(0, count, size=int(np.ceil(count / block)))
+        chosen = ((first[:, None] + np.arange(block)) % count).ravel()[:count]
+        S, g = information[chosen].sum(0), gradient[chosen].sum(0)
+        step = -solve_spd(S, g)
+        found.append(np.clip(solution.values + step, [p.low for p in parameters], [p.high for p in parameters]))
+    return np.array(found)

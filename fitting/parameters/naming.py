@@ -1,0 +1,65 @@
+"""Which parameters are free: full paths, unique short names, or by default the scene's damping."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.effects import EFFECTS
+from dropper_jax.run.build import build
+from fitting.parameters.parameter import paths
+
+#: Fields that damp, by effect.
+DAMPING = {
+    "linear_damping": ("b_l",),
+    "quadratic_damping": ("b_q",),
+    "joint_friction": ("viscous", "dry"),
+}
+
+
+def default_free(scene: Any) -> list[str]:
+    """Every damping parameter that the scene has.
+
+    Raises:
+        SceneError: a scene without damping.
+    """
+    found = [
+        f"effects.{name}.{key}"
+        for name, keys in DAMPING.items()
+        for key in keys
+        if scene.effects.get(name, {}).get(key) is not None
+    ]
+    if not found:
+        raise SceneError("free: the scene has no damping to fit; allowed: --free with paths such as b_l, b_q")
+    return found
+
+
+def full_names(scene: Any, names: Sequence[str], option: str = "free") -> list[str]:
+    """Paths of names that may be short: `b_l`, `dry`, `dry.1` where only one field is called so.
+
+    `option` is what a mistake is called after.
+    """
+    return [_full(scene, name.strip(), option) for name in names]
+
+
+def _full(scene: Any, name: str, option: str) -> str:
+    if not name:
+        raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
+    if name.count(".") >= 2 or name == "camera.offset" or name.startswith("release."):
+        return name
+    stem, _, entry = name.partition(".")
+    known = [p for p in paths(build(scene)[0]) if not p.startswith("line.") or p.split(".")[1].isdecimal()]
+    found = [p for p in known if p.rsplit(".", 1)[1] == stem]
+    if not found:
+        found = [
+            f"effects.{effect}.{f.name}"
+            for effect, cls in EFFECTS.items()
+            for f in dataclasses.fields(cls)
+            if f.name == stem and effect in DAMPING and f.name in DAMPING[effect]
+        ]
+    if len(found) != 1:
+        short = sorted({p.rsplit(".", 1)[1] for p in known} | {key for keys in DAMPING.values() for key in keys})
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + known)}")
+    return found[0] + (f".{entry}" if entry else "")

@@ -1,0 +1,219 @@
+"""Free parameters: numbers of a model's pytree by path, with bounds taken from the fields' declarations.
+
+Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
+`camera.offset`, a rotation of the camera that adds to every measured angle, `release.time` and `release.force` (see
+`release`). A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no
+exponential), so that a damping of exactly 0 is reachable.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.effects import EFFECTS
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.effect import Effect
+from dropper_jax.model.line import Line, Point
+from dropper_jax.model.model import Model
+from fitting.parameters.place import CAMERA, CameraPlace, Direction, ModelPlace, Place
+
+#: Start values, bounds and priors (mean, standard deviation) by path.
+StartValues = Mapping[str, float]
+Bounds = Mapping[str, tuple[float | None, float | None]]
+Priors = Mapping[str, tuple[float, float]]
+
+#: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.
+OPEN_BOUND = 1e-3
+#: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
+SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One free number.
+
+    Attributes:
+        name: its path.
+        where: its place in the model, at the camera or at a release.
+        value: start value.
+        low, high: bounds, both reachable.
+        unit: as printed.
+        prior: mean and standard deviation of a normal prior, or None.
+    """
+
+    name: str
+    where: Place
+    value: float
+    low: float = -np.inf
+    high: float = np.inf
+    unit: str = "-"
+    prior: tuple[float, float] | None = None
+
+    @property
+    def scale(self) -> float:
+        """A size for steps and plots."""
+        return abs(self.value) if self.value != 0 else SMALL.get(self.where.field, 1.0)
+
+
+class Released(Protocol):
+    """What knows the parameters of `release.*` names."""
+
+    def parameters(self, name: str, option: str) -> list[Parameter]: ...
+
+
+def resolve(
+    model: Model,
+    names: Sequence[str],
+    start: StartValues | None = None,
+    bounds: Bounds | None = None,
+    priors: Priors | None = None,
+    option: str = "free",
+    release: Released | None = None,
+) -> tuple[Parameter, ...]:
+    """The free parameters of these paths.
+
+    Args:
+        names: paths; one of a field with several values frees each of them.
+        start: start values by path, else the model's.
+        bounds: (low, high) by path, inside the declared range; None keeps the declared one.
+        priors: (mean, standard deviation) by path.
+        option: what a mistake in `names` is called after.
+        release: whose `release.*` names count too.
+
+    Raises:
+        SceneError: a path that does not exist (with the nearest), or bounds without room.
+    """
+    found: list[Parameter] = []
+    for name in names:
+        released = release is not None and name.startswith("release.")
+        found += release.parameters(name, option) if released else _expand(model, name, option)
+    check_once([p.name for p in found], option)
+    known = [p.name for p in found]
+    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
+        for name in given or {}:
+            if name not in known:
+                raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
+    return tuple(_adjust(p, start or {}, bounds or {}, priors or {}) for p in found)
+
+
+def check_once(names: Sequence[str], option: str) -> None:
+    """Refuse a name that is there twice."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise SceneError(f"{option}: {name!r} is given twice; allowed: every parameter once")
+
+
+def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) -> Parameter:
+    low, high = bounds.get(p.name, (None, None))
+    low, high = p.low if low is None else max(low, p.low), p.high if high is None else min(high, p.high)
+    value = float(start.get(p.name, p.value))
+    if not low <= high:
+        raise SceneError(f"bounds: {p.name!r} has no room between {low:g} and {high:g}; allowed: low <= high")
+    if not low <= value <= high:
+        if p.name in start:
+            raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {low:g} to {high:g}")
+        value = min(max(value, low), high)
+    prior = priors.get(p.name)
+    if prior is not None and not prior[1] > 0:
+        raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: > 0")
+    return dataclasses.replace(p, value=value, low=low, high=high, prior=prior)
+
+
+def paths(model: Model) -> list[str]:
+    """Every path of the model that can be free."""
+    found = [CAMERA]
+    for section, items in (("point", model.points), ("line", model.lines), ("effects", model.effects)):
+        for i, item in enumerate(items):
+            labels = [item.name] if section == "effects" else [str(i), item.name]
+            found += [f"{section}.{label}.{f.name}" for label in labels for f in _fields(item)]
+    return found
+
+
+def _fields(item: Point | Line | Effect) -> list[dataclasses.Field]:
+    return [
+        f
+        for f in dataclasses.fields(item)
+        if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
+    ]
+
+
+def _expand(model: Model, name: str, option: str) -> list[Parameter]:
+    if name == CAMERA:
+        return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
+    section, index, field, entry = _locate(model, name, option)
+    item = getattr(model, section)[index]
+    value = np.asarray(getattr(item, field.name))
+    meta = field.metadata
+    if value.ndim == 0 and entry is None:
+        return [_parameter(name, ModelPlace(section, index, field.name), float(value), meta)]
+    flat = value.reshape(-1)
+    count = _used(model, section, field, len(flat))
+    if entry is not None and entry >= len(flat):
+        raise SceneError(f"{option}: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
+    entries = range(count) if entry is None else [entry]
+    stem = name if entry is None else name.rsplit(".", 1)[0]
+    return [_parameter(f"{stem}.{i}", ModelPlace(section, index, field.name, i), float(flat[i]), meta) for i in entries]
+
+
+def _used(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
+    """Entries that exist in the model: a free end has no joint and no held node of its own."""
+    if section != "effects" or field.metadata["shape"] != "joint":
+        return size
+    return min(size, model.line.links + (1 if model.end_held else 0))
+
+
+def _parameter(name: str, where: Place, value: float, meta: Mapping[str, Any]) -> Parameter:
+    low = -np.inf if meta["low"] is None else float(meta["low"])
+    if meta["open_low"]:
+        low += OPEN_BOUND * abs(value)
+    high = np.inf if meta["high"] is None else float(meta["high"])
+    return Parameter(name, where, value, low, high, meta["unit"])
+
+
+def _locate(model: Model, name: str, option: str) -> tuple[str, int, dataclasses.Field, int | None]:
+    words = name.split(".")
+    entry = int(words.pop()) if len(words) > 3 and words[-1].isdecimal() else None
+    sections = {"point": "points", "line": "lines", "effects": "effects"}
+    if len(words) == 3 and words[0] in sections:
+        items = getattr(model, sections[words[0]])
+        for i, item in enumerate(items):
+            if words[1] == item.name or (words[0] != "effects" and words[1] == str(i)):
+                field = next((f for f in _fields(item) if f.name == words[2]), None)
+                if field is not None:
+                    return sections[words[0]], i, field, entry
+    raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
+
+
+def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:
+    """The model with these values (k,) in place; differentiable."""
+    for kind in (ModelPlace, Direction):  # what is put in place must not undo what moved it
+        for i, p in enumerate(parameters):
+            if isinstance(p.where, kind):
+                model = p.where.put(model, values[i])
+    return model
+
+
+def camera_offset(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | float:
+    """Rotation of the camera [rad]; 0 where it is not free."""
+    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, CameraPlace)), 0.0)
+
+
+def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
+    """The scene with value 0 for damping parameters that it could have but does not, so that its model has them."""
+    found = {}
+    for name in names:
+        words = name.split(".")
+        if len(words) < 3 or words[0] != "effects" or words[1] not in EFFECTS:
+            continue
+        field = next((f for f in dataclasses.fields(EFFECTS[words[1]]) if f.name == words[2]), None)
+        if field is None or field.metadata.get("kind") != "parameter" or field.metadata["low"] != 0.0:
+            continue
+        if scene.effects.get(words[1], {}).get(words[2]) is None:
+            found[".".join(words[:3])] = 0.0
+    return scene.with_values(found) if found else scene

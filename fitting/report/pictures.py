@@ -1,0 +1,155 @@
+"""Pictures of a fit: traces, residuals, spectra, phase space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dropper_jax.analysis.spectrum import amplitude_spectrum
+from dropper_jax.plots import style
+from fitting.calibration.result import FitResult
+from fitting.estimate.gauss_newton import Solution
+from fitting.estimate.windows import Windows
+
+#: Most links drawn in one picture; the others are left out, and the title says so.
+MOST = 8
+
+
+#: Samples missing in a row that interrupt a line.
+GAP = 5
+
+
+def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Times (m,), measured and simulated angles (m, n) [rad] and which are known, of one run's windows in order."""
+    return _in_order(result.windows, result.solution, run)
+
+
+def _in_order(w: Windows, solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    e = solution.evaluation
+    mine = w.run == run
+    known = (w.weight[mine] > 0).reshape(-1, w.theta.shape[2])
+    used = known.any(axis=1)
+    t = w.times()[mine].reshape(-1)[used]
+    measured = w.theta[mine].reshape(-1, w.theta.shape[2])[used]
+    simulated = e.theta[mine].reshape(-1, w.theta.shape[2])[used]
+    simulated = simulated - 2 * np.pi * np.round((simulated - measured) / (2 * np.pi))
+    return t, np.where(known[used], measured, np.nan), simulated, known[used]
+
+
+def stretches(t: np.ndarray) -> list[slice]:
+    """Parts of the times (m,) without a gap, so that no line is drawn through what was not fitted."""
+    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
+    return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
+
+
+def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str, **looks: Any) -> None:
+    for i, part in enumerate(stretches(t)):
+        axes.plot(t[part], x[part], label=label if i == 0 else None, **looks)
+
+
+def _styled(draw: Callable[..., Figure]) -> Callable[..., Path]:
+    @wraps(draw)
+    def wrapper(result: FitResult, run: int, path: Path) -> Path:
+        with matplotlib.style.context(["default", style.RC]):
+            return style.save(draw(result, run), path)
+
+    return wrapper
+
+
+def _rows(result: FitResult, what: str, height: float = 1.3) -> tuple[Figure, np.ndarray, int]:
+    links = min(result.windows.theta.shape[2], MOST)
+    figure = style.new_figure(9.0, 1.2 + height * links)
+    axes = figure.subplots(links, 1, sharex=True, squeeze=False)[:, 0]
+    all_links = result.windows.theta.shape[2]
+    more = f" (links 1 to {links} of {all_links})" if all_links > links else ""
+    figure.suptitle(f"{what}{more}", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    return figure, axes, links
+
+
+@_styled
+def traces(result: FitResult, run: int) -> Figure:
+    """Measured angles and the fit, per link [rad from the horizontal]."""
+    figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
+    t, measured, simulated, _ = fitted(result, run)
+    # each stretch starts from its own angles, its parameters are those of the fit
+    held = [_in_order(h.windows, h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
+    for j in range(links):
+        _line(axes[j], t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
+        for i, (t1, _, predicted, _) in enumerate(held):
+            _line(axes[j], t1, predicted[:, j], None if i else "held out, predicted", lw=1.6, color=style.SECOND)
+        for i, (t1, seen) in enumerate([(t, measured), *((h[0], h[1]) for h in held)]):
+            axes[j].plot(t1, seen[:, j], ".", ms=1.0, color=style.DARK, label=None if i else "measured")
+        axes[j].set_ylabel(f"link {j + 1}")
+    axes[0].legend(loc="upper right", ncols=3, markerscale=4)
+    style.time_axis(axes[-1], np.sort(np.concatenate([t, *(h[0] for h in held)])))
+    return figure
+
+
+@_styled
+def residuals(result: FitResult, run: int) -> Figure:
+    """Measured less fitted angles, per link [rad]; the band is twice their deviation."""
+    figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals [rad]", 1.0)
+    t, measured, simulated, _ = fitted(result, run)
+    rest = measured - simulated
+    deviation = np.nanstd(rest)
+    for j in range(links):
+        axes[j].axhspan(-2 * deviation, 2 * deviation, color="#E3E5E8", lw=0)
+        axes[j].plot(t, rest[:, j], ".", ms=1.5, color=style.SECOND)
+        axes[j].set_ylabel(f"link {j + 1}")
+    style.time_axis(axes[-1], t)
+    return figure
+
+
+@_styled
+def spectra(result: FitResult, run: int) -> Figure:
+    """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
+    figure, axes, links = _rows(result, f"{result.traces[run].name}: amplitude spectra [rad]")
+    t, measured, simulated, _ = fitted(result, run)
+    longest = max(stretches(t), key=lambda part: part.stop - part.start)
+    t, measured, simulated = t[longest], measured[longest], simulated[longest]
+    grid = np.linspace(t[0], t[-1], len(t))
+    for j in range(links):
+        known = np.isfinite(measured[:, j])
+        for x, colour, label in ((measured[:, j], style.FAINT, "measured"), (simulated[:, j], style.FIRST, "fit")):
+            even = np.interp(grid, t[known], x[known])
+            frequency, amplitude = amplitude_spectrum(grid, even)
+            axes[j].semilogy(frequency[1:], np.maximum(amplitude[1:], 1e-7), lw=0.9, color=colour, label=label)
+        axes[j].set_ylabel(f"link {j + 1}")
+    axes[0].legend(loc="upper right", ncols=2)
+    axes[-1].set_xlabel("frequency [Hz]")
+    axes[-1].set_xlim(0, min(8.0, frequency[-1]))
+    return figure
+
+
+@_styled
+def phase_space(result: FitResult, run: int) -> Figure:
+    """Rate against angle of every link, measured (differences) and fitted."""
+    t, measured, simulated, _ = fitted(result, run)
+    links = min(measured.shape[1], MOST)
+    columns = min(links, 4)
+    figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
+    axes = figure.subplots(-(-links // columns), columns, squeeze=False).ravel()
+    for j in range(links):
+        for x, colour, label in ((measured[:, j], style.SECOND, "measured"), (simulated[:, j], style.FIRST, "fit")):
+            for i, part in enumerate(p for p in stretches(t) if p.stop - p.start > 2):
+                rate = np.gradient(x[part], t[part])
+                axes[j].plot(x[part], rate, lw=0.6, color=colour, label=None if i else label)
+        axes[j].set_title(f"link {j + 1}")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
+    figure.suptitle(f"{result.traces[run].name}: phase space", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    for extra in axes[links:]:
+        extra.set_visible(False)
+    figure.supxlabel("angle [rad]", fontsize=9)
+    figure.supylabel("rate [rad/s]", fontsize=9)
+    return figure
+
+
+PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}

@@ -1,0 +1,102 @@
+"""The report of a fit: Markdown and pictures in one folder, each file whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.base.files import atomic_write
+from fitting.calibration.result import FitResult
+from fitting.report.pictures import PICTURES, fitted
+from fitting.report.tables import comparison_rows, parameter_rows, summary
+
+#: The thesis' parts of a trace [s].
+PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
+
+
+def write_report(result: FitResult, folder: str | Path) -> list[Path]:
+    """Write `report.md` and its pictures; returns the files."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for run in range(len(result.traces)):
+        if not (result.windows.run == run).any():
+            continue
+        for name, draw in PICTURES.items():
+            files.append(draw(result, run, folder / f"{name}_{run + 1}.png"))
+    files.append(atomic_write(folder / "report.md", report(result)))
+    return files
+
+
+def report(result: FitResult) -> str:
+    """The Markdown text."""
+    parts = [
+        f"# Fit of {result.scene.name}",
+        f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
+        "## Parameters",
+        markdown(parameter_rows(result)),
+        "## Quality",
+        "\n".join(f"- {name}: {value}" for name, value in summary(result)),
+        "## Errors along the trace",
+        "RMS of measured less fitted angles [rad], window by window with its own start.",
+        markdown(part_rows(result)),
+        "## Correlation",
+        markdown(correlation_rows(result)),
+        "## What was not identifiable",
+        not_identifiable(result),
+        "## Warnings",
+        "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
+    ]
+    if result.comparison:
+        parts += ["## Damping laws", markdown(comparison_rows(result.comparison))]
+    for run, trace in enumerate(result.traces):
+        if not (result.windows.run == run).any():
+            continue
+        parts.append(f"## {trace.name}")
+        parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
+    return "\n\n".join(parts) + "\n"
+
+
+def part_rows(result: FitResult) -> list[tuple[str, ...]]:
+    """RMS angle error of head, middle and tail of every run, per link and in all."""
+    links = result.windows.theta.shape[2]
+    rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]
+    for run, trace in enumerate(result.traces):
+        if not (result.windows.run == run).any():
+            continue
+        t, measured, simulated, _ = fitted(result, run)
+        for name, low, high in PARTS:
+            inside = (t >= low) & (t < high)
+            if not inside.any():
+                continue
+            square = (measured[inside] - simulated[inside]) ** 2
+            each = np.sqrt(np.nanmean(square, axis=0))
+            cells = [f"{x:.3g}" for x in (*each, np.sqrt(np.nanmean(square)))]
+            rows.append((trace.name, f"{name} {low:g}-{min(high, t[-1]):.3g} s", *cells))
+    return rows
+
+
+def correlation_rows(result: FitResult) -> list[tuple[str, ...]]:
+    """The correlation matrix with names."""
+    names = [p.name for p in result.parameters]
+    rows = [("", *names)]
+    return rows + [
+        (name, *(f"{x:.3f}" for x in row)) for name, row in zip(names, result.uncertainty.correlation, strict=True)
+    ]
+
+
+def not_identifiable(result: FitResult) -> str:
+    """Directions of parameters that the data leave open, in words."""
+    found = [
+        "- " + ", ".join(f"{share:+.2g} {name}" for name, share in direction.items())
+        for direction in result.uncertainty.undetermined
+    ]
+    return "\n".join(found) or "Every direction is determined to better than its own size."
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Rows as a Markdown table; the first one is the heading."""
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])

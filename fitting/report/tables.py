@@ -1,0 +1,68 @@
+"""What is said of a fit, in rows and pairs for the terminal and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.calibration.comparison import Law
+from fitting.calibration.result import FitResult
+
+
+def status_text(result: FitResult) -> str:
+    """The status, and why."""
+    return f"{result.status}: {result.message}" if result.message else result.status
+
+
+def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
+    """Name, value, error, interval, unit and bound of every parameter, with a heading."""
+    u = result.uncertainty
+    rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
+    for i, p in enumerate(result.parameters):
+        digits = significant(result.values[i], u.std_error[i])
+        ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
+        row = (f"{result.values[i]:.{digits}g}", f"{u.std_error[i]:.2g}", *ends)
+        rows.append((p.name, *row, p.unit, "at bound" if u.at_bound[i] else ""))
+    return rows
+
+
+def significant(value: float, error: float) -> int:
+    """Digits that show a value down to the second digit of its error."""
+    if not (error > 0 and np.isfinite(error) and value != 0):
+        return 5
+    return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(error)) + 2, 3, 12))
+
+
+def step_text(result: FitResult) -> str:
+    """The step, and how far it moves the estimates."""
+    bias = result.solution.step_bias
+    moves = "" if bias is None else f", moves the estimates by {np.max(np.abs(bias), initial=0):.2g} standard errors"
+    return f"{result.windows.dt / result.windows.substeps:.3g} s{moves}"
+
+
+def summary(result: FitResult) -> list[tuple[str, str]]:
+    """What else is said of a fit."""
+    gap = result.solution.gap_weight
+    joined = "separate" if gap is None else "joined exactly" if gap == 0 else f"joined, gap weight {gap:g}"
+    pairs = [
+        ("windows", f"{result.windows.count} of {result.windows.length:.3g} s, {joined}"),
+        ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
+        ("time step", step_text(result)),
+        ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
+        ("iterations", f"{result.iterations}"),
+        ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),
+    ]
+    pairs += [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
+    return pairs
+
+
+def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
+    """The table for people."""
+    least = min(law.bic for law in laws)
+    rows = [("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "BIC - least", "")]
+    for law in laws:
+        numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}", f"{law.bic - least:.1f}")
+        note = "<- simplest within one standard error" if law.chosen else "" if law.status == "ok" else law.status
+        rows.append((law.name, str(law.coefficients), *numbers, note))
+    return rows

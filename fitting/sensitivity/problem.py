@@ -1,0 +1,129 @@
+"""A quantity of a scene as a function of parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.lanes import Fallbacks, lanes
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State, state
+from dropper_jax.run.build import SceneLike, build, stepper_of
+from dropper_jax.run.start import from_angles
+from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.stepping.integrate import Trajectory, integrate
+from dropper_jax.stepping.stepper import Stepper
+from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.parameter import Parameter, apply, with_effects
+from fitting.parameters.place import Direction
+from fitting.sensitivity.quantities import Quantity, quantity
+
+#: Runs advanced together in global studies.
+CHUNK = 64
+#: Standard range of a parameter in global studies, each way.
+SPREAD = 0.2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Study:
+    """A quantity of a scene as a function of parameters, `study(values)`, values (p,) -> scalar; differentiable.
+
+    Without `retries` a step that resists makes the value NaN: derivatives of halved steps take most of the compilation,
+    and hardly any run needs them. `local` and `batch` turn them on where they do.
+    """
+
+    scene: Scene
+    of: Quantity
+    parameters: tuple[Parameter, ...]
+    model: Model
+    start: State
+    retries: bool = False
+    fallbacks: Fallbacks = dataclasses.field(default_factory=Fallbacks)
+
+    @property
+    def names(self) -> list[str]:
+        return [p.name for p in self.parameters]
+
+    @property
+    def values(self) -> np.ndarray:
+        return np.array([p.value for p in self.parameters])
+
+    @cached_property
+    def stepper(self) -> Stepper:
+        more = {} if self.retries else {"extra": 0, "halvings": 0}
+        return stepper_of(self.model, self.scene.run, track_work=False, **more)
+
+    def begin(self, model: Model) -> State:
+        """The start of the changed model: a static pose follows it, given angles keep theirs."""
+        start = self.scene.start
+        if start.kind == "static":
+            return settle(model, self.start, nodal_loads(model, start.release_nodes, start.release_force))
+        if start.kind == "angles":
+            return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
+        return state(model, self.start.r, self.start.v)
+
+    def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
+        """Saved states of a run from s."""
+        run = self.scene.run
+        steps = saves * run.save_every
+        return integrate(self.stepper, model, s, run.dt, steps, run.save_every, checkpoint)[1]
+
+    def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
+        """The quantity, NaN where a step failed."""
+        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.scene.run.dt * self.scene.run.save_every)
+        return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
+
+    def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
+        model = apply(self.model, self.parameters, values)
+        s = self.begin(model)
+        return self.measure(model, s, self.march(model, s, self.scene.run.saves, checkpoint))
+
+    def batch(self, values: np.ndarray) -> np.ndarray:
+        """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
+        padded = np.resize(values, (-(-len(values) // CHUNK) * CHUNK, values.shape[1]))
+        run = jax.jit(lanes(self, fallbacks=self.fallbacks))
+        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // CHUNK)])[
+            : len(values)
+        ]
+
+
+def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
+    """The study of a quantity (see `quantities`) and parameters (paths or unique short names).
+
+    Raises:
+        SceneError: unknown names.
+    """
+    scene = load_scene(scene)
+    names = full_names(scene, to, "to")
+    scene = with_effects(scene, names)
+    model, start = build(scene)
+    parameters = find_parameters(scene, model, names, "to")
+    return Study(scene, quantity(of, model), parameters, model, start)
+
+
+def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
+    """Range of each parameter in a global study: the given one, else 20 % each way, inside its bounds."""
+    given = given or {}
+    full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
+    for name, (low, high) in full.items():
+        if name not in problem.names or not low < high:
+            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
+    found = []
+    for p in problem.parameters:
+        if isinstance(p.where, Direction) and not p.where.linear:
+            raise SceneError(
+                f"to: the model does not follow {p.name!r} along a straight line; allowed: such numbers in local "
+                "studies, or `dropper sweep`"
+            )
+        spread = SPREAD * p.scale
+        found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
+    return found

@@ -1,0 +1,52 @@
+"""Tornado pictures of sensitivities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.style
+import numpy as np
+
+from dropper_jax.plots import style
+from fitting.sensitivity.derivatives import Local
+from fitting.sensitivity.screening import Global
+
+
+def local_picture(found: Local, path: str | Path) -> Path:
+    """Scaled derivatives as bars, the largest on top."""
+    values = found.scaled if np.isfinite(found.scaled).all() else found.forward
+    label = "change of the quantity for 1 % of the parameter [%]" if values is not found.forward else "dQ/dp"
+    note = f"whole run of {found.duration:g} s" if found.trusted else f"NOT to be trusted beyond {found.horizon:.2g} s"
+    return _bars(found.names, [values], [""], label, f"{found.of} = {found.value:.4g} {found.unit}; {note}", path)
+
+
+def global_picture(found: Global, of: str, path: str | Path) -> Path:
+    """Sobol's first and total indices, or Morris' mean and spread, as bars."""
+    sobol = found.method == "sobol"
+    labels = ["alone", "with interactions"] if sobol else ["mean |effect|", "spread"]
+    axis = "share of the variance [-]" if sobol else "effect over the whole range [unit of the quantity]"
+    errors = [found.first_error, found.total_error]
+    return _bars(found.names, [found.first, found.total], labels, axis, f"{of}: {found.runs} runs", path, errors)
+
+
+def _bars(
+    names: list, values: list, labels: list, axis: str, title: str, path: str | Path, errors: list | None = None
+) -> Path:
+    order = np.argsort(np.abs(values[0]))
+    with matplotlib.style.context(["default", style.RC]):
+        figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
+        axes = figure.subplots()
+        height = 0.8 / len(values)
+        for i, (column, label) in enumerate(zip(values, labels, strict=True)):
+            place = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
+            colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
+            spread = None if errors is None or not np.isfinite(errors[i]).all() else errors[i][order]
+            axes.barh(place, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
+        axes.set_yticks(np.arange(len(names)), [names[i] for i in order])
+        axes.axvline(0.0, color=style.DARK, lw=0.8)
+        axes.set_xlabel(axis)
+        axes.set_title(title, loc="left")
+        axes.grid(axis="y", visible=False)
+        if len(values) > 1:
+            axes.legend(loc="lower right")
+        return style.save(figure, path)

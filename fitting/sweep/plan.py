@@ -1,0 +1,241 @@
+"""What a sweep computes: the grid of cases, how each value reaches the model, and what identifies the sweep.
+
+A value that only replaces numbers of the model (a damping coefficient) is put in place inside the compiled program.
+Anything else (a length, a sea state, a start angle) goes through the scene, on the host, once per distinct combination.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+
+from dropper_jax import Scene, load_scene
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build, build_model, stepper_of
+from dropper_jax.stepping.stepper import Stepper
+from fitting.parameters.naming import DAMPING, full_names
+from fitting.parameters.parameter import Parameter, apply, resolve
+
+#: What can be recorded of each case, with unit and meaning; `links` and `trace` add dimensions.
+QUANTITIES = {
+    "tension_max": ("N", "largest tension of any link"),
+    "tension_mean": ("N", "mean tension over links and time"),
+    "tension_min": ("N", "smallest tension of any link"),
+    "angle_max": ("rad", "largest angle of each link from the downward vertical"),
+    "excursion": ("m", "largest distance of a node from where it started"),
+    "energy_final": ("J", "kinetic and potential energy at the end"),
+}
+SEED = "sea.waves.seed"
+STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
+FORMAT = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """One varied path: its values, and the model's numbers that it sets (none: it goes through the scene)."""
+
+    path: str
+    values: np.ndarray
+    parameters: tuple[Parameter, ...] = ()
+    moves_start: bool = True
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A sweep before it runs.
+
+    Attributes:
+        scene: the base case.
+        axes: what is varied; the last one runs fastest.
+        quantities: names from `QUANTITIES`.
+        traces: also record nodes' positions and tensions at every saved time.
+        chunk: cases advanced together on one device.
+        settings: further fields of `Stepper`.
+    """
+
+    scene: Scene
+    axes: tuple[Axis, ...]
+    quantities: tuple[str, ...]
+    traces: bool = False
+    chunk: int = 64
+    settings: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(len(axis.values) for axis in self.axes)
+
+    @property
+    def cases(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def chunks(self) -> int:
+        return -(-self.cases // self.chunk)
+
+    @property
+    def saves(self) -> int:
+        run = self.scene.run
+        return -(-int(np.ceil(run.duration / run.dt - 1e-9)) // run.save_every)
+
+    @property
+    def steps(self) -> int:
+        """Time steps of one case."""
+        return self.saves * self.scene.run.save_every
+
+    @cached_property
+    def base(self) -> tuple[Model, State]:
+        return build(self.scene)
+
+    @cached_property
+    def stepper(self) -> Stepper:
+        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
+
+    def inputs(self, cases: np.ndarray) -> np.ndarray:
+        """Values (cases, axes) of case numbers."""
+        index = np.unravel_index(cases, self.shape)
+        columns = [axis.values[i] for axis, i in zip(self.axes, index, strict=True)]
+        return np.stack(columns, axis=-1).astype(float)
+
+    def cases_of(self, chunk: int) -> np.ndarray:
+        """Case numbers of a chunk."""
+        return np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.cases))
+
+    def identity(self) -> dict[str, Any]:
+        """Plain values that say which sweep this is; from them `from_identity` makes the same plan."""
+        return {
+            "format": FORMAT,
+            "scene": self.scene.as_written(),
+            "vary": {axis.path: axis.values.tolist() for axis in self.axes},
+            "quantities": list(self.quantities),
+            "traces": self.traces,
+            "chunk": self.chunk,
+            "settings": dict(self.settings),
+        }
+
+
+def from_identity(identity: Mapping[str, Any]) -> Plan:
+    """The plan with this identity."""
+    return make_plan(
+        Scene.from_dict(identity["scene"]),
+        identity["vary"],
+        quantities=identity["quantities"],
+        traces=identity["traces"],
+        chunk=identity["chunk"],
+        **identity["settings"],
+    )
+
+
+def make_plan(
+    scene: Any,
+    vary: Mapping[str, Sequence[float]],
+    seeds: int = 0,
+    quantities: Sequence[str] | None = None,
+    traces: bool = False,
+    chunk: int = 64,
+    **settings: Any,
+) -> Plan:
+    """Check a sweep and prepare it.
+
+    Raises:
+        SceneError: an unknown path or quantity, a value out of range, nothing to vary.
+    """
+    scene = load_scene(scene)
+    vary = {path: np.asarray(values) for path, values in vary.items()}
+    if seeds:
+        vary[SEED] = np.arange(seeds) + _first_seed(scene)
+    if not vary:
+        raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
+    if chunk < 1:
+        raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
+    names = tuple(QUANTITIES) if quantities is None else tuple(quantities)
+    for name in names:
+        if name not in QUANTITIES:
+            raise SceneError(f"quantities: {name!r} is unknown; {nearest(name, QUANTITIES)}")
+    paths = _paths(scene, list(vary))
+    # the first value of every axis is in the base, so that an effect that the scene lacks is there to be varied
+    base = scene.with_values({path: _plain(values[0]) for path, values in zip(paths, vary.values(), strict=True)})
+    axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
+    return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())))
+
+
+def _first_seed(scene: Scene) -> int:
+    waves = (scene.to_dict().get("sea") or {}).get("waves") or {}
+    if waves.get("kind") != "spectrum":
+        raise SceneError("seeds: nothing in this scene is random; allowed: a scene whose sea has a wave spectrum")
+    return int(waves.get("seed", 0))
+
+
+def _paths(scene: Scene, names: list[str]) -> list[str]:
+    """Full paths; short names are those of `dropper fit`."""
+    found = []
+    for name in names:
+        if name.startswith("run."):
+            raise SceneError(f"vary: {name!r} belongs to the compiled program; allowed: one sweep for each value")
+        found.append(name if name.count(".") >= 2 else full_names(scene, [name], "vary")[0])
+    for path in found:
+        if found.count(path) > 1:
+            raise SceneError(f"vary: {path!r} is given twice; allowed: every path once")
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if hasattr(value, "item") else value
+
+
+def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
+    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
+        raise SceneError(f"vary: {path}: allowed: at least one finite number")
+    changed = [scene.with_values({path: _plain(value)}) for value in (values[0], values[-1])]
+    words = path.split(".")
+    still = words[0] == "effects" and words[1] in DAMPING and words[2] in DAMPING[words[1]]
+    model = build_model(scene)
+    try:
+        parameters = resolve(model, [path], option="vary")
+    except SceneError:
+        return Axis(path, values)
+    inside = apply(model, parameters, np.full(len(parameters), float(values[-1])))
+    if not same(inside, build_model(changed[-1])):
+        return Axis(path, values)
+    return Axis(path, values, parameters, moves_start=not still)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two pytrees hold the same numbers."""
+    a, b = jax.tree.leaves(one), jax.tree.leaves(other)
+    return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))
+
+
+def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
+    """Paths at which two identities differ, with both values."""
+    one, other = dict(_flat(json.loads(json.dumps(here)))), dict(_flat(there))
+    return [
+        f"{path} = {_short(other.get(path))} there, {_short(one.get(path))} here"
+        for path in sorted({*one, *other})
+        if one.get(path) != other.get(path)
+    ]
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Leaves of plain tables by path; lists of plain values are leaves."""
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        value = dict(enumerate(value))
+    if not isinstance(value, dict):
+        yield path, value
+        return
+    for key, item in value.items():
+        yield from _flat(item, f"{path}.{key}" if path else str(key))
+
+
+def _short(value: Any) -> str:
+    if not isinstance(value, list) or len(value) <= 3:
+        return "nothing" if value is None else f"{value}"
+    return f"[{value[0]}, {value[1]}, ... {value[-1]}] ({len(value)} values)"

@@ -1,0 +1,192 @@
+"""One compiled program that runs a chunk of cases on every device and keeps only what was asked for."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import PartitionSpec
+
+from dropper_jax import SceneError
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.lanes import Fallbacks, lanes
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
+from dropper_jax.run.build import build
+from dropper_jax.stepping.integrate import advance, begin
+from dropper_jax.stepping.observe import observe
+from fitting.parameters.parameter import apply
+from fitting.sweep.plan import STATUS, Plan
+
+
+class Tally(NamedTuple):
+    """Running extremes and sums of one case; `cosine` (n,) is the least one of each link's angle from straight down."""
+
+    largest: jax.Array
+    smallest: jax.Array
+    total: jax.Array
+    cosine: jax.Array
+    excursion: jax.Array
+    residual: jax.Array
+
+
+class Program:
+    """Runs of a plan, `devices` chunks at a time.
+
+    The same numbers come out whatever the number of devices and whichever chunks are run together: a case has its
+    place in its chunk, and the chunk runs on one device.
+    """
+
+    def __init__(self, plan: Plan, devices: int | None = None):
+        self.plan = plan
+        self.devices = jax.local_device_count() if devices is None else devices
+        self.by_scene = [i for i, axis in enumerate(plan.axes) if not axis.parameters]
+        self.by_start = [i for i, axis in enumerate(plan.axes) if axis.moves_start]
+        self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
+        self.fallbacks = Fallbacks()
+        self._compiled: jax.stages.Compiled | None = None
+
+    def compile(self, chunks: list[int]) -> None:
+        """Make the program; every call is of the same shape."""
+        if self._compiled is None:
+            self._compiled = self._program().lower(*self._arguments(chunks)[0]).compile()
+
+    def __call__(self, chunks: list[int]) -> Any:
+        """Start the chunks (at most one per device); `collect` waits for the numbers."""
+        self.compile(chunks)
+        arguments, refused = self._arguments(chunks)
+        return chunks, refused, self._compiled(*arguments)
+
+    def _arguments(self, chunks: list[int]) -> tuple[tuple[Any, ...], np.ndarray]:
+        plan = self.plan
+        padded = [*chunks, *([chunks[-1]] * (self.devices - len(chunks)))]
+        cases = np.concatenate([np.resize(plan.cases_of(c), plan.chunk) for c in padded])
+        values = plan.inputs(cases)
+        model, start, refused = self._members(values)
+        dtype = plan.base[0].dtype
+        batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
+        shared = jax.NamedSharding(self.mesh, PartitionSpec())
+        place = [batched if self.by_scene else shared, batched if self.by_start else shared, batched, shared]
+        arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
+        return tuple(map(jax.device_put, arguments, place)), refused
+
+    def collect(self, pending: Any) -> dict[int, dict[str, np.ndarray]]:
+        """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
+        chunks, refused, found = pending
+        found = {name: np.array(value) for name, value in found.items()}
+        found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
+        for name, value in found.items():
+            if name not in ("status", "failed_at"):
+                value[found["status"] != 0] = np.nan
+        size = self.plan.chunk
+        return {
+            c: {name: value[i * size :][: len(self.plan.cases_of(c))] for name, value in found.items()}
+            for i, c in enumerate(chunks)
+        }
+
+    def _members(self, values: np.ndarray) -> tuple[Model, State, np.ndarray]:
+        """Models and starts, one for all or one per case, and which cases the scene refuses."""
+        refused = np.zeros(len(values), bool)
+        if not self.by_start:
+            return *self.plan.base, refused
+        found, built = [], {}
+        for i, row in enumerate(values):
+            key = tuple(row[self.by_start])
+            if key not in built:
+                built[key] = self._build(key)
+            refused[i] = built[key] is None
+            found.append(self.plan.base if refused[i] else built[key])
+        starts = stack([s for _, s in found])
+        return stack([m for m, _ in found]) if self.by_scene else self.plan.base[0], starts, refused
+
+    def _build(self, key: tuple[float, ...]) -> tuple[Model, State] | None:
+        plan = self.plan
+        values = {}
+        for i, value in zip(self.by_start, key, strict=True):
+            whole = np.issubdtype(plan.axes[i].values.dtype, np.integer)
+            values[plan.axes[i].path] = int(value) if whole else float(value)
+        try:
+            model, start = build(plan.scene.with_values(values))
+        except SceneError:
+            return None
+        shapes = [jnp.shape(a) for a in jax.tree.leaves(model)]
+        if shapes != [jnp.shape(a) for a in jax.tree.leaves(plan.base[0])]:
+            raise SceneError(f"vary: {', '.join(values)}: changes the model's shape; allowed: one sweep for each value")
+        return model, start
+
+    def _program(self) -> Any:
+        batched, shared = PartitionSpec("device"), PartitionSpec()
+        member = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
+        specs = tuple(shared if axis is None else batched for axis in member)
+        chunk = lanes(partial(run_case, self.plan), member, self.fallbacks)
+        return jax.jit(jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=batched, check_vma=False))
+
+
+def stack(trees: list[Any]) -> Any:
+    """Pytrees of one structure stacked along a new first axis."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
+
+
+def case_model(plan: Plan, model: Model, values: jax.Array) -> Model:
+    """The model with the values (axes,) of one case in place."""
+    for axis, value in zip(plan.axes, values, strict=True):
+        if axis.parameters:
+            model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
+    return model
+
+
+def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.Array) -> dict[str, jax.Array]:
+    """One case from start to end; a pure function to batch."""
+    model = case_model(plan, model, values)
+    stepper, every = plan.stepper, plan.scene.run.save_every
+    zero = jnp.zeros((), model.dtype)
+    tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
+
+    def save(carry: Any, _: None) -> Any:
+        progress, tally = carry
+        progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every)
+        tally = _count(model, start, progress.state, tally, row)
+        return (progress, tally), ((progress.state.r, progress.state.tension) if plan.traces else None)
+
+    (progress, tally), traces = jax.lax.scan(save, (begin(stepper, model, start), tally), None, length=plan.saves)
+    failed = progress.first_bad >= 0
+    finite = jnp.isfinite(tally.residual)
+    code = jnp.where(failed, jnp.where(finite, STATUS.index("not_converged"), STATUS.index("non_finite")), 0)
+    found = {
+        name: value for name, value in _named(plan, model, progress.state, tally).items() if name in plan.quantities
+    }
+    if plan.traces:
+        found |= {"positions": traces[0], "tension": traces[1]}
+    at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
+    return found | {"status": code.astype(jnp.int8), "failed_at": at}
+
+
+def _count(model: Model, start: State, s: State, tally: Tally, row: Any) -> Tally:
+    links = model.links(s.r, model.ends(s.t))
+    # rigid links are as long as they are; those that stretch are measured
+    length = safe_norm(links) if model.line.axial.elastic else model.line.length
+    tension = row.tension[0]
+    # once it is NaN it stays so: `maximum` carries it on
+    return Tally(
+        jnp.maximum(tally.largest, jnp.max(tension)),
+        jnp.minimum(tally.smallest, jnp.min(tension)),
+        tally.total + jnp.mean(tension),
+        jnp.minimum(tally.cosine, -links[:, 2] / length),
+        jnp.maximum(tally.excursion, jnp.max(safe_norm(s.r - start.r))),
+        jnp.maximum(tally.residual, row.residual[0]),
+    )
+
+
+def _named(plan: Plan, model: Model, s: State, tally: Tally) -> dict[str, jax.Array]:
+    seen = observe(model, s.r, s.v, s.t, s.parted)
+    return {
+        "tension_max": tally.largest,
+        "tension_mean": tally.total / plan.saves,
+        "tension_min": tally.smallest,
+        "angle_max": jnp.arccos(jnp.clip(tally.cosine, -1.0, 1.0)),
+        "excursion": tally.excursion,
+        "energy_final": seen.kinetic + seen.potential,
+    }

@@ -1,0 +1,198 @@
+"""`sweep`: a grid of cases in batches over all devices, kept chunk by chunk, resumable; also over a Dask cluster."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.lanes import Fallbacks
+from dropper_jax.run.build import SceneLike
+from dropper_jax.run.simulate import _versions as versions
+from dropper_jax.run.storage import extra
+from fitting.sweep.plan import Plan, from_identity, make_plan
+from fitting.sweep.program import Program
+from fitting.sweep.store import IDENTITY, Store, input_names
+
+if TYPE_CHECKING:
+    import xarray
+
+#: Arrays of one chunk by name, each (cases, ...).
+Found = dict[str, np.ndarray]
+#: A Dask client, or the address of a scheduler.
+Scheduler = Any
+
+
+class SweepStopped(RuntimeError):
+    """A sweep that could not go on (a full disk); what was written is whole, and the same call continues it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepResult:
+    """What a call did.
+
+    Attributes:
+        path: the Zarr folder.
+        cases, resumed: number of cases of the sweep, and how many of them were there before.
+        counts: cases by status.
+        steps: time steps of one case.
+        compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s].
+        steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
+        fallbacks: what ran by `vmap` instead of side by side in the registers.
+    """
+
+    path: Path
+    cases: int
+    resumed: int
+    counts: dict[str, int]
+    steps: int
+    compile_s: float
+    run_s: float
+    steps_per_s: float
+    fallbacks: Fallbacks
+
+
+def sweep(
+    scene: SceneLike,
+    vary: Mapping[str, Sequence[float]],
+    out: str | Path,
+    *,
+    seeds: int = 0,
+    quantities: Sequence[str] | None = None,
+    traces: bool = False,
+    chunk: int = 64,
+    scheduler: Scheduler | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> SweepResult:
+    """Run every combination of values and keep what was asked for in a Zarr folder.
+
+    Args:
+        scene: packaged name, TOML file, plain values or a `Scene`; its `[run]` sets step, duration and integrator.
+        vary: values by path (or unique short name); the last one runs fastest.
+        out: folder; where it holds a part of the same sweep, only the rest is run.
+        seeds: number of realisations of a random sea.
+        quantities: names from `QUANTITIES`, default all.
+        traces: also keep positions and tensions at every saved time.
+        chunk: cases advanced together on a device; about 64 keep 7 links in the cache of a core.
+        scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
+        progress: called with the fraction done and a line of text.
+        **settings: further fields of `Stepper`.
+
+    Raises:
+        SceneError: for anything a user can mend.
+        SweepStopped: the disk refuses; the finished chunks are kept.
+    """
+    plan = make_plan(scene, vary, seeds, quantities, traces, chunk, **settings)
+    say = progress or silent
+    store = Store(out, plan, versions())
+    done = store.done()
+    todo = [c for c in range(plan.chunks) if not done[c]]
+    before = sum(len(plan.cases_of(c)) for c in range(plan.chunks) if done[c])
+    begun, first, ran = time.perf_counter(), None, 0
+    told = Fallbacks()
+    source = _local(plan, todo, told) if scheduler is None else _remote(plan, todo, scheduler, told)
+    for c, found in source if todo else ():
+        first = time.perf_counter() if first is None else first
+        if c is None:  # compiled
+            continue
+        _write(store, c, found, before + ran)
+        ran += len(plan.cases_of(c))
+        say((before + ran) / plan.cases, _speed(plan, ran, time.perf_counter() - first, plan.cases - before - ran))
+    end = time.perf_counter()
+    compile_s = 0.0 if first is None else first - begun
+    run_s = 0.0 if first is None else end - first
+    rate = ran * plan.steps / run_s if run_s > 0 else 0.0
+    return SweepResult(store.path, plan.cases, before, store.counts(), plan.steps, compile_s, run_s, rate, told)
+
+
+def _speed(plan: Plan, ran: int, seconds: float, left: int) -> str:
+    rate = ran / max(seconds, 1e-9)
+    return f"{rate * plan.steps / 1e6:.2f} million steps/s, {left / max(rate, 1e-9):.0f} s left"
+
+
+def _write(store: Store, chunk: int, found: Found, kept: int) -> None:
+    try:
+        store.write(chunk, found)
+    except OSError as error:
+        reason = error.strerror or error
+        raise SweepStopped(
+            f"{store.path}: cannot be written: {reason}; {kept} of {store.plan.cases} cases are kept, "
+            "the same call goes on"
+        ) from None
+
+
+def _local(plan: Plan, todo: list[int], told: Fallbacks) -> Iterator[tuple[int | None, Found]]:
+    """Results chunk by chunk; the next chunks run while these are written."""
+    program = _program(json.dumps(plan.identity()), None)
+    groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
+    program.compile(groups[0])
+    told.join(program.fallbacks)
+    yield None, {}
+    pending = program(groups[0])
+    for group in groups[1:]:
+        ahead = program(group)
+        yield from program.collect(pending).items()
+        pending = ahead
+    yield from program.collect(pending).items()
+
+
+@lru_cache(maxsize=2)
+def _program(identity: str, devices: int | None) -> Program:
+    """Compiled once per process, for later calls and for all chunks of a worker."""
+    return Program(from_identity(json.loads(identity)), devices)
+
+
+def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
+    """One chunk of the sweep with this identity, on a worker; and what its program left to `vmap`."""
+    program = _program(identity, 1)
+    return program.collect(program([chunk]))[chunk], program.fallbacks
+
+
+def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, told: Fallbacks) -> Iterator[tuple[int, Found]]:
+    """Results in the order in which the workers finish; a chunk of a worker that died is done elsewhere."""
+    distributed = extra("distributed", "sweep")
+    own = isinstance(scheduler, str)
+    try:
+        client = distributed.Client(scheduler, timeout=10) if own else scheduler
+    except (OSError, ValueError) as error:
+        raise SceneError(f"scheduler: {scheduler}: cannot be reached: {' '.join(str(error).split())}") from None
+    try:
+        identity = json.dumps(plan.identity())
+        names = {client.submit(run_chunk, identity, c, pure=False, retries=3): c for c in todo}
+        for future in distributed.as_completed(list(names)):
+            found, fallbacks = future.result()
+            told.join(fallbacks)
+            yield names[future], found
+            future.release()
+    finally:
+        if own:
+            client.close()
+
+
+def open_sweep(path: str | Path) -> xarray.Dataset:
+    """The results on their grid: one dimension per varied input.
+
+    Raises:
+        SceneError: a folder that is no sweep.
+    """
+    xr = extra("xarray", "io")
+    extra("zarr", "sweep")
+    try:
+        flat = xr.open_zarr(path, consolidated=False, decode_times=False, mask_and_scale=False)
+        identity = json.loads(flat.attrs[IDENTITY])
+        names = input_names(list(identity["vary"]))
+    except (OSError, KeyError, ValueError) as error:
+        raise SceneError(f"{path}: is no sweep; allowed: a folder written by `dropper sweep` ({error})") from None
+    flat = flat.set_coords(names)
+    if len(names) == 1:
+        return flat.swap_dims(case=names[0])
+    return flat.load().set_index(case=names).unstack("case").transpose(*names, ...)

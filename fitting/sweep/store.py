@@ -1,0 +1,144 @@
+"""Results of a sweep on disk: a Zarr group that xarray reads, filled chunk by chunk, whole after a kill at any moment.
+
+A chunk's status is written last and in one piece: only a chunk whose status is there counts as done.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.storage import extra
+from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
+
+IDENTITY = "dropper_jax_sweep"
+PENDING = -1
+#: Differences named in a refusal.
+NAMED = 3
+#: Dimensions of the arrays besides the inputs.
+DIMENSIONS = ("case", "time", "node", "link", "axis")
+
+
+def input_names(paths: list[str]) -> list[str]:
+    """Names of the inputs in the store: the last part of a path where that tells it apart, else the whole path."""
+    short = [path.rsplit(".", 1)[-1] for path in paths]
+    taken = {*QUANTITIES, "status", "failed_at", "positions", "tension", *DIMENSIONS}
+    unclear = [name.isdecimal() or name in taken or short.count(name) > 1 for name in short]
+    return [path if doubt else name for path, name, doubt in zip(paths, short, unclear, strict=True)]
+
+
+class Store:
+    """The group of one plan: made where there is none, continued where it belongs to the same inputs.
+
+    Raises:
+        SceneError: a folder that is no sweep, or one of other inputs, with what differs.
+    """
+
+    def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str]):
+        self.path, self.plan = Path(path), plan
+        zarr = extra("zarr", "sweep")
+        if self.path.exists():
+            self._check(zarr)
+        else:
+            part = self.path.with_name(f".{self.path.name}.part")
+            shutil.rmtree(part, ignore_errors=True)
+            self._create(zarr.open_group(part, mode="w-"), versions)
+            part.rename(self.path)
+        self.group = zarr.open_group(self.path, mode="r+")
+
+    def _check(self, zarr: Any) -> None:
+        try:
+            there = json.loads(zarr.open_group(self.path, mode="r").attrs[IDENTITY])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise SceneError(
+                f"{self.path}: is there and is no sweep; allowed: a new folder, or a sweep to go on"
+            ) from None
+        found = differences(self.plan.identity(), there)
+        if found:
+            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+            raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:NAMED])}{more}")
+
+    def _create(self, group: Any, versions: dict[str, str]) -> None:
+        plan = self.plan
+        cases = plan.inputs(np.arange(plan.cases))
+        for name, column, axis in zip(input_names([a.path for a in plan.axes]), cases.T, plan.axes, strict=True):
+            value = column.astype(axis.values.dtype)
+            whole = group.create_array(name, data=value, chunks=(plan.cases,), dimension_names=("case",))
+            whole.attrs.update({"long_name": axis.path})
+        for name, (inner, dimensions, unit, meaning) in self._variables().items():
+            self._array(group, name, inner, dimensions, np.nan, plan.scene.run.dtype, unit, meaning)
+        self._array(group, "failed_at", (), (), np.nan, "float64", "s", "time of the first failed step")
+        # stored raw, one byte per case: a status file is either whole or not readable
+        status = self._array(group, "status", (), (), PENDING, "int8", "1", "how the case ended", compressors=None)
+        status.attrs.update(
+            {"flag_values": [PENDING, *range(len(STATUS))], "flag_meanings": " ".join(("pending", *STATUS))}
+        )
+        names = " ".join(input_names([axis.path for axis in plan.axes]))
+        for name in (*self._variables(), "failed_at", "status"):
+            group[name].attrs["coordinates"] = names  # plain xarray takes them as coordinates
+        group.attrs.update({IDENTITY: json.dumps(plan.identity()), "versions": versions, "Conventions": "CF-1.11"})
+
+    def _variables(self) -> dict[str, tuple[Any, ...]]:
+        plan, model = self.plan, self.plan.base[0]
+        links, nodes = model.line.links, model.free_nodes
+        found = {}
+        for name in plan.quantities:
+            inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
+            found[name] = (*inner, *QUANTITIES[name])
+        if plan.traces:
+            found["positions"] = ((plan.saves, nodes, 3), ("time", "node", "axis"), "m", "position of the free nodes")
+            found["tension"] = ((plan.saves, links), ("time", "link"), "N", "tension of the links")
+        return found
+
+    def _array(
+        self,
+        group: Any,
+        name: str,
+        inner: tuple,
+        dimensions: tuple,
+        fill: Any,
+        dtype: str,
+        unit: str,
+        meaning: str,
+        **more: Any,
+    ) -> Any:
+        plan = self.plan
+        array = group.create_array(
+            name,
+            shape=(plan.cases, *inner),
+            chunks=(plan.chunk, *inner),
+            dtype=dtype,
+            fill_value=fill,
+            dimension_names=("case", *dimensions),
+            **more,
+        )
+        array.attrs.update({"units": unit, "long_name": meaning})
+        return array
+
+    def done(self) -> list[bool]:
+        """Which chunks are whole."""
+        return [self._is_done(chunk) for chunk in range(self.plan.chunks)]
+
+    def _is_done(self, chunk: int) -> bool:
+        cases = self.plan.cases_of(chunk)
+        try:
+            return bool(np.all(self.group["status"][cases[0] : cases[-1] + 1] != PENDING))
+        except (OSError, ValueError, RuntimeError):  # cut off while it was written
+            return False
+
+    def write(self, chunk: int, found: dict[str, np.ndarray]) -> None:
+        """Append one chunk, its status last."""
+        cases = self.plan.cases_of(chunk)
+        for name in sorted(found, key=lambda name: name == "status"):
+            self.group[name][cases[0] : cases[-1] + 1] = found[name]
+
+    def counts(self) -> dict[str, int]:
+        """Cases by status."""
+        status = self.group["status"][:]
+        found = {"pending": int(np.sum(status == PENDING))}
+        return found | {name: int(np.sum(status == code)) for code, name in enumerate(STATUS)}

@@ -1,0 +1,104 @@
+"""Synthetic traces with known truth: a simulated run, seen by a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from dropper_jax import load_scene, make_stepper
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress
+from dropper_jax.model.path import stack_nodes
+from dropper_jax.run.build import build
+from dropper_jax.stepping.integrate import integrate
+from fitting.traces.trace import Convention, Trace
+
+
+@dataclass(frozen=True)
+class Camera:
+    """How a run is seen.
+
+    Attributes:
+        rate: frames per second [Hz].
+        angle_noise: white noise of the angles [rad].
+        pixel_noise: white noise of every node's image [pixel]; through the geometry each link's angle gets a noise of
+            about `pixel_noise sqrt(2) pixel/L`, correlated between neighbours, which share a node.
+        pixel: size of a pixel at the dropper [m].
+        offset: rotation of the camera [rad].
+        outliers: share of samples that are wrong by up to half a radian.
+        missing: share of samples that are lost.
+        delay: time of the first frame after the release [s].
+    """
+
+    rate: float = 60.0
+    angle_noise: float = 0.0
+    pixel_noise: float = 0.0
+    pixel: float = 0.5e-3
+    offset: float = 0.0
+    outliers: float = 0.0
+    missing: float = 0.0
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A noise-free run: t (k,) [s], nodes (k, n + 1, 3) [m]."""
+
+    t: np.ndarray
+    nodes: np.ndarray
+
+
+def simulate_truth(
+    scene: Any, duration: float, rate: float = 60.0, substeps: int = 40, integrator: str = "energy_momentum"
+) -> Motion:
+    """A run of a scene, by default by another integrator and at a 20 times finer step than a fit takes."""
+    scene = load_scene(scene)
+    model, start = build(scene)
+    stepper = make_stepper(model, integrator, "auto", track_work=False)
+    frames = round(duration * rate)
+    run = jax.jit(lambda model, s: integrate(stepper, model, s, 1 / (rate * substeps), frames * substeps, substeps))
+    _, trajectory = run(model, start)
+    if int(trajectory.first_bad[-1]) >= 0:
+        raise SceneError("synthetic: the run of the truth failed; allowed: a scene that runs, a finer step")
+    ends = model.ends(0.0)
+    free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
+    place = jax.vmap(lambda r: stack_nodes(r, ends.start, ends.end if model.end_held else None))
+    return Motion(np.arange(frames + 1) / rate, np.asarray(place(free)))
+
+
+def observe(motion: Motion, camera: Camera, seed: int, name: str = "synthetic") -> Trace:
+    """Angles from the horizontal, as the camera sees them; the same seed gives the same noise."""
+    rng = np.random.default_rng(seed)
+    keep = motion.t >= camera.delay - 1e-12
+    nodes = motion.nodes[keep][..., [0, 2]]
+    seen = nodes + camera.pixel * camera.pixel_noise * rng.standard_normal(nodes.shape)
+    link = np.diff(seen, axis=1)
+    theta = np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0) + camera.offset
+    theta = theta + camera.angle_noise * rng.standard_normal(theta.shape)
+    wrong = rng.random(theta.shape) < camera.outliers
+    theta = np.where(wrong, theta + rng.uniform(-0.5, 0.5, theta.shape), theta)
+    theta = np.where(rng.random(theta.shape) < camera.missing, np.nan, theta)
+    return Trace(name, motion.t[keep] - camera.delay, theta, convention=Convention("horizontal", 1, "rad"))
+
+
+def synthetic_traces(
+    scenes: Sequence[Any],
+    duration: float = 48.0,
+    camera: Camera | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> list[Trace]:
+    """One trace per scene, such as scenarios A, B and C; labelled as synthetic by their names."""
+    camera = camera or Camera(angle_noise=0.005)
+    found = []
+    for i, scene in enumerate(scenes):
+        loaded = load_scene(scene)
+        if progress:
+            progress(i / len(scenes), f"synthetic trace of {loaded.name}")
+        motion = simulate_truth(loaded, duration, camera.rate)
+        found.append(observe(motion, camera, seed + i, f"synthetic-{loaded.name}"))
+    return found

@@ -1,0 +1,124 @@
+"""`dropper fit`: its JSON, its report and its exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dropper_jax.cli import main
+from fitting.cli.fit import held_out_spans
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import write_trace
+
+PENDULUM = {
+    "run": {"dt": 0.01, "duration": 10.0},
+    "point": [
+        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
+    ],
+    "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}},
+    "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
+}
+TOML = """
+[run]
+dt = 0.01
+duration = 10.0
+[[point]]
+name = "pivot"
+position = [0.0, 0.0, 0.0]
+[[point]]
+name = "bob"
+kind = "free"
+position = [1.0, 0.0, 0.0]
+[[line]]
+name = "pendulum"
+from = "pivot"
+to = "bob"
+links = 1
+length = 1.0
+mass = 1.0
+[effects.weight]
+[effects.linear_damping]
+b_l = 1.0
+[effects.quadratic_damping]
+b_q = 0.5
+[start]
+kind = "angles"
+zero = "down"
+polar = [1.5707963267948966]
+"""
+KEYS = {
+    "schema", "status", "parameters", "correlation", "rms_rad", "held_out_rms_rad", "chi2_per_dof", "noise_rad",
+    "iterations", "seconds", "warnings",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fit")
+    trace = observe(simulate_truth(PENDULUM, 20.0, 30.0), Camera(rate=30.0, angle_noise=0.005), 0)
+    write_trace(folder / "run.csv", trace)
+    (folder / "scene.toml").write_text(TOML)
+    return folder
+
+
+def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
+    code = main(
+        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--until", "16", "--held-out", "16:20",
+         "--report", str(files / "report"), "--json"]
+    )  # fmt: skip
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert code == 0
+    assert set(found) >= KEYS
+    assert found["status"] == "ok"
+    b_l = found["parameters"]["effects.linear_damping.b_l"]
+    assert set(b_l) >= {"value", "std_error", "low", "high", "at_bound"}
+    assert abs(b_l["value"] - 0.1) < 4 * b_l["std_error"]
+    assert found["held_out_rms_rad"][0] == pytest.approx(0.005, rel=0.3)
+    assert "100 %" in err
+    text = (files / "report" / "report.md").read_text()
+    for heading in ("Parameters", "Errors along the trace", "Correlation", "What was not identifiable"):
+        assert f"## {heading}" in text
+    assert len(list((files / "report").glob("*.png"))) == 4
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--free", "b_x"], "'b_x' does not exist"),
+        (["--free", "b_l,release.force"], "lets no node go"),
+        (["--window", "100"], "longer than the trace"),
+        (["--dt", "3"], "dt: 3 s is longer than the samples are apart; allowed: at most 0.03333 s"),
+        (["--held-out", "3-5"], "is not lo:hi"),
+        (["--held-out", "30:40"], "holds no samples"),
+        (["--zero", "up"], "allowed: horizontal, down"),
+        (["--unit", "deg"], "looks like radians"),
+        (["--iterations", "0"], "is not positive"),
+    ],
+)
+def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, words):
+    code = main(["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--json", *more])
+    out, err = capsys.readouterr()
+    assert code == 2
+    assert json.loads(out)["status"] == "invalid_input"
+    lines = [line for line in err.splitlines() if line.startswith("error")]
+    assert len(lines) == 1
+    assert words in lines[0]
+
+
+def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(files, capsys):
+    code = main(
+        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--iterations", "2",
+         "--method", "windows", "--report", str(files / "short"), "--json"]
+    )  # fmt: skip
+    found = json.loads(capsys.readouterr().out)
+    assert code == 3
+    assert found["status"] == "not_converged"
+    assert np.isfinite(found["parameters"]["effects.linear_damping.b_l"]["value"])
+    assert (files / "short" / "report.md").exists()
+
+
+def test_held_out_spans_are_read_in_order():
+    assert held_out_spans("1:2,3.5:4") == [(1.0, 2.0), (3.5, 4.0)]

@@ -1,0 +1,217 @@
+"""Twin experiments: the estimators find the truth they were not told, and their errors mean what they say.
+
+The truth is integrated by another scheme at a 20 times finer step; fits start ten times off. The full statistics
+(20 and 60 noise seeds) are in benchmarks/calibration.py.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.estimate.gauss_newton import closed_starts
+from fitting.estimate.normal_equations import bounded_step
+from fitting.estimate.profile import profile
+from fitting.estimate.shooting import _loosest
+from fitting.estimate.uncertainty import bootstrap
+from fitting.estimate.windows import Starts
+from fitting.parameters.parameter import apply, resolve
+from fitting.traces import planar
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+
+SCENE = "dropper-release-a"
+FREE = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]
+TRUTH = np.array([0.002, 0.001])
+FAR = dict.fromkeys(FREE, 0.02)
+SEEDS = 4
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return simulate_truth(SCENE, 24.0)
+
+
+@pytest.fixture(scope="module")
+def twins(motion):
+    """Prepared fits of several noise seeds, sharing one compiled simulator."""
+    found, simulator = [], None
+    for seed in range(SEEDS):
+        trace = observe(motion, Camera(angle_noise=0.005), seed)
+        found.append(prepare(trace, SCENE, FREE, start=FAR, window=1.0, simulator=simulator))
+        simulator = found[0].simulator
+    return found
+
+
+@pytest.fixture(scope="module")
+def separate(twins):
+    return [estimate(p, "windows") for p in twins]
+
+
+def test_windows_converge_from_ten_times_off_with_honest_errors(twins, separate):
+    z = []
+    for prepared, (solution, windows) in zip(twins, separate, strict=True):
+        result = summarise(prepared, "windows", solution, windows)
+        assert result.status == "ok"
+        assert result.chi2_per_dof == pytest.approx(1.0, abs=0.1)
+        z.append((result.values - TRUTH) / result.uncertainty.std_error)
+    assert np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+def test_joining_the_windows_makes_the_errors_several_times_smaller(twins, separate):
+    prepared, (solution, windows) = twins[0], separate[0]
+    apart = summarise(prepared, "windows", solution, windows)
+    joined = summarise(prepared, "shooting", *estimate(prepared, "shooting"))
+    assert joined.status == "ok"
+    assert np.all(joined.uncertainty.std_error < apart.uncertainty.std_error / 5)
+    assert np.all(np.abs(joined.values - TRUTH) < 4 * joined.uncertainty.std_error)
+
+
+def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, separate):
+    """Fewer windows, all unknowns in one dense vector, trust region of SciPy."""
+    prepared, (solution, _) = twins[0], separate[0]
+    few = prepared.windows.pick(np.arange(8))
+    starts = Starts(solution.starts.theta[:8], solution.starts.omega[:8])
+    simulator, m2 = prepared.simulator, prepared.simulator.freedoms
+    bases = planar.chart(simulator.model_at(solution.values), starts.theta)
+    scale = np.array([1e-3, 1e-3])
+
+    def evaluate(x):
+        z = x[2:].reshape(8, 2, m2 // 2)
+        at = Starts(
+            starts.theta + np.einsum("kij,kj->ki", bases, z[:, 0]),
+            starts.omega + np.einsum("kij,kj->ki", bases, z[:, 1]),
+        )
+        return simulator(x[:2] * scale, at, few)
+
+    def residual(x):
+        return evaluate(x).residual.ravel()
+
+    def jacobian(x):
+        """By the chart at the moved start, turned to the chart at the first one (equal to first order in the move)."""
+        found = evaluate(x)
+        rows = found.jacobian.reshape(8, -1, m2 + 2)
+        moved = planar.chart(simulator.model_at(x[:2] * scale), closed_starts(found).theta)
+        turn = np.einsum("kij,kil->kjl", moved, bases)
+        full = np.zeros((8, rows.shape[1], 2 + 8 * m2))
+        for k in range(8):
+            both = np.kron(np.eye(2), turn[k])
+            full[k, :, 2 + k * m2 : 2 + (k + 1) * m2] = rows[k, :, :m2] @ both
+        full[:, :, :2] = rows[:, :, m2:] * scale
+        return full.reshape(-1, 2 + 8 * m2)
+
+    x0 = np.concatenate([solution.values / scale, np.zeros(8 * m2)])
+    theirs = least_squares(residual, x0, jacobian, method="trf", x_scale="jac", max_nfev=30)
+    from fitting.estimate.gauss_newton import fit_windows
+
+    ours = fit_windows(simulator, few, solution.values, starts)
+    errors = np.sqrt(np.diag(np.linalg.inv(ours.information)))
+    assert np.all(np.abs(theirs.x[:2] * scale - ours.values) < 0.02 * errors)
+    assert ours.cost == pytest.approx(theirs.cost, rel=1e-5)
+
+
+def test_window_jacobian_agrees_with_central_differences(twins):
+    prepared = twins[0]
+    few = prepared.windows.pick(np.arange(5))  # as many as share the compiled chunk
+    starts = Starts(prepared.starts.theta[:5], prepared.starts.omega[:5])
+    at = prepared.simulator(TRUTH, starts, few)
+    for i in range(2):
+        step = np.zeros(2)
+        step[i] = 1e-6
+        ahead, behind = (prepared.simulator(TRUTH + s * step, starts, few) for s in (1, -1))
+        slope = (ahead.residual - behind.residual) / 2e-6
+        exact = at.jacobian[..., prepared.simulator.freedoms + i]
+        np.testing.assert_allclose(exact, slope, atol=1e-5 * np.abs(exact).max())
+
+
+def test_bootstrap_and_profile_agree_with_the_covariance(twins, separate):
+    prepared, (solution, windows) = twins[0], separate[0]
+    u = summarise(prepared, "windows", solution, windows).uncertainty
+    spread = bootstrap(solution, windows, prepared.parameters, draws=400).std(axis=0)
+    np.testing.assert_allclose(spread, u.std_error, rtol=0.5)
+    found = profile(prepared.simulator, windows, solution, FREE[0], u.std_error[0], points=2)
+    assert found.low == pytest.approx(u.low[0], abs=0.5 * u.std_error[0])
+    assert found.high == pytest.approx(u.high[0], abs=0.5 * u.std_error[0])
+
+
+def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
+    """The truth has linear damping alone; noise pushes the quadratic coefficient against its bound."""
+    truth = simulate_truth(dj.load_scene(SCENE).with_values({FREE[0]: 0.004, FREE[1]: 0.0}), 8.0)
+    results = []
+    for seed in range(3):
+        trace = observe(truth, Camera(angle_noise=0.005), seed)
+        prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins[0].simulator)
+        results.append(summarise(prepared, "windows", *estimate(prepared, "windows")))
+    assert all(r.values[1] >= 0 for r in results)
+    for r in results:
+        assert r.uncertainty.at_bound[1] == (r.values[1] == 0)
+        assert r.uncertainty.low[1] == 0 or r.values[1] > 0
+        assert any("bound" in w for w in r.warnings) == bool(r.uncertainty.at_bound.any())
+    assert any(r.uncertainty.at_bound[1] for r in results)
+
+
+def test_huber_resists_outliers(motion, twins):
+    trace = observe(motion, Camera(angle_noise=0.005, outliers=0.02, missing=0.05), 7)
+    prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins[0].simulator)
+    plain, _ = estimate(prepared, "windows")
+    robust, _ = estimate(prepared, "windows", huber=2.0)
+    assert robust.status == "ok"
+    assert np.abs(robust.values[0] - TRUTH[0]) < 0.2 * TRUTH[0]
+    assert np.abs(robust.values - TRUTH).max() <= np.abs(plain.values - TRUTH).max()
+
+
+def test_the_bounded_step_solves_its_quadratic_problem():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        root = rng.standard_normal((4, 4))
+        square, slope = root @ root.T + 0.1 * np.eye(4), rng.standard_normal(4)
+        low, high = -rng.random(4), rng.random(4)
+        step = bounded_step(square, slope, low, high)
+        rest = slope + square @ step
+        inside = (step > low + 1e-9) & (step < high - 1e-9)
+        assert np.all(np.abs(rest[inside]) < 1e-7)
+        assert np.all(rest[step <= low + 1e-9] >= -1e-7)
+        assert np.all(rest[step >= high - 1e-9] <= 1e-7)
+
+
+def test_paths_reach_every_part_of_the_model():
+    model, _ = dj.build(SCENE)
+    names = ["line.0.mass.2", "point.right.position.0", "effects.weight.gravity", "camera.offset", *FREE]
+    parameters = resolve(model, names)
+    changed = apply(model, parameters, np.array([0.05, 0.3, 9.7, 0.1, 0.004, 0.005]))
+    assert float(changed.line.mass[2]) == 0.05
+    assert float(changed.points[1].position[0]) == 0.3
+    assert float(changed.effect("weight").gravity) == 9.7
+    assert [p.low for p in parameters[-2:]] == [0.0, 0.0]
+
+
+def test_a_path_that_does_not_exist_is_refused_with_the_nearest():
+    model, _ = dj.build(SCENE)
+    with pytest.raises(SceneError, match=r"did you mean 'effects.linear_damping.b_l'"):
+        resolve(model, ["effects.linear_damping.b_k"])
+
+
+def test_a_parameter_that_does_nothing_is_named():
+    """A camera that looks along y does not see where the pivot is in depth."""
+    pendulum = {
+        "run": {"dt": 0.01, "duration": 4.0},
+        "point": [
+            {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+            {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
+        ],
+        "line": [{"name": "one", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
+        "effects": {"weight": {}},
+        "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
+    }
+    trace = observe(simulate_truth(pendulum, 4.0), Camera(angle_noise=0.005), 0)
+    with pytest.raises(SceneError, match="'point.0.position.1' does nothing"):
+        prepare(trace, pendulum, ["point.0.position.1"], window=0.5)
+
+
+def test_of_gap_weights_that_the_evidence_cannot_tell_apart_the_loosest_is_taken():
+    found = [(SimpleNamespace(evidence=e), name) for e, name in ((-9.0, "1"), (-3.4, "2"), (-3.1, "3"), (-3.0, "4"))]
+    assert _loosest(found)[1] == "2"
+    assert _loosest(found[:1])[1] == "1"

@@ -1,0 +1,164 @@
+"""Sensitivities: exact derivatives against differences, an honest horizon, and global indices with a known answer."""
+
+from __future__ import annotations
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import main
+from fitting import sensitivity
+from fitting.parameters.parameter import apply
+from fitting.sensitivity import local, ranges, study, windows
+from fitting.sensitivity.quantities import STATISTICS, quantity
+from fitting.sensitivity.screening import global_indices
+
+SCENE = {
+    "name": "pendulum",
+    "run": {"dt": 0.01, "duration": 0.5, "integrator": "rattle"},
+    "point": [
+        {"name": "top", "position": [0.0, 0.0, 0.0]},
+        {"name": "end", "position": [0.6, 0.0, 0.0]},
+    ],
+    "line": [{"name": "l", "from": "top", "to": "end", "links": 3, "length": 0.4, "mass": 1.0}],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.3}},
+    "start": {"kind": "static", "release_nodes": [1], "release_force": [[3.0, 1.0, 4.0]]},
+}
+
+
+@pytest.fixture(scope="module")
+def loop():
+    return study(SCENE, "tension.1.max", ["b_l", "line.0.mass.1"])
+
+
+@pytest.fixture(scope="module")
+def found(loop):
+    return local(loop)
+
+
+def differences(function, at: np.ndarray) -> np.ndarray:
+    """Central differences of fourth order, good to about 1e-9."""
+    size = 1e-4 * at
+
+    def along(step: np.ndarray) -> float:
+        near, far = function(at + step) - function(at - step), function(at + 2 * step) - function(at - 2 * step)
+        return float(8 * near - far) / 12
+
+    return np.array([along(step) for step in np.diag(size)]) / size
+
+
+def test_local_derivatives_are_central_differences_and_both_modes_agree(loop, found):
+    """The static start moves with the mass, so that its derivative is in it."""
+    np.testing.assert_allclose(found.forward, differences(jax.jit(loop), loop.values), rtol=1e-6)
+    assert found.mismatch < 1e-9
+    np.testing.assert_allclose(found.scaled, found.forward * loop.values / found.value)
+    assert found.trusted
+    assert found.horizon == pytest.approx(0.5)
+
+
+def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
+    @jax.jit
+    def held(p):
+        model = apply(loop.model, loop.parameters, p)
+        return loop.measure(model, loop.start, loop.march(model, loop.start, loop.scene.run.saves))
+
+    mean, _, length = windows(loop, jnp.asarray(loop.values), 0.5)
+    assert length == pytest.approx(0.5)
+    np.testing.assert_allclose(mean, differences(held, loop.values), rtol=1e-6)
+
+
+def ishigami(x: np.ndarray) -> np.ndarray:
+    return np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+
+def test_sobol_indices_of_the_ishigami_function():
+    """Closed form: V1 = (1 + b pi^4/5)^2/2, V2 = a^2/8, V13 = b^2 pi^8 (1/18 - 1/50), with a = 7, b = 0.1."""
+    pytest.importorskip("SALib")
+    a, b = 7.0, 0.1
+    v1, v2, v13 = 0.5 * (1 + b * np.pi**4 / 5) ** 2, a**2 / 8, b**2 * np.pi**8 * (1 / 18 - 1 / 50)
+    total = v1 + v2 + v13
+    box = [(-np.pi, np.pi)] * 3
+    found = global_indices(ishigami, ["x1", "x2", "x3"], box, samples=2048)
+    np.testing.assert_allclose(found.first, [v1 / total, v2 / total, 0.0], atol=0.05)
+    np.testing.assert_allclose(found.total, [(v1 + v13) / total, v2 / total, v13 / total], atol=0.05)
+    assert found.runs == 2048 * 5
+
+
+def test_morris_ranks_a_function_with_known_effects():
+    pytest.importorskip("SALib")
+    found = global_indices(
+        lambda x: 5 * x[:, 0] + x[:, 1] + x[:, 1] * x[:, 2], list("abcd"), [(0, 1)] * 4, "morris", 32
+    )
+    assert np.argsort(-found.first)[0] == 0
+    assert found.first[0] == pytest.approx(5.0)
+    assert found.total[0] == pytest.approx(0.0, abs=1e-9)  # linear: no spread
+    assert found.total[1] > 0.1
+    assert found.first[3] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_global_study_refuses_what_it_cannot_do(loop):
+    pytest.importorskip("SALib")
+    with pytest.raises(SceneError, match="2 of 10 cases failed"):
+        global_indices(lambda x: np.where(np.arange(10) < 2, np.nan, 1.0), ["a", "b", "c"], [(0, 1)] * 3, samples=2)
+    with pytest.raises(SceneError, match="samples: 100; allowed: a power of 2"):
+        global_indices(ishigami, ["a"], [(0, 1)], samples=100)
+    with pytest.raises(SceneError, match="allowed: low < high"):
+        ranges(loop, {"b_l": (2.0, 1.0)})
+    assert ranges(loop, {"b_l": (0.1, 0.2)})[0] == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("tensoin.1.max", "'tensoin' is no signal; did you mean 'tension'?"),
+        ("tension.1.maxi", "'maxi' is no statistic; did you mean 'max'?"),
+        ("tension.9.max", "'9' is no link; allowed: 1 to 3"),
+        ("angle.max", "names no link"),
+        ("energy.1.max", "is no part"),
+    ],
+)
+def test_unknown_quantities_are_refused_with_what_is_near(loop, name, message):
+    with pytest.raises(SceneError) as caught:
+        quantity(name, loop.model)
+    assert message in str(caught.value)
+
+
+def test_statistics_of_a_sine_are_its_amplitude():
+    t = np.arange(400) * 0.01
+    x = jnp.asarray(2.0 + 1.5 * np.sin(2 * np.pi * t))[:, None]
+    assert STATISTICS["peak"](x) == pytest.approx(1.5, rel=1e-6)
+    assert STATISTICS["std"](x) == pytest.approx(1.5 / np.sqrt(2))
+    assert STATISTICS["fatigue"](x) == pytest.approx(1.5 * (4 / (3 * np.pi)) ** (1 / 3), rel=1e-4)
+    for name, statistic in STATISTICS.items():
+        assert np.isfinite(jax.grad(statistic)(jnp.ones((8, 1)))).all(), name
+
+
+def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
+    picture = tmp_path / "tornado.png"
+    argv = ["sensitivity", "double-pendulum-chaotic", "--of", "tension.1.max", "--quiet", "--to", "line.0.mass"]
+    with monkeypatch.context() as patch:
+        patch.setattr(sensitivity, "local", lambda problem, say: found)
+        assert main([*argv, "--picture", str(picture)]) == 0
+        assert "p/Q dQ/dp" in capsys.readouterr().out
+        assert picture.stat().st_size > 5000
+        assert main([*argv, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["forward"] == found.forward.tolist()
+    assert printed["trusted"] is True
+    assert main([*argv[:-1], "line.0.mas", "--json"]) == 2
+    assert "to: 'line.0.mas' does not exist" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_command_screens_globally(tmp_path, capsys):
+    """Nothing but the ratio of the two masses matters to the angles, so that both have effects of about one size."""
+    pytest.importorskip("SALib")
+    argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "0.3", "--dt", "0.02", "--integrator", "rattle"]
+    argv += ["--of", "angle.2.final", "--to", "line.0.mass", "--global", "morris", "--samples", "8", "--json"]
+    assert main([*argv, "--picture", str(tmp_path / "morris.png")]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["runs"] == 24
+    assert found["first"][0] == pytest.approx(found["first"][1], rel=0.2)

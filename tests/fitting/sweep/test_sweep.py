@@ -1,0 +1,241 @@
+"""Sweeps: the numbers of single runs, whole after a kill, honest about failures."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import main
+
+zarr = pytest.importorskip("zarr")
+xarray = pytest.importorskip("xarray")
+
+from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
+from fitting.sweep.store import Store  # noqa: E402
+
+SCENE = {
+    "name": "swept",
+    "run": {"dt": 0.01, "duration": 0.4, "integrator": "rattle"},
+    "point": [
+        {"name": "top", "position": [0.0, 0.0, 0.0]},
+        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
+    ],
+    "line": [{"name": "l", "from": "top", "to": "bob", "links": 2, "length": 0.5, "mass": 1.0}],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}},
+    "start": {"kind": "angles", "zero": "down", "polar": [1.0, 0.5]},
+}
+#: The retries of a step take most of the compilation, and no case here needs them.
+QUICK = {"extra": 0, "halvings": 0}
+VARY = {"b_l": [0.0, 0.1, 0.2, 0.4, 0.8], "start.polar.0": [0.5, 1.0]}
+
+
+def raw(path) -> dict[str, np.ndarray]:
+    return {name: array[:] for name, array in zarr.open_group(path, mode="r").arrays()}
+
+
+def assert_same_bits(one, other) -> None:
+    one, other = raw(one), raw(other)
+    assert one.keys() == other.keys()
+    for name in one:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """An uninterrupted sweep of 10 cases in chunks of 4."""
+    path = tmp_path_factory.mktemp("sweep") / "whole.zarr"
+    result = sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
+    assert result.counts == {"pending": 0, "ok": 10, "not_converged": 0, "non_finite": 0, "invalid_input": 0}
+    return path
+
+
+def test_sweep_gives_the_numbers_of_single_runs(whole):
+    found = open_sweep(whole)
+    for b_l, polar in ((0.0, 0.5), (0.4, 1.0)):
+        scene = dj.load_scene(SCENE).with_values({"effects.linear_damping.b_l": b_l, "start.polar.0": polar})
+        run = dj.simulate(scene, **QUICK)
+        case = found.sel({"b_l": b_l, "start.polar.0": polar})
+        tension = run.tension[1:]
+        links = np.diff(run.positions[1:], axis=1)
+        expected = {
+            "tension_max": tension.max(),
+            "tension_min": tension.min(),
+            "tension_mean": tension.mean(),
+            "energy_final": run.energy[-1],
+            "excursion": np.linalg.norm(run.positions - run.positions[0], axis=-1).max(),
+            "angle_max": np.arccos(-links[..., 2] / 0.5).max(axis=0),
+            "positions": run.positions[1:, 1:],
+            "tension": tension,
+        }
+        for name, value in expected.items():
+            np.testing.assert_allclose(case[name].values, value, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_plain_xarray_reads_inputs_as_coordinates(whole):
+    with xarray.open_zarr(whole, consolidated=False) as found:
+        assert set(found.coords) == {"b_l", "start.polar.0"}
+        assert found.sizes["case"] == 10
+        assert found.tension_max.attrs["units"] == "N"
+
+
+def test_resumed_after_a_cut_is_the_uninterrupted_sweep_to_the_bit(whole, tmp_path, monkeypatch):
+    path = tmp_path / "cut.zarr"
+    write = Store.write
+
+    def cut(self, chunk, found):
+        if chunk == 1:  # in the middle of a chunk: some arrays are there, the status is not
+            self.group["tension_max"][4:8] = -1.0
+            raise KeyboardInterrupt
+        write(self, chunk, found)
+
+    monkeypatch.setattr(Store, "write", cut)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
+    monkeypatch.setattr(Store, "write", write)
+    status = next(path.glob("status/c/0"))
+    result = sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
+    assert result.resumed == 4
+    assert_same_bits(path, whole)
+    status.write_bytes(b"")  # a status file cut off as it was written
+    assert sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK).resumed == 6
+    assert_same_bits(path, whole)
+
+
+def test_killed_process_resumes_without_redoing_or_losing_a_case(whole, tmp_path):
+    path = tmp_path / "killed.zarr"
+    code = (
+        "from fitting.sweep import sweep; import time, fitting.sweep.store as s; w = s.Store.write\n"
+        "s.Store.write = lambda *a: (w(*a), time.sleep(0.3))\n"
+        f"sweep({SCENE!r}, {VARY!r}, {str(path)!r}, chunk=4, traces=True, extra=0, halvings=0)"
+    )
+    child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 60
+    while child.poll() is None and time.monotonic() < until and not (path / "status/c/0").exists():
+        time.sleep(0.02)
+    os.kill(child.pid, signal.SIGKILL)
+    assert child.wait() == -signal.SIGKILL
+    result = sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
+    assert 4 <= result.resumed < 10
+    assert_same_bits(path, whole)
+
+
+def test_a_folder_of_other_inputs_is_refused_with_what_differs(whole, tmp_path):
+    with pytest.raises(
+        SceneError, match=r"belongs to other inputs: vary\.effects\.linear_damping\.b_l = .* there, .* here"
+    ):
+        sweep(SCENE, {**VARY, "b_l": [0.0, 0.3]}, whole, chunk=4, traces=True, **QUICK)
+    changed = {**SCENE, "run": {**SCENE["run"], "dt": 0.005}}
+    with pytest.raises(SceneError, match=r"scene\.run\.dt = 0\.01 there, 0\.005 here"):
+        sweep(changed, VARY, whole, chunk=4, traces=True, **QUICK)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(SceneError, match="is there and is no sweep"):
+        sweep(SCENE, VARY, tmp_path / "folder")
+
+
+def test_failed_members_are_recorded_and_spoil_no_other(tmp_path):
+    """A link that turns many times within a step has no step to take."""
+    path = tmp_path / "failed.zarr"
+    scene = {**SCENE, "start": {**SCENE["start"], "polar_rate": [0.0, 0.0]}}
+    result = sweep(scene, {"start.polar_rate.0": [0.0, 1e4]}, path, quantities=["tension_max"], **QUICK)
+    found = open_sweep(path)
+    assert result.counts["ok"] == 1
+    assert result.counts["not_converged"] + result.counts["non_finite"] == 1
+    assert found.status.values[0] == 0
+    assert np.isfinite(found.tension_max.values[0])
+    assert np.isnan(found.tension_max.values[1])
+    assert found.failed_at.values[1] > 0
+
+
+def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypatch, capsys):
+    path = tmp_path / "full.zarr"
+    write = Store.write
+
+    def full(self, chunk, found):
+        if chunk == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(self, chunk, found)
+
+    monkeypatch.setattr(Store, "write", full)
+    with pytest.raises(SweepStopped, match="No space left on device; 8 of 10 cases are kept, the same call goes on"):
+        sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK)
+    monkeypatch.setattr(Store, "write", write)
+    assert sweep(SCENE, VARY, path, chunk=4, traces=True, **QUICK).resumed == 8
+    assert_same_bits(path, whole)
+
+
+@pytest.mark.parametrize(
+    ("vary", "more", "message"),
+    [
+        ({}, {}, "vary: nothing is varied"),
+        ({"b_m": [1.0]}, {}, "vary: 'b_m' does not exist"),
+        ({"effects.linear_damping.b_x": [1.0]}, {}, "effects.linear_damping.b_x: unknown path"),
+        ({"b_l": [-1.0]}, {}, "b_l"),
+        ({"run.dt": [0.1]}, {}, "vary: 'run.dt' belongs to the compiled program"),
+        ({"b_l": [0.1]}, {"quantities": ["tension_mx"]}, "quantities: 'tension_mx' is unknown; did you mean"),
+        ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, vary, more, message):
+    with pytest.raises(SceneError) as caught:
+        sweep(SCENE, vary, tmp_path / "s.zarr", **more)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "s.zarr").exists()
+
+
+def test_seeds_are_realisations_of_the_sea():
+    from fitting.sweep.plan import make_plan
+
+    waves = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 8, "seed": 5}
+    line = [{**SCENE["line"][0], "diameter": 0.05}]
+    effects = {"weight": {}, "morison_drag": {"cdn": 1.0, "cdt": 0.0}}
+    wet = {**SCENE, "line": line, "effects": effects, "sea": {"depth": 30.0, "waves": waves}}
+    plan = make_plan(wet, {}, seeds=3)
+    assert plan.inputs(np.arange(3))[:, 0].tolist() == [5.0, 6.0, 7.0]
+
+
+def test_command_line_sweeps_and_resumes(tmp_path, capsys):
+    out = tmp_path / "cli.zarr"
+    argv = ["sweep", "double-pendulum-periodic", "--integrator", "rattle", "--dt", "0.01", "--duration", "0.1"]
+    argv += ["--vary", "line.0.mass=0.5:1.5:3", "--quantities", "tension_max", "--out", str(out), "--quiet", "--json"]
+    assert main(argv) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["status"], found["cases"], found["resumed"], found["failed"]) == ("ok", 3, 0, 0)
+    tension = open_sweep(out).tension_max.values
+    np.testing.assert_allclose(tension / tension[1], [0.5, 1.0, 1.5], rtol=1e-9)  # weights and inertia scale alike
+    assert main(argv) == 0
+    assert json.loads(capsys.readouterr().out)["resumed"] == 3
+    assert main([*argv, "--vary", "line.0.length=oops"]) == 2
+    assert "is not NAME=LO:HI:N" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_cluster_does_the_chunks_of_a_worker_that_died_elsewhere(whole, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    path, write, killed = tmp_path / "cluster.zarr", Store.write, []
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client:
+        workers = list(client.run(os.getpid).values())
+
+        def kill_one(self, chunk, found):
+            write(self, chunk, found)
+            if not killed:
+                killed.append(workers[0])
+                os.kill(workers[0], signal.SIGKILL)
+
+        monkeypatch.setattr(Store, "write", kill_one)
+        result = sweep(SCENE, VARY, path, chunk=1, traces=True, scheduler=client, **QUICK)
+    assert killed
+    assert result.counts["ok"] == 10
+    one, other = raw(path), raw(whole)
+    np.testing.assert_array_equal(one["status"], other["status"])
+    np.testing.assert_allclose(one["tension_max"], other["tension_max"], rtol=1e-9)

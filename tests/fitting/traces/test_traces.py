@@ -1,0 +1,141 @@
+"""Traces: the CSV contract, conventions, and one clear line for everything that cannot be fitted."""
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from fitting.parameters.naming import full_names
+from fitting.parameters.parameter import resolve
+from fitting.traces import planar
+from fitting.traces.conventions import settle_convention
+from fitting.traces.trace import Convention, Trace, convention, local_polynomial, noise, read_trace, write_trace
+
+ANY = Convention()
+
+
+@pytest.fixture(scope="module")
+def dropper():
+    return dj.build("dropper-release-a")
+
+
+def still_swinging(model, start, count=200):
+    """A made-up motion that closes: the release pose, every other sample the resting one."""
+    theta, _ = planar.from_nodes(model, start.r, start.v)
+    wobble = 0.02 * np.sin(np.arange(count) * 0.2)[:, None] * np.ones(7)
+    t = np.arange(count) / 60
+    return Trace("made-up", t, np.asarray(theta) + wobble)
+
+
+def write(tmp_path, text, name="run.csv"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def rows(count=20, names="t,theta_1", value=lambda i: f"{np.sin(i):.6f}"):
+    return names + "\n" + "\n".join(f"{i * 0.01:.3f},{value(i)}" for i in range(count)) + "\n"
+
+
+def test_a_trace_survives_writing_and_reading(tmp_path):
+    t = np.arange(30) / 60
+    theta = np.sin(t)[:, None] * np.array([1.0, 2.0])
+    theta[3, 1] = np.nan
+    before = Trace("x", t, theta, se=np.full_like(theta, 0.01), convention=Convention("down", -1, "rad"))
+    after = read_trace(write_trace(tmp_path / "x.csv", before))
+    np.testing.assert_allclose(after.theta, theta, atol=1e-8)
+    np.testing.assert_allclose(after.se, 0.01)
+    assert after.convention == Convention("down", -1, "rad")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (rows(names="time,theta_1"), "no column 't'"),
+        (rows(names="t,angle_1"), "unknown column 'angle_1'"),
+        (rows(names="t,theta_2"), "unknown column .theta_2."),
+        ("t,theta_1\n", "no samples"),
+        (rows(value=lambda i: "x"), "not a number"),
+        (rows(value=lambda i: ""), "every sample is missing"),
+        (rows(value=lambda i: "0.5"), "constant"),
+        (rows(count=5), "at least"),
+        ("t,theta_1\n0,1\n0.02,2\n0.01,3\n" + "".join(f"{i},1\n" for i in range(1, 20)), "goes back"),
+        ("t,theta_1\n0,1\n0.01,2\n0.01,3\n" + "".join(f"{i},1\n" for i in range(1, 20)), "is repeated"),
+        ("# zero=up\n" + rows(), "zero = 'up' is unknown"),
+        (rows().replace("0.050,", "0.050,1,"), "one per column"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, words):
+    with pytest.raises(SceneError, match=words) as caught:
+        read_trace(write(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_columns_must_match_the_scenes_links(tmp_path):
+    with pytest.raises(SceneError, match="1 columns theta_1..n, but the scene has 7 links"):
+        read_trace(write(tmp_path, rows()), 7)
+
+
+def test_an_unknown_convention_names_what_is_allowed():
+    with pytest.raises(SceneError, match="allowed: horizontal, down"):
+        convention("vertical", None, None)
+
+
+def test_the_noise_of_a_smooth_motion_is_found_within_a_tenth():
+    rng = np.random.default_rng(0)
+    t = np.arange(3000) / 60
+    smooth = np.sin(9 * t) + 0.3 * np.sin(17 * t)
+    trace = Trace("x", t, (smooth + 0.005 * rng.standard_normal(len(t)))[:, None])
+    np.testing.assert_allclose(noise(trace), 0.005, rtol=0.1)
+
+
+def test_the_local_polynomial_is_exact_on_cubics_with_gaps():
+    t = np.linspace(0, 1, 60) ** 1.2
+    y = 1 + 2 * t - 3 * t**2 + t**3
+    y[10:20] = np.nan
+    value, slope = local_polynomial(t, y, 0.3, 0.2)
+    assert value == pytest.approx(1 + 0.6 - 0.27 + 0.027, abs=1e-10)
+    assert slope == pytest.approx(2 - 1.8 + 0.27, abs=1e-8)
+
+
+def test_the_convention_of_a_closed_loop_is_guessed_from_closure_and_gravity(dropper):
+    model, start = dropper
+    true = still_swinging(model, start)
+    for zero, sign in (("horizontal", 1), ("horizontal", -1), ("down", 1), ("down", -1)):
+        measured = np.pi / 2 - true.theta if zero == "down" else true.theta
+        trace = Trace("x", true.t, sign * measured)
+        found, warnings = settle_convention(trace, model, ANY)
+        assert found.convention == Convention(zero, sign, "rad")
+        assert warnings
+        np.testing.assert_allclose(np.cos(found.theta - true.theta), 1.0, atol=1e-12)
+
+
+def test_a_named_convention_that_the_scene_contradicts_is_refused(dropper):
+    model, start = dropper
+    trace = still_swinging(model, start)
+    with pytest.raises(SceneError, match="zero=horizontal, sign=-1 is .* rad from the scene's pose"):
+        settle_convention(trace, model, Convention("horizontal", -1, "rad"))
+
+
+def test_degrees_are_asked_about(dropper):
+    model, start = dropper
+    trace = still_swinging(model, start)
+    swing = np.sin(np.arange(200) * 0.2)[:, None]
+    in_degrees = Trace("x", trace.t, np.degrees(trace.theta + 0.5 * swing))
+    with pytest.raises(SceneError, match="looks like degrees"):
+        settle_convention(in_degrees, model, ANY)
+
+
+def test_too_few_samples_per_oscillation_are_refused(dropper):
+    model, start = dropper
+    trace = still_swinging(model, start)
+    with pytest.raises(SceneError, match="too few per oscillation"):
+        settle_convention(Trace("x", trace.t * 20, trace.theta), model, ANY)
+
+
+@pytest.mark.parametrize(
+    ("option", "names"), [("free", ["b_x"]), ("to", ["effects.weight.b_l"]), ("vary", ["line.0.mass.9"])]
+)
+def test_a_wrong_name_is_called_after_the_option_that_gave_it(dropper, option, names):
+    with pytest.raises(SceneError, match=f"^{option}: '{names[0]}'"):
+        resolve(dropper[0], full_names(dj.load_scene("dropper-release-a"), names, option), option=option)

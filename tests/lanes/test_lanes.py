@@ -1,0 +1,95 @@
+"""Members side by side: the same results as `jax.vmap`, whatever operations a function is made of."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+from jax.lax.linalg import tridiagonal_solve
+
+import dropper_jax as dj
+from dropper_jax.lanes import lanes
+
+X = np.linspace(0.3, 2.0, 5 * 3 * 4).reshape(5, 3, 4)
+SHARED = np.linspace(-1.0, 1.0, 4)
+
+
+def axes(x, c):
+    return x.T @ x[:, 0], jnp.pad(x, ((1, 0), (0, 2)))[::2, ::-1], x.reshape(2, 6).transpose(), jnp.stack([x, x * c], 1)
+
+
+def reductions(x, c):
+    return x.sum(), (x + c).max(axis=0), x.min(axis=(0, 1)), (x > c).all(axis=1), (x > 1).any(), x.argmax(), jnp.prod(x)
+
+
+def indexing(x, c):
+    i = jnp.argmin(jnp.abs(x[0] - c))
+    return x[:, 1], x.at[1, 2].set(c[0]), x[i % 3], lax.dynamic_slice(c, (i,), (2,)), jnp.where(x > c, x, c)[..., None]
+
+
+def loops(x, c):
+    """A counter that all members share, one that they do not, and a carry that becomes a member's own on the way."""
+    powers, rows = lax.scan(lambda a, b: (a * 0.5 + b, a), c, x, reverse=True)
+    shared = lax.fori_loop(0, 3, lambda i, a: a + x[0] * i, jnp.zeros(4))
+    own = lax.while_loop(lambda a: a[0] < 10.0, lambda a: (a[0] * (1.1 + x[0, 0]), a[1] + 1), (x.sum(), 0))
+    return powers, rows, shared, own
+
+
+def branches(x, c):
+    shared = lax.cond(c[0] < 0, lambda a: a * c, lambda a: a + 1.0, x)
+    own = lax.switch((x[0, 0] * 2).astype(int), [lambda a: a, lambda a: -a, lambda a: a * a, lambda a: a * 3.0], x)
+    return shared, own, c * 2.0
+
+
+def derivatives(x, c):
+    value, slope = jax.value_and_grad(lambda a: jnp.sum(jnp.sin(a) * c) ** 2)(x)
+    return value, slope, jax.jvp(jax.jit(jnp.tanh), (x,), (x * c,))[1]
+
+
+@pytest.mark.parametrize("f", [axes, reductions, indexing, loops, branches, derivatives])
+def test_as_vmap(f):
+    found, expected = (jax.jit(each(f, in_axes=(0, None)))(X, SHARED) for each in (lanes, jax.vmap))
+    assert jax.tree.structure(found) == jax.tree.structure(expected)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        assert a.shape == b.shape
+        assert a.dtype == b.dtype
+        np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-15)
+
+
+def test_loops_and_branches_are_not_left_to_vmap(monkeypatch):
+    """The way back to `vmap`, for a JAX that names things otherwise, is not taken with this one."""
+    monkeypatch.setattr(jax, "vmap", lambda *_, **__: pytest.fail("left to vmap"))
+    for f in (loops, branches):
+        jax.make_jaxpr(lanes(f, in_axes=(0, None)))(X, SHARED)
+
+
+@pytest.mark.parametrize("rows", [7, 40])  # in line, and by LAPACK
+def test_tridiagonal_systems(rows):
+    rng = np.random.default_rng(1)
+    lower, upper, b = rng.normal(size=(3, 5, rows))
+    diagonal = 4.0 + rng.random((5, rows))
+    solve = lanes(lambda low, mid, up, rhs: tridiagonal_solve(low, mid, up, rhs[:, None])[:, 0])
+    x = np.asarray(solve(lower.copy(), diagonal, upper.copy(), b))
+    for low, mid, up, one, rhs in zip(lower, diagonal, upper, x, b, strict=True):
+        matrix = np.diag(mid) + np.diag(low[1:], -1) + np.diag(up[:-1], 1)
+        np.testing.assert_allclose(matrix @ one, rhs, atol=1e-13)
+
+
+def test_runs_of_a_dropper_with_a_member_that_needs_smaller_steps():
+    """A batch in which one member is halved and one fails does not touch the others."""
+    model, start = dj.build("dropper-release-a")
+    stepper = dj.make_stepper(model, "energy_momentum", iterations=6, extra=0, track_work=False)
+
+    def run(dt):
+        _, saved = dj.integrate(stepper, model, start, dt, 6)
+        return saved.r[-1], saved.retried.sum(), saved.failed.sum()
+
+    steps = jnp.array([0.005, 0.01, 0.15, jnp.nan])
+    r, retried, failed = jax.jit(lanes(run))(steps)
+    one = jax.jit(run)
+    alone = [one(dt) for dt in steps[:3]]
+    np.testing.assert_allclose(r[:2], [a[0] for a in alone[:2]], rtol=0, atol=1e-12)
+    assert list(retried[:3]) == [int(a[1]) for a in alone]
+    assert retried[2] > 0
+    assert failed[3] > 0
+    assert not np.isfinite(r[3]).all()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model.effect import has
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State, state
@@ -71,7 +71,7 @@ class LeastNorm(Dense):
         return unravel(jnp.linalg.lstsq(factor, flat)[0])
 
 
-@partial(jax.jit, static_argnames=("solver", "iterations"))
+@kept(static=("solver", "iterations"))
 def _newton(
     model: Model, s: State, loads: jax.Array, solver: Any, iterations: int = 25
 ) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model.lines import System
 from dropper_jax.model.state import State, state
 from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
@@ -94,7 +95,7 @@ def force_scale(model: System) -> jax.Array:
     return GRAVITY_SCALE * jnp.mean(model.line.mass)
 
 
-@jax.jit
+@kept()
 def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
@@ -103,7 +104,7 @@ def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, j
     return problem.residual(Unknowns(x, tension)).x, tension
 
 
-@jax.jit
+@kept()
 def _round(
     model: System, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:

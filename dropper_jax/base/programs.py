@@ -1,7 +1,7 @@
 """Compiled programs in a store of bounded size: the one not used for longest goes first, with its memory maps.
 
-Each kind of scene (its tree, shapes and static settings) is compiled to programs of its own: 260 to 700 memory maps and
-some 40 MB, of which JAX keeps thousands. The Linux kernel allows 65 530 maps; beyond, the compiler ends the process.
+Each kind of scene (its tree, shapes and static settings) is compiled to programs of its own: 300 to 700 memory maps and
+some 50 MB, of which JAX keeps thousands. The Linux kernel allows 65 530 maps; beyond, the compiler ends the process.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import inspect
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable
+from pathlib import Path
 from typing import Generic, ParamSpec, TypeVar
 
 import jax
@@ -18,11 +19,22 @@ import jax
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Programs kept, about three to a kind of scene: 12 000 maps.
+#: Programs kept, two or three to a kind of scene, which take some 200 maps each.
 MOST = 64
+#: Memory maps of the process above which fewer are kept, large programs for one; though not fewer than `LEAST`.
+MAPS = 16_000
+LEAST = 8
 #: After so many new programs JAX's own caches are emptied too: traces (20 MB to a kind of scene) and the programs of
 #: single operations, one for each shape. What is kept here is not compiled again.
 CLEARED_AFTER = 48
+
+
+def memory_maps() -> int:
+    """Memory maps of this process; 0 where the kernel does not tell (it then has no such limit)."""
+    try:
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:
+        return 0
 
 
 class Store:
@@ -46,7 +58,7 @@ class Store:
         program = compile_()  # without the lock: two threads may compile at once
         with self._lock:
             self._programs[key] = program
-            while len(self._programs) > self.most:
+            while self._full():
                 self._programs.popitem(last=False)
             self._new += 1
             clear = self._new >= self.cleared_after
@@ -54,6 +66,10 @@ class Store:
         if clear:
             jax.clear_caches()
         return program
+
+    def _full(self) -> bool:
+        count = len(self._programs)
+        return count > self.most or (count > LEAST and memory_maps() > MAPS)
 
     def clear(self) -> None:
         """Forget all programs."""

@@ -10,6 +10,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.farm import farm_table, is_farm
 from dropper_jax.load.packaged import _parse, packaged
 from dropper_jax.load.scene import Scene
+from dropper_jax.moordyn.reading.reader import read_moordyn
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn
 
 
@@ -45,8 +46,6 @@ def read_toml(source: str | Path) -> tuple[dict[str, Any], str]:
     try:
         data = path.read_bytes()
         if path.suffix.lower() != ".toml" and looks_like_moordyn(data.decode(errors="replace")):
-            from dropper_jax.moordyn.reading.reader import read_moordyn
-
             return read_moordyn(path), path.stem
         return _parse(data, str(path)), path.stem
     except OSError as error:

@@ -117,7 +117,7 @@ def simulate(
 
 def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
     """The scene with its step chosen for the tolerance (or as it is, where the caller fixed it), and the estimate."""
-    from dropper_jax.study.step_choice import choose_step, estimate_error
+    from dropper_jax.study.step_choice import choose_step, estimate_error  # noqa: PLC0415
 
     if fixed:
         return scene, estimate_error(scene)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.analysis.angles import link_angles
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_lines
@@ -130,8 +131,6 @@ class Solution:
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:
         """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
-        from dropper_jax.analysis.angles import link_angles
-
         parts = [link_angles(self.positions[:, line.nodes], zero="horizontal") for line in self.lines]
         return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
@@ -239,13 +238,13 @@ class Solution:
 
     def to_xarray(self) -> Any:
         """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
-        from dropper_jax.run.storage import to_xarray
+        from dropper_jax.run.storage import to_xarray  # noqa: PLC0415
 
         return to_xarray(self)
 
     def save(self, path: str | Path) -> Path:
         """Write to an `.npz` or `.nc` file with scene and settings inside, so that `rerun` can repeat the run."""
-        from dropper_jax.run.storage import write_netcdf, write_npz
+        from dropper_jax.run.storage import write_netcdf, write_npz  # noqa: PLC0415
 
         return (write_netcdf if Path(path).suffix.lower() == ".nc" else write_npz)(self, path)
 
@@ -256,13 +255,13 @@ class Solution:
         Raises:
             SceneError: one line, where the file is missing or is not a saved run.
         """
-        from dropper_jax.run.storage import read_netcdf, read_npz
+        from dropper_jax.run.storage import read_netcdf, read_npz  # noqa: PLC0415
 
         return (read_netcdf if Path(path).suffix.lower() == ".nc" else read_npz)(path)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""
-        from dropper_jax.run.simulate import simulate
+        from dropper_jax.run.simulate import simulate  # noqa: PLC0415
 
         implicit = self.settings["solver"] != "none"
         keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")

@@ -89,7 +89,7 @@ class Twin:
         self.simulator = None
         self.truth = np.array([TRUTH[name] for name in free])
 
-    def prepare(self, seed: int):  # noqa: ANN201
+    def prepare(self, seed: int):
         """Everything ready for an estimator, on the noise of this seed."""
         trace = observe(self.motion, Camera(angle_noise=NOISE), seed)
         start = {name: START[name] for name in self.free}
@@ -97,7 +97,7 @@ class Twin:
         self.simulator = prepared.simulator
         return prepared
 
-    def fit(self, seed: int, method: str, begin: FitResult | None = None):  # noqa: ANN201
+    def fit(self, seed: int, method: str, begin: FitResult | None = None):
         """The result of one method on one seed; `begin` is that of another method on the same seed to go on from."""
         prepared = self.prepare(seed)
         if begin is not None:

@@ -95,7 +95,7 @@ def against_scipy(prepared: Any) -> dict:
     }
 
 
-def _value(simulator, dt, steps, values, z, theta, omega, basis, measured, weight, index):  # noqa: ANN001, ANN202
+def _value(simulator, dt, steps, values, z, theta, omega, basis, measured, weight, index):
     """Residuals of one window, no derivatives."""
     m = basis.shape[1]
     model = simulator.model_at(values)

@@ -73,7 +73,7 @@ CASES = {
 }
 
 
-def scene_of(case: Case):  # noqa: ANN201
+def scene_of(case: Case):
     """The packaged scene, with friction of its own in each joint where there are two."""
     scene = load_scene(case.scene)
     if not case.per_joint:

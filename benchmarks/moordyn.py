@@ -20,22 +20,22 @@ os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_paralleli
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
-import argparse  # noqa: E402
-import json  # noqa: E402
-import sys  # noqa: E402
-from importlib import metadata  # noqa: E402
-from pathlib import Path  # noqa: E402
-from typing import Any  # noqa: E402
+import argparse
+import json
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
 
-from explicit_schemes import schemes  # noqa: E402
-from machine import describe  # noqa: E402
-from moordyn_conventions import conventions  # noqa: E402
-from moordyn_runs import Ours, Rows, theirs  # noqa: E402
-from moordyn_speed import speed  # noqa: E402
+from explicit_schemes import schemes
+from machine import describe
+from moordyn_conventions import conventions
+from moordyn_runs import Ours, Rows, theirs
+from moordyn_speed import speed
 
-from dropper_jax import Scene, load_scene  # noqa: E402
-from dropper_jax.base.files import atomic_write  # noqa: E402
-from dropper_jax.run.solution import jsonable  # noqa: E402
+from dropper_jax import Scene, load_scene
+from dropper_jax.base.files import atomic_write
+from dropper_jax.run.solution import jsonable
 
 RESULTS = Path(__file__).parent / "results"
 #: The paper's Table 7: anchor tension [N], least, mean and largest, of OrcaFlex and of its adapted MoorDyn.

@@ -16,23 +16,23 @@ os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_paralleli
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
-import json  # noqa: E402
-import sys  # noqa: E402
-from importlib import metadata  # noqa: E402
-from pathlib import Path  # noqa: E402
-from typing import Any  # noqa: E402
+import json
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
 
-from machine import describe  # noqa: E402
+from machine import describe
 
-from dropper_jax import Scene, load_scene  # noqa: E402
-from dropper_jax.base.files import atomic_write  # noqa: E402
-from dropper_jax.run.build import build  # noqa: E402
-from dropper_jax.run.solution import jsonable  # noqa: E402
-from dropper_jax.study.peers import peer_rows  # noqa: E402
-from dropper_jax.study.pictures import peers as picture  # noqa: E402
-from dropper_jax.study.reference import reference  # noqa: E402
-from dropper_jax.study.schemes import Scheme, runnable  # noqa: E402
-from dropper_jax.study.work_precision import measure  # noqa: E402
+from dropper_jax import Scene, load_scene
+from dropper_jax.base.files import atomic_write
+from dropper_jax.run.build import build
+from dropper_jax.run.solution import jsonable
+from dropper_jax.study.peers import peer_rows
+from dropper_jax.study.pictures import peers as picture
+from dropper_jax.study.reference import reference
+from dropper_jax.study.schemes import Scheme, runnable
+from dropper_jax.study.work_precision import measure
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 7  # the least of these counts, for everybody: other load on the machine only ever adds

@@ -22,11 +22,11 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
+import jax
+import jax.numpy as jnp
 
-import dropper_jax as dj  # noqa: E402
-from dropper_jax.stepping.stepper import TOLERANCE  # noqa: E402
+import dropper_jax as dj
+from dropper_jax.stepping.stepper import TOLERANCE
 
 #: Step [s] and number of steps measured, by number of links of a 17 m, 238 kg dropper.
 SIZES = {7: (0.03, 1000), 18: (0.03, 1000), 100: (0.003, 300), 1000: (0.0005, 100)}

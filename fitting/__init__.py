@@ -16,7 +16,7 @@ PUBLIC = {
     "write_trace": "traces.trace",
 }
 
-__all__ = list(PUBLIC)  # noqa: PLE0605
+__all__ = list(PUBLIC)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,6 @@
 """What several test files share: scenes as plain values, and one compiled program per scheme for any step size."""
 
+import ctypes
 import gc
 import json
 import os
@@ -49,8 +50,24 @@ import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
+from dropper_jax.base.programs import STORE  # noqa: E402
 from dropper_jax.run.solution import Solution  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _memory_given_back():
+    """After each file: compiled programs and traces go, with their memory maps, and freed heap goes to the kernel.
+
+    A worker would otherwise end with 5 GB, and on the way meet the kernel's 65 530 maps.
+    """
+    yield
+    STORE.clear()
+    jax.clear_caches()
+    gc.collect()
+    if sys.platform == "linux":
+        # glibc alone has it; elsewhere the heap is left as it is
+        getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0)(0)
 
 
 @pytest.fixture(scope="session")

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SimulationError
+from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
@@ -35,11 +36,13 @@ from dropper_jax.stepping.stepper import Stepper
 PIECES = 20
 
 
-# One jitted function each for all calls: a second run that differs in values only is not compiled again.
-_advance = jax.jit(advance, static_argnames=("stepper", "saves", "save_every"))
+# Compiled once for all calls: a second run that differs in values only is not compiled again.
+_advance = kept(static=("stepper", "saves", "save_every"))(advance)
 
 
-_observe = jax.jit(jax.vmap(observe, in_axes=(None, 0, 0, 0, 0)))
+@kept()
+def _observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None) -> Observed:
+    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0))(model, r, v, t, parted)
 
 
 def simulate(
@@ -116,7 +119,7 @@ def simulate(
 
 def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
     """The scene with its step chosen for the tolerance (or as it is, where the caller fixed it), and the estimate."""
-    from dropper_jax.study.step_choice import choose_step, estimate_error
+    from dropper_jax.study.step_choice import choose_step, estimate_error  # noqa: PLC0415
 
     if fixed:
         return scene, estimate_error(scene)
@@ -136,8 +139,8 @@ def _judged(solution: Solution, tolerance: float, choice: Any) -> Solution:
 def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_every: int) -> tuple[Any, int]:
     chunk = -(-saves // PIECES)
     dt = jnp.zeros((), model.dtype)
-    run = _advance.lower(stepper, model, begin(stepper, model, start), dt, saves=chunk, save_every=save_every)
-    return run.compile(), chunk
+    run = _advance.program(stepper, model, begin(stepper, model, start), dt, saves=chunk, save_every=save_every)
+    return run, chunk
 
 
 def _run(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dropper_jax.analysis.angles import link_angles
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Plain
@@ -134,8 +135,6 @@ class Solution:
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:
         """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
-        from dropper_jax.analysis.angles import link_angles
-
         parts = [link_angles(self.positions[:, line.nodes], zero="horizontal") for line in self.lines]
         return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
@@ -252,13 +251,13 @@ class Solution:
 
     def to_xarray(self) -> xarray.Dataset:
         """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
-        from dropper_jax.run.storage import to_xarray
+        from dropper_jax.run.storage import to_xarray  # noqa: PLC0415
 
         return to_xarray(self)
 
     def save(self, path: str | Path) -> Path:
         """Write to an `.npz` or `.nc` file with scene and settings inside, so that `rerun` can repeat the run."""
-        from dropper_jax.run.storage import write_netcdf, write_npz
+        from dropper_jax.run.storage import write_netcdf, write_npz  # noqa: PLC0415
 
         return (write_netcdf if Path(path).suffix.lower() == ".nc" else write_npz)(self, path)
 
@@ -269,13 +268,13 @@ class Solution:
         Raises:
             SceneError: one line, where the file is missing or is not a saved run.
         """
-        from dropper_jax.run.storage import read_netcdf, read_npz
+        from dropper_jax.run.storage import read_netcdf, read_npz  # noqa: PLC0415
 
         return (read_netcdf if Path(path).suffix.lower() == ".nc" else read_npz)(path)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""
-        from dropper_jax.run.simulate import simulate
+        from dropper_jax.run.simulate import simulate  # noqa: PLC0415
 
         implicit = self.settings["solver"] != "none"
         keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")

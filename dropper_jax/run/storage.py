@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.solution import ARRAYS, FORMAT, Solution
 
 if TYPE_CHECKING:
     import xarray
@@ -44,15 +44,11 @@ def load_run(path: str | Path) -> Solution:
     Raises:
         SceneError: one line, where the file is missing or is not a saved run.
     """
-    from dropper_jax.run.solution import Solution
-
     return Solution.load(path)
 
 
 def write_npz(solution: Solution, path: str | Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
-    from dropper_jax.run.solution import ARRAYS
-
     arrays = {name: getattr(solution, name) for name in ARRAYS}
     text = np.array(json.dumps(solution.provenance()))
     return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
@@ -64,8 +60,6 @@ def read_npz(path: str | Path) -> Solution:
     Raises:
         SceneError: one line, where the file is missing or is not a saved run.
     """
-    from dropper_jax.run.solution import ARRAYS, FORMAT, Solution
-
     try:
         with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             meta = json.loads(str(file["meta"]))
@@ -154,8 +148,6 @@ def from_xarray(dataset: xarray.Dataset) -> Solution:
     Raises:
         KeyError, ValueError, TypeError: a dataset that is none.
     """
-    from dropper_jax.run.solution import Solution
-
     arrays = {key: np.asarray(dataset[name].values) for key, (name, *_) in VARIABLES.items()}
     return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": np.asarray(dataset["time"].values), **arrays})
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State, state
 from dropper_jax.residual.newton import damped_newton
@@ -70,7 +70,7 @@ class LeastNorm(Dense):
         return unravel(jnp.linalg.lstsq(factor, flat)[0])
 
 
-@partial(jax.jit, static_argnames=("solver", "iterations"))
+@kept(static=("solver", "iterations"))
 def _newton(
     model: Model, s: State, loads: jax.Array, solver: Solver, iterations: int = 25
 ) -> tuple[jax.Array, jax.Array, jax.Array]:

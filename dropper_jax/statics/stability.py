@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.residual.newton import damped_newton
@@ -84,7 +84,7 @@ class DraggedProblem(StaticProblem):
         return rows._replace(x=rows.x + self.stiffness * (u.x - self.s.r))
 
 
-@partial(jax.jit, static_argnames="solver")
+@kept(static=("solver",))
 def _fall(model: Model, s: State, loads: jax.Array, stiffness: jax.Array, solver: Solver) -> State:
     """A chain of poses, each lower in energy than the one before: implicit steps of a motion without inertia."""
 

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.lines import System
 from dropper_jax.model.state import State, state
@@ -93,7 +94,7 @@ def force_scale(model: System) -> jax.Array:
     return GRAVITY_SCALE * jnp.mean(model.line.mass)
 
 
-@jax.jit
+@kept()
 def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
@@ -102,7 +103,7 @@ def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, j
     return problem.residual(Unknowns(x, tension)).x, tension
 
 
-@jax.jit
+@kept()
 def _round(
     model: System, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:

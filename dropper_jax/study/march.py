@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.stepping.integrate import Progress, begin, failed
@@ -39,7 +39,7 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
-@partial(jax.jit, static_argnums=(0, 5))
+@kept(static=("stepper", "saves"))
 def march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int) -> Marched:
     """`saves` times `every` steps of `dt` from s; dt and `every` are traced, so no step size compiles anew."""
     dt = jnp.asarray(dt, model.dtype)

@@ -9,12 +9,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.run.build import build_model
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
@@ -120,11 +123,6 @@ def _water(solution: Any, run: Run) -> dict[str, Any] | None:
     """Depth, a square grid of places and the elevation [m] over it for some of the frames; None without a sea."""
     if solution.scene.sea is None:
         return None
-    import jax
-    import jax.numpy as jnp
-
-    from dropper_jax.run.build import build_model
-
     sea = build_model(solution.scene, "float64").sea
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     reach = SURFACE_REACH * max(float((high - low).max()), 1.0)

@@ -22,6 +22,7 @@ from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_t
 from dropper_jax.moordyn.writing.water import current_text, waves_text
 from dropper_jax.scene.line import LineSpec
 from dropper_jax.scene.point import BuoySpec
+from dropper_jax.sea.make import make_current, wave_components
 
 
 def write_moordyn(
@@ -272,14 +273,10 @@ def _files(scene: Scene) -> dict[str, str]:
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
             found[_table_file(name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
     if sea is not None and sea.waves is not None:
-        from dropper_jax.sea.make import wave_components
-
         drawn = wave_components(sea.waves, sea.depth, sea.gravity)
         arrays = (drawn.amplitude, drawn.omega, drawn.phase, drawn.direction)
         found[FREQUENCIES] = waves_text(*(np.asarray(a, float) for a in arrays))
     if sea is not None and sea.current is not None:
-        from dropper_jax.sea.make import make_current
-
         current = make_current(sea.current)
         found[CURRENT] = current_text(sea.current, lambda z: np.asarray(current.profile(z, sea.depth)), sea.depth)
     if bed is not None and bed["bed_x"] is not None:

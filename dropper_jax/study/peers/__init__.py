@@ -7,6 +7,7 @@ from typing import Any
 from dropper_jax.load.scene import Scene
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
+from dropper_jax.study.peers import diffrax_line, mujoco_chain
 from dropper_jax.study.reference import Reference
 
 __all__ = ["peer_rows"]
@@ -16,8 +17,6 @@ def peer_rows(
     scene: Scene, model: Model, s: State, target: Reference
 ) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
     """Rows of MuJoCo and diffrax in the form of `work_precision.measure`, and who was left out with the reason."""
-    from dropper_jax.study.peers import diffrax_line, mujoco_chain
-
     rows, left = [], []
     for peer in (mujoco_chain, diffrax_line):
         reason = peer.refuse(model, s)

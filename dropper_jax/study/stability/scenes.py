@@ -9,6 +9,7 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import equilibrium
 
 LINKS = 7
 
@@ -81,8 +82,6 @@ def kicked_string(nodes: int = LINKS) -> Scene:
 
 def whirling(rate: float = 30.0) -> Scene:
     """A loop that turns as a whole about the line through its ends at `rate` [rad/s]."""
-    from dropper_jax.run.build import equilibrium
-
     scene = loop("whirling-loop", 0.3)
     places = equilibrium(scene).positions
     return moved(scene, places, np.cross(np.array([rate, 0.0, 0.0]), places))
@@ -93,8 +92,6 @@ def driven() -> Scene:
 
     Turning as a whole about that line is an exact motion of the loop: `w^2 = g sum(m z) / sum(m z^2)`.
     """
-    from dropper_jax.run.build import equilibrium
-
     scene = loop("driven-at-resonance", 0.3)
     depth = -equilibrium(scene).positions[1:-1, 2]
     period = float(2 * np.pi * np.sqrt(np.sum(depth**2) / (9.81 * np.sum(depth))))

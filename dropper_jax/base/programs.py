@@ -1,0 +1,132 @@
+"""Compiled programs in a store of bounded size: the one not used for longest goes first, with its memory maps.
+
+Each kind of scene (its tree, shapes and static settings) is compiled to programs of its own: 300 to 700 memory maps and
+some 50 MB, of which JAX keeps thousands. The Linux kernel allows 65 530 maps; beyond, the compiler ends the process.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable
+from pathlib import Path
+from typing import Generic, ParamSpec, TypeVar
+
+import jax
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+#: Programs kept, two or three to a kind of scene, which take some 200 maps each.
+MOST = 64
+#: Memory maps of the process above which fewer are kept, large programs for one; though not fewer than `LEAST`.
+MAPS = 16_000
+LEAST = 8
+#: After so many new programs JAX's own caches are emptied too: traces (20 MB to a kind of scene) and the programs of
+#: single operations, one for each shape. What is kept here is not compiled again.
+CLEARED_AFTER = 48
+
+
+def memory_maps() -> int:
+    """Memory maps of this process; 0 where the kernel does not tell (it then has no such limit)."""
+    try:
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+    except OSError:
+        return 0
+
+
+class Store:
+    """Compiled programs by what they were compiled for."""
+
+    def __init__(self, most: int = MOST, cleared_after: int = CLEARED_AFTER):
+        self.most, self.cleared_after = most, cleared_after
+        self._programs: OrderedDict[Hashable, jax.stages.Compiled] = OrderedDict()
+        self._new = 0
+        self._lock = threading.RLock()
+
+    def __len__(self) -> int:
+        return len(self._programs)
+
+    def get(self, key: Hashable, compile_: Callable[[], jax.stages.Compiled]) -> jax.stages.Compiled:
+        """The program of this key, compiled where it is not there."""
+        with self._lock:
+            if key in self._programs:
+                self._programs.move_to_end(key)
+                return self._programs[key]
+        program = compile_()  # without the lock: two threads may compile at once
+        with self._lock:
+            self._programs[key] = program
+            while self._full():
+                self._programs.popitem(last=False)
+            self._new += 1
+            clear = self._new >= self.cleared_after
+            self._new = 0 if clear else self._new
+        if clear:
+            jax.clear_caches()
+        return program
+
+    def _full(self) -> bool:
+        count = len(self._programs)
+        return count > self.most or (count > LEAST and memory_maps() > MAPS)
+
+    def clear(self) -> None:
+        """Forget all programs."""
+        with self._lock:
+            self._programs.clear()
+            self._new = 0
+
+
+STORE = Store()
+
+
+class Kept(Generic[P, R]):
+    """A function compiled as by `jax.jit`, its programs in a store; inside another trace it is `jax.jit` itself."""
+
+    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store):
+        functools.update_wrapper(self, function)
+        self._function, self._store = function, store
+        self._signature = inspect.signature(function)
+        self._static = frozenset(static)
+        self._jitted = jax.jit(function, static_argnames=tuple(self._static))
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        settings, values = self._split(*args, **kwargs)
+        leaves = jax.tree.leaves(values)
+        if jax.config.jax_disable_jit or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self._jitted(*args, **kwargs)
+        return self._program(settings, values)(*values)
+
+    def program(self, *args: P.args, **kwargs: P.kwargs) -> Callable[..., R]:
+        """The compiled program for arguments like these; it takes the arguments that are not static, in their order."""
+        return self._program(*self._split(*args, **kwargs))
+
+    def _split(self, *args: P.args, **kwargs: P.kwargs) -> tuple[dict[str, Hashable], list[object]]:
+        given = self._signature.bind(*args, **kwargs)
+        given.apply_defaults()
+        settings = {name: given.arguments[name] for name in self._static}
+        return settings, [value for name, value in given.arguments.items() if name not in self._static]
+
+    def _program(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
+        leaves, tree = jax.tree.flatten(values)
+        kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
+        place = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
+        key = self._function, frozenset(settings.items()), tree, kinds, place
+        return self._store.get(key, lambda: self._compile(settings, values))
+
+    def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
+        names = [name for name in self._signature.parameters if name not in self._static]
+
+        # A function of its own: JAX keeps a trace, and with it the program, as long as the function that was traced.
+        @functools.wraps(self._function)
+        def one(*values: object) -> R:
+            return self._function(**settings, **dict(zip(names, values, strict=True)))
+
+        del one.__wrapped__  # its signature has the static arguments
+        return jax.jit(one).lower(*values).compile()
+
+
+def kept(static: Iterable[str] = (), store: Store = STORE) -> Callable[[Callable[P, R]], Kept[P, R]]:
+    """`jax.jit` for a function of whole scenes: `static` names the arguments that belong to the kind of scene."""
+    return lambda function: Kept(function, static, store)

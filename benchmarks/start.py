@@ -26,32 +26,15 @@ finally:
     print(*(name for name in ("jax", "scipy", "matplotlib", "xarray") if name in sys.modules))
 """
 BROKEN = "[run]\ndt = = 1\n"
-BAD_VALUE = """
-[run]
-dt = -0.01
-duration = 1.0
-[[point]]
-name = "a"
-position = [0.0, 0.0, 0.0]
-[[point]]
-name = "b"
-position = [0.1, 0.0, 0.0]
-[[line]]
-name = "loop"
-from = "a"
-to = "b"
-links = 3
-length = 0.1
-mass = 0.01
-[effects.weight]
-"""
+#: A good scene, and what makes it a bad one.
+SCENE, GOOD, BAD = "dropper_jax/data/scenes/paper-case-1.toml", "duration = ", "duration = -"
 
 
-def starts(folder: Path) -> list[list[str]]:
+def starts(folder: Path, package: Path) -> list[list[str]]:
     """Commands to measure; two of them read a file with a mistake."""
     broken, bad_value = folder / "broken.toml", folder / "bad-value.toml"
     broken.write_text(BROKEN)
-    bad_value.write_text(BAD_VALUE)
+    bad_value.write_text((package / SCENE).read_text().replace(GOOD, BAD))
     return [
         ["--help"],
         ["--version"],
@@ -92,10 +75,11 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, metavar="N")
     parser.add_argument("--package", type=Path, default=ROOT, metavar="FOLDER")
     args = parser.parse_args()
+    package = args.package.resolve()
     print("| command | processor time [s] | imports |\n| --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
-        for argv in starts(Path(folder)):
-            spent, imported = measure(argv, args.package.resolve(), args.repeats)
+        for argv in starts(Path(folder), package):
+            spent, imported = measure(argv, package, args.repeats)
             words = " ".join(Path(word).name if word.startswith("/") else word for word in argv)
             print(f"| dropper {words} | {spent:.2f} | {imported} |", flush=True)
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 #: Version of the JSON object that commands print.
 SCHEMA = 1
 
 
-def jsonable(value: Any) -> Any:
+def jsonable(value: Any) -> Json:
     """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
     if isinstance(value, dict):
         return {str(key): jsonable(item) for key, item in value.items()}

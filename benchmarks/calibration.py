@@ -104,8 +104,7 @@ class Twin:
             at = zip(prepared.parameters, begin.values, strict=True)
             parameters = tuple(replace(p, value=float(v)) for p, v in at)
             prepared = replace(prepared, parameters=parameters, starts=begin.solution.starts)
-        solution, windows = estimate(prepared, method)
-        return summarise(prepared, method, solution, windows)
+        return summarise(prepared, method, estimate(prepared, method))
 
 
 def statistics(twin: Twin, results: list) -> dict:

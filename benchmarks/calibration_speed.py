@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -27,9 +28,9 @@ def compare_speed(twin: Any) -> dict:
     cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[0]
     begun, cpu = time.perf_counter(), time.process_time()
     prepared = twin.prepare(0)
-    solution, windows = estimate(prepared, "shooting")
+    solution = estimate(prepared, "shooting")
     cold = {"wall_s": time.perf_counter() - begun, "cpu_s": time.process_time() - cpu}
-    result = summarise(prepared, "shooting", solution, windows)
+    result = summarise(prepared, "shooting", solution)
     return {
         "machine": {"cores": cores, "load_before": load},
         "cold_start": {**cold, "compile_s": result.seconds["compile"], "status": result.status},
@@ -67,7 +68,7 @@ def against_scipy(prepared: Any) -> dict:
     few = prepared.windows.pick(np.arange(FEW))
     starts = Starts(prepared.starts.theta[:FEW], prepared.starts.omega[:FEW])
     begun = time.process_time()
-    ours = fit_windows(simulator, few, prepared.values, starts)
+    ours = fit_windows(replace(prepared.problem(), windows=few), prepared.values, starts)
     mine = time.process_time() - begun
     m = simulator.freedoms // 2
     bases = jnp.asarray(planar.chart(simulator.model_at(prepared.values), starts.theta))

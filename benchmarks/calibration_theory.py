@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.calibration.preparation import SMOOTH_PART
-from fitting.estimate.gauss_newton import Solution, fit_windows
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import fit_shooting, joined_step
 from fitting.estimate.windows import Windows, cut, first_starts
 from fitting.traces.synthetic import Camera, observe
@@ -74,7 +74,7 @@ class Linear:
     def _joined_step(self, draw: np.ndarray) -> np.ndarray:
         free = np.full(len(self.own), np.inf)
         at = replace(self.found, evaluation=self.found.evaluation._replace(residual=-draw))
-        return joined_step(self.twin.simulator, self.windows, at, None, -free, free).dp
+        return joined_step(at, -free, free).dp
 
 
 def linearise(twin: Any, noise: float) -> Linear:
@@ -83,9 +83,9 @@ def linearise(twin: Any, noise: float) -> Linear:
     simulator, m2 = prepared.simulator, prepared.simulator.freedoms
     windows = _windows(twin, 0.0, 0, prepared.windows.length, prepared.windows.dt, weight=noise)
     clean = _trace(twin, 0.0, 0)
-    guess = first_starts(simulator.model_at(twin.truth), [clean], windows, SMOOTH_PART * prepared.period)
-    frozen = np.ones(len(twin.truth), bool)
-    found = fit_windows(simulator, windows, twin.truth, guess, frozen=frozen)
+    guess = first_starts(simulator.model_at(twin.truth), [clean], windows, prepared.smooth)
+    problem = replace(prepared.problem(frozen=np.ones(len(twin.truth), bool)), windows=windows)
+    found = fit_windows(problem, twin.truth, guess)
     evaluation = found.evaluation
     jacobian = evaluation.jacobian.reshape(windows.count, -1, m2 + len(twin.truth))
     z, p = jacobian[..., :m2], jacobian[..., m2:]
@@ -93,7 +93,7 @@ def linearise(twin: Any, noise: float) -> Linear:
     slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
     covariance = np.linalg.inv(slope.T @ slope)
     own = -covariance @ (slope.T @ evaluation.residual.ravel()) / np.sqrt(np.diag(covariance))
-    joined, _ = fit_shooting(simulator, windows, found, continuity="tight")
+    joined = fit_shooting(replace(found, problem=replace(problem, frozen=None)), continuity="tight")
     return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information), joined)
 
 

@@ -96,8 +96,7 @@ def run(name: str, case: Case, folder: Path) -> dict:
         dt=0.004,
         asked=DOWN,
     )
-    solution, windows = estimate(prepared, "windows")
-    result = summarise(prepared, "windows", solution, windows)
+    result = summarise(prepared, "windows", estimate(prepared, "windows"))
     held = [h.rms for h in result.held_out]
     found = {
         "fitted_before_s": case.until,

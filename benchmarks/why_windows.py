@@ -24,7 +24,7 @@ VALUES = np.sort(np.concatenate([np.linspace(0.0, 0.01, 41), TRUTH * (1 + np.lin
 def main() -> None:
     trace = observe(simulate_truth(SCENE, DURATION), Camera(angle_noise=0.005), 0)
     prepared = prepare(trace, SCENE, [NAME], window=1.0)
-    found = scan(prepared, NAME, np.unique(VALUES), estimate(prepared, "shooting")[0])
+    found = scan(prepared, NAME, np.unique(VALUES), estimate(prepared, "shooting"))
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     print(draw_scan(found, NAME, TRUTH, PICTURE))
 

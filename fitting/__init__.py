@@ -1,4 +1,8 @@
-"""Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round."""
+"""Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round.
+
+Rooms, each importing only those before it: `traces`, `tracking` (needs traces alone), `parameters`, `sweep` and
+`sensitivity` (need parameters alone), `estimate`, `calibration`, `report`, `cli`.
+"""
 
 from importlib import import_module
 from typing import Any

@@ -9,7 +9,7 @@ two moves of the axis: slower, never wrong, and told by `Fallbacks`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +17,15 @@ import jax.numpy as jnp
 from dropper_jax.lanes.interpreter import Fallbacks, Interpreter, Unreadable
 from dropper_jax.lanes.rules import Value, spread
 
+#: A pytree of arrays.
+Tree = TypeVar("Tree")
 #: Mapped, or shared by all members.
 Axis = Literal[0] | None
 
 
 def lanes(
-    f: Callable[..., Any], in_axes: Axis | tuple[Axis, ...] = 0, fallbacks: Fallbacks | None = None
-) -> Callable[..., Any]:
+    f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0, fallbacks: Fallbacks | None = None
+) -> Callable[..., Tree]:
     """Map `f` over the first axis of its arguments, as `jax.vmap(f, in_axes)` does, to rounding.
 
     Args:
@@ -37,7 +39,7 @@ def lanes(
 
     told = Fallbacks() if fallbacks is None else fallbacks
 
-    def mapped(*args: Any) -> Any:
+    def mapped(*args: Any) -> Tree:
         axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
         values, tree = jax.tree.flatten(args)
         many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]

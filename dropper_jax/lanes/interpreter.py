@@ -47,7 +47,7 @@ class Unreadable(Exception):
 class Interpreter:
     """Operations of a function of one member, done for `members` of them."""
 
-    def __init__(self, members: int, fallbacks: Fallbacks):
+    def __init__(self, members: int, fallbacks: Fallbacks) -> None:
         self.members, self.fallbacks = members, fallbacks
         self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
 

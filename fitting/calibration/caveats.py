@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.gauss_newton import Solution
+from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
 

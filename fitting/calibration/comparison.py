@@ -9,8 +9,7 @@ that fits best, whose residuals are nearest to the noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,8 +17,10 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.heldout import fit_starts
+from fitting.calibration.law import Law
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.gauss_newton import Solution, fit_windows
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.windows import Starts, Windows, cut, first_starts
@@ -49,33 +50,6 @@ SCORED = 5
 MOST_CORRELATED = 0.999
 
 
-@dataclass(frozen=True)
-class Law:
-    """One rung: a damping law, its coefficients (each as many as joints or links have their own), how well it does.
-
-    Attributes:
-        held_out: RMS angle error [rad] of the windows that were not fitted, with its standard error.
-        free: parameters fitted, those of no damping law too.
-        bic: less is better; `chosen` marks the simplest law within one standard error of the best held-out score.
-    """
-
-    name: str
-    coefficients: int
-    rms: float
-    held_out: float
-    held_out_error: float
-    status: str
-    values: dict[str, float]
-    free: int
-    bic: float = np.nan
-    chosen: bool = False
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        keys = ("name", "coefficients", "rms", "held_out", "held_out_error", "bic", "status", "values", "chosen")
-        return {key: getattr(self, key) for key in keys}
-
-
 def compare(
     prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
 ) -> list[Law]:
@@ -87,17 +61,16 @@ def compare(
     say = progress or silent
     others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
     fitted, scored = _split(prepared)
-    rows, squares, residuals = [], [], []
-    warm: dict[bool, tuple[np.ndarray, Starts] | None] = {False: None, True: None}
+    rows, squares, residuals, starts = [], [], [], None
     groups = {dry: _family(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
     for i, law in enumerate(laws):
         say(0.95, f"law {i + 1} of {len(laws)}: {law}")
-        dry = "dry" in LADDER[law]
-        simulator, owner = groups[dry]
-        row, square, residual = _one(prepared, simulator, owner, law, fitted, scored, iterations, warm)
+        simulator, owner = groups["dry" in LADDER[law]]
+        row, square, solution = _one(prepared, simulator, owner, law, fitted, scored, starts, iterations)
+        starts = solution.starts  # the next law's begin there
         rows.append(row)
         squares.append(square)
-        residuals.append(residual)
+        residuals.append(solution.evaluation.residual)
     return _mark(with_bic(rows, residuals, fitted), squares)
 
 
@@ -150,46 +123,37 @@ def _one(
     law: str,
     fitted: Windows,
     scored: Windows,
+    starts: Starts | None,
     iterations: int,
-    warm: dict,
-) -> tuple[Law, np.ndarray, np.ndarray]:
+) -> tuple[Law, np.ndarray, Solution]:
+    """A law fitted, its mean squared error on each scored window, and its solution."""
     used = np.array([part is None or part in LADDER[law] for part in owner])
-    values = np.array(
-        [
-            p.value if part is None else (p.scale if on else 0.0)
-            for p, part, on in zip(simulator.parameters, owner, used, strict=True)
-        ]
-    )
     known = {p.name: p.value for p in prepared.parameters}
-    values = np.array(
-        [known.get(p.name, v) if on else 0.0 for p, v, on in zip(simulator.parameters, values, used, strict=True)]
-    )
-    starts = warm.get("starts") or first_starts(
-        simulator.model_at(values), prepared.traces, fitted, 0.12 * prepared.period
-    )
-    solution = fit_windows(simulator, fitted, values, starts, frozen=~used, iterations=iterations)
-    warm["starts"] = solution.starts
-    judged = fit_starts(replace(prepared, simulator=simulator), scored, solution.values)
-    square = _window_squares(judged, scored)
-    damping = int(sum(on and part is not None for on, part in zip(used, owner, strict=True)))
+    parameters = simulator.parameters
+    first = [p.value if part is None else p.scale for p, part in zip(parameters, owner, strict=True)]
+    values = np.where(used, [known.get(p.name, value) for p, value in zip(parameters, first, strict=True)], 0.0)
+    starts = starts or first_starts(simulator.model_at(values), prepared.traces, fitted, prepared.smooth)
+    problem = Problem(simulator, fitted, parameters, frozen=~used)
+    solution = fit_windows(problem, values, starts, iterations=iterations)
+    judged = fit_starts(replace(prepared, simulator=simulator, parameters=parameters), scored, solution.values)
+    square = _window_squares(judged)
     row = Law(
         name=law,
-        coefficients=damping,
-        rms=float(np.sqrt(np.mean(_window_squares(solution, fitted)))),
+        coefficients=int(sum(on and part is not None for on, part in zip(used, owner, strict=True))),
+        rms=float(np.sqrt(np.mean(_window_squares(solution)))),
         held_out=float(np.sqrt(np.mean(square))),
         held_out_error=0.0,
         free=int(used.sum()),
         status=solution.status,
-        values={p.name: float(v) for p, v, on in zip(simulator.parameters, solution.values, used, strict=True) if on},
+        values={p.name: float(v) for p, v, on in zip(parameters, solution.values, used, strict=True) if on},
     )
-    return row, square, solution.evaluation.residual
+    return row, square, solution
 
 
-def _window_squares(solution: Solution, windows: Windows) -> np.ndarray:
+def _window_squares(solution: Solution) -> np.ndarray:
     """Mean squared angle error of each window (K,) [rad^2]."""
-    known = windows.weight > 0
-    raw = np.where(known, solution.evaluation.residual / np.where(known, windows.weight, 1.0), 0.0)
-    return np.sum(raw**2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    known = (solution.windows.weight > 0).sum(axis=(1, 2))
+    return np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1)
 
 
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:

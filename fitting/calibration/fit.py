@@ -6,36 +6,39 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
-from fitting.calibration.preparation import prepare
+from dropper_jax.run.build import SceneLike
+from fitting.calibration.comparison import compare
+from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
-from fitting.estimate import gradient as gradient_method
-from fitting.estimate.gauss_newton import Solution, fit_windows
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.gradient import fit_gradient
+from fitting.estimate.loss import LEAST_SQUARES, Loss, loss_of
+from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.shooting import fit_shooting
-from fitting.estimate.windows import Windows
-from fitting.traces.trace import Trace, convention
+from fitting.parameters.parameter import Bounds, Priors, StartValues
+from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
 
 
 def fit(
-    traces: Sequence[str | Path | Trace] | str | Path | Trace,
-    scene: Any,
+    traces: TracesLike,
+    scene: SceneLike,
     free: Sequence[str] | None = None,
     *,
     method: str = "shooting",
-    start: Mapping[str, float] | None = None,
-    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    start: StartValues | None = None,
+    bounds: Bounds | None = None,
+    priors: Priors | None = None,
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
     window: float | None = None,
@@ -81,8 +84,7 @@ def fit(
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
         raise SceneError(f"method: {method!r} has no setting {sorted(settings)[0]!r}; allowed: none")
-    say = progress or silent
-    asked = convention(zero, sign, unit)
+    progress = progress or silent
     prepared = prepare(
         traces,
         scene,
@@ -94,82 +96,68 @@ def fit(
         held_out=held_out,
         window=window,
         dt=dt,
-        asked=asked,
+        asked=convention(zero, sign, unit),
         static_start=static_start,
-        progress=say,
+        progress=progress,
     )
-    solution, windows = estimate(prepared, method, huber, continuity, iterations, say, settings)
-    result = summarise(prepared, method, solution, windows)
+    solution = estimate(prepared, method, loss_of(huber), continuity, iterations, progress, settings)
+    result = summarise(prepared, method, solution)
     if compare_models:
-        from fitting.calibration.comparison import compare
-
-        result.comparison = compare(prepared, progress=say)
+        result.comparison = compare(prepared, progress=progress)
         result.seconds["run"] = time.perf_counter() - prepared.begun - result.seconds["compile"]
-    say(1.0, result.status)
+    progress(1.0, result.status)
     return result
 
 
 def estimate(
     prepared: Prepared,
     method: str = "shooting",
-    huber: float | None = None,
+    loss: Loss = LEAST_SQUARES,
     continuity: str = "estimate",
     iterations: int = 40,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     settings: Mapping[str, Any] | None = None,
     frozen: np.ndarray | None = None,
-) -> tuple[Solution, Windows]:
-    """Run an estimator; returns its solution and the windows with the noise it used; arguments as in `fit`."""
-    say = progress or silent
-    simulator, windows = prepared.simulator, prepared.windows
+) -> Solution:
+    """Run an estimator; arguments as in `fit`."""
+    problem = prepared.problem(loss, frozen)
     if method == "gradient":
-        solution = gradient_method.fit_gradient(
-            simulator, windows, prepared.values, prepared.starts, progress=say, **(settings or {})
-        )
-        return solution, windows
+        return fit_gradient(problem, prepared.values, prepared.starts, progress=progress, **(settings or {}))
     share = 0.5 if method == "shooting" else 0.9
     solution = fit_windows(
-        simulator,
-        windows,
+        problem,
         prepared.values,
         prepared.starts,
-        huber=huber,
         iterations=iterations,
-        frozen=frozen,
-        progress=lambda fraction, text: say(0.05 + share * fraction, text),
+        progress=lambda fraction, text: progress(0.05 + share * fraction, text),
     )
     if solution.status != "ok":
-        return solution, windows
-    fine = partial(refine, simulator, huber=huber, frozen=frozen, progress=lambda _, text: say(0.95, text))
+        return solution
+    refined = partial(refine, progress=lambda _, text: progress(0.95, text))
     if method == "windows":
-        return fine(windows, solution)
-    windows, solution = renoise(windows, solution, simulator.freedoms)
-    joined, windows = fit_shooting(
-        simulator,
-        windows,
-        solution,
+        return refined(solution)
+    joined = fit_shooting(
+        renoise(solution),
         continuity=continuity,
-        huber=huber,
-        frozen=frozen,
-        finer=lambda windows, solution: finer_step(simulator, windows, solution, huber, frozen),
-        progress=lambda fraction, text: say(0.55 + 0.4 * fraction, text),
+        finer=finer_step,
+        progress=lambda fraction, text: progress(0.55 + 0.4 * fraction, text),
     )
-    return fine(windows, joined) if joined.status == "ok" else (joined, windows)
+    return refined(joined) if joined.status == "ok" else joined
 
 
-def renoise(windows: Windows, solution: Solution, freedoms: int) -> tuple[Windows, Solution]:
-    """Windows whose noise is the fit's own residual deviation, and the solution in these units."""
-    dof = max(1, windows.samples - windows.free_starts * freedoms - len(solution.values))
+def renoise(solution: Solution) -> Solution:
+    """The solution in units of a noise that is the fit's own residual deviation."""
+    windows = solution.windows
+    dof = max(1, windows.samples - windows.free_starts * solution.problem.freedoms - len(solution.values))
     factor = float(np.sqrt(solution.chi2 / dof))
     if factor <= 0:
-        return windows, solution
+        return solution
     e = solution.evaluation
-    e = e._replace(residual=e.residual / factor, jacobian=e.jacobian / factor)
-    scaled = replace(
+    return replace(
         solution,
-        evaluation=e,
+        problem=replace(solution.problem, windows=replace(windows, weight=windows.weight / factor)),
+        evaluation=e._replace(residual=e.residual / factor, jacobian=e.jacobian / factor),
         cost=solution.cost / factor**2,
         information=solution.information / factor**2,
         gradient=solution.gradient / factor**2,
     )
-    return replace(windows, weight=windows.weight / factor), scaled

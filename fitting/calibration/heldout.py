@@ -9,8 +9,9 @@ import numpy as np
 
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import HeldOut
-from fitting.estimate.gauss_newton import Solution, fit_windows
+from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.lyapunov import HELD_GROWTH
+from fitting.estimate.problem import Solution
 from fitting.estimate.windows import Windows, cut, first_starts
 from fitting.traces.trace import Trace
 
@@ -35,10 +36,7 @@ def score_held_out(prepared: Prepared, values: np.ndarray, span: tuple[float, fl
     length = min(end - begin for _, begin, end in pieces) if whole else prepared.windows.length
     windows = cut(prepared.traces, length, dt, prepared.sigma, pieces)
     windows = replace(windows.padded(*_shape(prepared)), substeps=prepared.windows.substeps)
-    solution = fit_starts(prepared, windows, values)
-    known = windows.weight > 0
-    raw = np.where(known, solution.evaluation.residual / np.where(known, windows.weight, 1.0), 0.0)
-    return HeldOut(low, high, float(np.sqrt(np.sum(raw**2) / known.sum())), solution, windows)
+    return HeldOut(low, high, fit_starts(prepared, windows, values))
 
 
 def _shape(prepared: Prepared) -> tuple[int, int]:
@@ -52,16 +50,13 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
     """Only the starts of windows, on a growing part of each."""
-    simulator = prepared.simulator
     starts = first_starts(
-        simulator.model_at(values), _seen_only(prepared.traces, windows), windows, 0.12 * prepared.period
+        prepared.simulator.model_at(values), _seen_only(prepared.traces, windows), windows, prepared.smooth
     )
-    frozen = np.ones(len(values), bool)
-    elapsed = windows.index * windows.dt / windows.length
+    problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
     parts = GROWING if windows.length > 2 * prepared.windows.length else (1.0,)
     for part in parts:
-        seen = replace(windows, weight=windows.weight * (elapsed <= part)[:, :, None])
-        solution = fit_windows(simulator, seen, values, starts, frozen=frozen, iterations=iterations)
+        solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)
         starts = solution.starts
     return solution
 

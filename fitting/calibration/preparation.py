@@ -13,7 +13,7 @@ from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.prepared import SMOOTH_PART, Prepared
 from fitting.calibration.spans import check_spans, fitted_spans, only
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
@@ -28,8 +28,6 @@ from fitting.traces.trace import Convention, Trace, noise, read_trace
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
 #: 1 s 1.6e-5 rad) at order 4; second order takes four times as many.
 STEPS_PER_PERIOD = {4: 75, 2: 300}
-#: Half width [s] of the smoother for the starts, as a part of that period.
-SMOOTH_PART = 0.12
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace

@@ -7,10 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.load.scene import Scene
+from fitting.estimate.loss import LEAST_SQUARES, Loss
+from fitting.estimate.problem import Problem
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
 from fitting.traces.trace import Trace
+
+#: Half width of the smoother for the starts, as a part of the shortest link's period.
+SMOOTH_PART = 0.12
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,15 @@ class Prepared:
     warnings: tuple[str, ...]
     begun: float = 0.0
     compiled_before: float = 0.0
+
+    def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
+        """What there is to minimise."""
+        return Problem(self.simulator, self.windows, self.parameters, loss, frozen)
+
+    @property
+    def smooth(self) -> float:
+        """Half width [s] of the smoother for the starts."""
+        return SMOOTH_PART * self.period
 
     @property
     def values(self) -> np.ndarray:

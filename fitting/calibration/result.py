@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fitting.estimate.gauss_newton import Solution
-from fitting.estimate.simulator import Simulator
+from dropper_jax.load.scene import Scene
+from dropper_jax.model.model import Model
+from fitting.calibration.law import Law
+from fitting.estimate.problem import Solution
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
@@ -23,9 +25,16 @@ class HeldOut:
 
     low: float
     high: float
-    rms: float
     solution: Solution
-    windows: Windows
+
+    @property
+    def windows(self) -> Windows:
+        return self.solution.windows
+
+    @property
+    def rms(self) -> float:
+        """RMS angle error [rad]."""
+        return self.solution.rms
 
 
 @dataclass
@@ -33,44 +42,73 @@ class FitResult:
     """A calibrated model.
 
     Attributes:
-        parameters, values, uncertainty: what was free, its estimates, its errors.
-        status: `ok` or `not_converged`; `message` says why.
-        rms: RMS angle error of the windows [rad]; `noise` the estimated deviation of the noise [rad].
+        uncertainty: errors of the estimates.
+        noise: estimated deviation of the noise [rad].
         chi2_per_dof: against the noise the traces (or their standard errors) claim.
         held_out: error on stretches that were not fitted.
         comparison: rows of the model comparison, or empty.
         seconds: compile and run time.
     """
 
-    scene: Any
+    scene: Scene
     method: str
-    parameters: tuple[Parameter, ...]
-    values: np.ndarray
     uncertainty: Uncertainty
-    status: str
-    message: str
-    rms: float
     noise: float
     chi2_per_dof: float
-    iterations: int
     seconds: dict[str, float]
     solution: Solution
-    windows: Windows
     traces: list[Trace]
-    simulator: Simulator
     lyapunov: float
     held_out: list[HeldOut] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    comparison: list[Any] = field(default_factory=list)
+    comparison: list[Law] = field(default_factory=list)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What was free."""
+        return self.solution.problem.parameters
+
+    @property
+    def values(self) -> np.ndarray:
+        """The estimates (k,)."""
+        return self.solution.values
+
+    @property
+    def status(self) -> str:
+        """`ok` or `not_converged`; `message` says why."""
+        return self.solution.status
+
+    @property
+    def message(self) -> str:
+        return self.solution.message
+
+    @property
+    def outcome(self) -> str:
+        """Status and message in one line."""
+        return f"{self.status}: {self.message}" if self.message else self.status
+
+    @property
+    def iterations(self) -> int:
+        """Evaluations made."""
+        return self.solution.iterations
+
+    @property
+    def windows(self) -> Windows:
+        return self.solution.windows
+
+    @property
+    def rms(self) -> float:
+        """RMS angle error of the windows [rad]."""
+        return self.solution.rms
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by its path."""
         return float(self.values[[p.name for p in self.parameters].index(name)])
 
     @property
-    def model(self) -> Any:
+    def model(self) -> Model:
         """The calibrated model."""
-        return self.simulator.model_at(self.values)
+        return self.solution.problem.simulator.model_at(self.values)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON."""
@@ -112,7 +150,7 @@ class FitResult:
         return found
 
 
-def number(value: Any) -> float | None:
+def number(value: float | None) -> float | None:
     """A number for JSON; what is not finite is null."""
     if value is None or not np.isfinite(value):
         return None

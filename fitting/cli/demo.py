@@ -19,12 +19,12 @@ def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     from dropper_jax.cli.demo import DemoPart
     from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.report import markdown
-    from fitting.report.tables import status_text, summary
+    from fitting.report.tables import summary
 
     result = calibrate_synthetic(folder, EXAMPLE, progress=progress)
     rows = calibrated_rows(result, EXAMPLE)
     heading = f"Calibration of {len(result.traces)} runs together ({LABEL})"
-    status = status_text(result)
+    status = result.outcome
     pictures = "\n".join(f"- [{trace.name}]({folder.name}/traces_{i + 1}.png)" for i, trace in enumerate(result.traces))
     return DemoPart(
         status=result.status,

@@ -123,9 +123,9 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def text(result: FitResult) -> str:
     """The result for people."""
-    from fitting.report.tables import comparison_rows, parameter_rows, status_text, summary
+    from fitting.report.tables import comparison_rows, parameter_rows, summary
 
     parts = [table(parameter_rows(result)), "", listing(summary(result))]
     if result.comparison:
         parts += ["", table(comparison_rows(result.comparison))]
-    return "\n".join([*parts, "", status_text(result)])
+    return "\n".join([*parts, "", result.outcome])

@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 class Factor:
     """Cholesky of a block-tridiagonal matrix: diagonal blocks (K, m, m), blocks (K - 1, m, m) left of the next."""
 
-    def __init__(self, diagonal: np.ndarray, below: np.ndarray):
+    def __init__(self, diagonal: np.ndarray, below: np.ndarray) -> None:
         self.below, self.factors = below, []
         self.log_determinant = 0.0
         block = diagonal[0]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.estimate.block_tridiagonal import Factor
-from fitting.estimate.normal_equations import Normal, Step, bounded_step
+from fitting.estimate.normal_equations import Normal, Prior, Step, reduced
 from fitting.estimate.simulator import Evaluation, Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart, wrap
@@ -61,6 +61,7 @@ class Joined(NamedTuple):
 
 
 def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
+    """The normal equations with gaps, each moved by its multiplier `offset` (g, m2), of this weight."""
     A, B, gz = normal.A.copy(), normal.B.copy(), normal.gz.copy()
     below = np.zeros((len(A) - 1, *A.shape[1:]))
     value, before, after, shared = ((x / weight) for x in (g.value + offset, g.before, g.after, g.shared))
@@ -78,20 +79,14 @@ def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
     return Joined(Normal(A, B, C, gz, gp), below)
 
 
-def eliminate_joined(system: Joined, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> Step:
+def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
+    """One damped step with the starts of joined windows eliminated."""
     normal = system.normal
     diagonal = np.einsum("kii->ki", normal.A)
     A = normal.A + (damping * diagonal + 1e-13 * diagonal.max())[:, :, None] * np.eye(diagonal.shape[1])
     factor = Factor(A, system.below)
     solved = factor.solve(np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    AB, Ag = solved[..., :-1], solved[..., -1]
-    information = normal.C + np.diag(prior[2]) - np.einsum("kij,kil->jl", normal.B, AB)
-    information = 0.5 * (information + information.T)
-    gradient = normal.gp + prior[1] - np.einsum("kij,ki->j", normal.B, Ag)
-    damped = information + damping * np.diag(np.diag(information))
-    dp = bounded_step(damped, gradient, low, high)
-    dz = -(Ag + AB @ dp)
-    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior[1]) @ dp)
+    step, slope = reduced(normal, solved, damping, prior, low, high)
     # at the exact minimum of the damped model: decrease = -(slope)/2, plus what the damping holds back
-    held = damping * (float(np.sum(diagonal * dz**2)) + float(np.diag(information) @ dp**2))
-    return Step(dp, dz, -0.5 * slope + 0.5 * held, information, gradient, -AB, factor.log_determinant)
+    held = damping * (float(np.sum(diagonal * step.dz**2)) + float(np.diag(step.information) @ step.dp**2))
+    return step._replace(predicted=-0.5 * slope + 0.5 * held, log_determinant=factor.log_determinant)

@@ -7,14 +7,17 @@ by damped steps of the equations in `normal_equations`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from scipy.linalg import LinAlgError
 
-from dropper_jax.base.progress import Progress
-from fitting.estimate.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
+from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.gaps import Joined
+from fitting.estimate.normal_equations import Normal, Step, eliminate
+from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.simulator import Evaluation, Simulator
-from fitting.estimate.windows import Starts, Windows
+from fitting.estimate.windows import Starts
 from fitting.traces.planar import chart
 
 #: Converged when the next step would move the parameters by less than this part of their standard errors (squared).
@@ -29,47 +32,6 @@ ROUGH_TOLERANCE = 0.3**2
 LARGEST_DAMPING = 1e8
 #: Largest angle [rad] and rate [rad/s] by which one step may move a start.
 LARGEST_MOVE = (0.5, 10.0)
-
-
-@dataclass
-class Solution:
-    """Where an estimator ended.
-
-    Attributes:
-        values: parameters (k,).
-        starts: window starts.
-        evaluation: at this point.
-        weights: robust weights (K, S, n), 1 without Huber.
-        cost: 1/2 chi-square, with prior and gaps.
-        information: S (k, k), the inverse of the covariance for noise of deviation sigma.
-        eliminated: dz/dp along the optimum of the starts (K, m2, k).
-        status: `ok` or `not_converged`; with `message`, which an `ok` fit has where its cost is rough.
-        iterations: evaluations made.
-        history: one line per iteration: cost, values.
-        gap_weight: deviation allowed between windows, in units of their scale; None where they are free.
-        step_bias: what the time step moves the parameters (k,) by, in standard errors, to first order.
-    """
-
-    values: np.ndarray
-    starts: Starts
-    evaluation: Evaluation
-    weights: np.ndarray
-    cost: float
-    information: np.ndarray
-    gradient: np.ndarray
-    eliminated: np.ndarray
-    status: str = "not_converged"
-    message: str = ""
-    iterations: int = 0
-    history: list[dict] = field(default_factory=list)
-    gap_weight: float | None = None
-    evidence: float | None = None
-    step_bias: np.ndarray | None = None
-
-    @property
-    def chi2(self) -> float:
-        """Sum of squared weighted residuals of the measured angles."""
-        return float(np.sum(self.weights * self.evaluation.residual**2))
 
 
 def move(simulator: Simulator, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
@@ -99,72 +61,121 @@ def nearly_there(moved: float, decrease: float, samples: int) -> bool:
     return moved < ROUGH_TOLERANCE and decrease < np.sqrt(samples)
 
 
+class Separate:
+    """Cost and steps of windows that do not know of each other."""
+
+    #: Damping of the first step, and what is missed where it does not converge.
+    damping = 1e-3
+    goal = "no convergence"
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+
+    def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
+        """What is minimised; infinite where the motion is not finite."""
+        return self.problem.data_cost(evaluation) + self.problem.prior(values).cost
+
+    def unit(self, evaluation: Evaluation, cost: float) -> float:
+        """Variance of the noise in units of the assumed one."""
+        return 2 * cost / max(self.problem.windows.samples, 1)
+
+    def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal | Joined:
+        """Normal equations."""
+        return self.problem.normal(evaluation)
+
+    def solve(
+        self, system: Normal | Joined, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+    ) -> Step | None:
+        """The damped step of parameters that may change by low to high (k,); None where the equations are singular."""
+        try:
+            return self.eliminate(system, damping, self.problem.prior(values), low, high)
+        except LinAlgError:
+            return None
+
+    eliminate = staticmethod(eliminate)
+
+    def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
+        """A line of the history."""
+        return {"cost": cost, "values": values.tolist()}
+
+
 def fit_windows(
-    simulator: Simulator,
-    windows: Windows,
-    values: np.ndarray,
-    starts: Starts,
-    *,
-    huber: float | None = None,
-    iterations: int = 40,
-    frozen: np.ndarray | None = None,
-    progress: Progress | None = None,
+    problem: Problem, values: np.ndarray, starts: Starts, *, iterations: int = 40, progress: Progress = silent
 ) -> Solution:
     """Fit all window starts and the parameters together.
 
     Args:
         values: where the parameters start (k,).
         starts: where the windows start.
-        huber: threshold of the robust loss in standard deviations; None is least squares.
-        frozen: parameters to hold at `values` (k,) bool; they may lie on their bounds.
-        progress: called with (fraction, text).
+        iterations: most evaluations.
 
     Returns:
         The best point found; `status` says whether it converged.
     """
-    frozen = np.zeros(len(values), bool) if frozen is None else frozen
-    low = np.array([p.low for p in simulator.parameters])
-    high = np.array([p.high for p in simulator.parameters])
-    low, high = np.where(frozen, values, low), np.where(frozen, values, high)
-    parameters, m2 = simulator.parameters, simulator.freedoms
-    values, damping, history = np.asarray(values, float), 1e-3, []
+    values = np.asarray(values, float)
+    objective = Separate(problem)
+    evaluation = problem.evaluate(values, starts)
+    starts = closed_starts(evaluation)
+    first = [objective.record(objective.cost(evaluation, values), values)]
+    k, m2 = len(values), problem.freedoms
+    nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
+    return descend(
+        objective, values, starts, evaluation, iterations, count=1, before=nothing, history=first, progress=progress
+    )
 
-    def measure(values: np.ndarray, starts: Starts) -> tuple[Evaluation, float]:
-        evaluation = simulator(values, starts, windows)
-        return evaluation, data_cost(evaluation.residual, huber) + prior_terms(parameters, values)[0]
 
-    evaluation, cost = measure(values, starts)
-    count = 1
-    status, message = "not_converged", f"no convergence in {iterations} iterations"
+def descend(
+    objective: Separate,
+    values: np.ndarray,
+    starts: Starts,
+    evaluation: Evaluation,
+    iterations: int,
+    *,
+    count: int = 0,
+    before: Solution | Step,
+    history: list[dict[str, Any]],
+    progress: Progress = silent,
+) -> Solution:
+    """Levenberg and Marquardt's method from a point that is evaluated already.
+
+    Args:
+        count: evaluations made before, of `iterations`.
+        before: whose information is returned where this point has none.
+    """
+    problem, damping = objective.problem, objective.damping
+    samples, cost = problem.windows.samples, objective.cost(evaluation, values)
+    status, message = "not_converged", f"{objective.goal} in {iterations} iterations"
+    system, newton = objective.system(evaluation, values), None
     if not np.isfinite(cost):
         message = "the simulation of the start values is not finite"
-    while True:
-        weights = huber_weights(evaluation.residual, huber)
-        normal = normal_blocks(evaluation, weights, m2)
-        starts = closed_starts(evaluation)
-        if not np.isfinite(cost):
-            break
-        chi2 = 2 * cost / max(windows.samples, 1)
-        history.append({"cost": cost, "values": values.tolist()})
-        if progress:
-            progress(min(count / iterations, 0.99), f"iteration {count}, chi2 per sample {chi2:.4g}")
-        prior = prior_terms(parameters, values)
-        newton = eliminate(normal, 0.0, prior, low - values, high - values)
-        unit = max(chi2, 1e-12)
-        moved = float(newton.dp @ newton.information @ newton.dp) / unit
-        if moved < STEP_TOLERANCE and 2 * newton.predicted / unit < DECREASE_TOLERANCE * np.sqrt(windows.samples):
-            status, message = "ok", ""
-            break
-        accepted, near = False, nearly_there(moved, 2 * newton.predicted / unit, windows.samples)
+    while np.isfinite(cost):
+        unit = objective.unit(evaluation, cost)
+        progress(min(count / iterations, 0.99), f"iteration {count}, chi2 per sample {unit:.4g}")
+        low, high = problem.bounds(values)
+        room, unit = (low - values, high - values), max(unit, 1e-12)
+        newton, moved, near = objective.solve(system, values, 0.0, *room), np.inf, False
+        if newton is not None:
+            moved, decrease = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
+            if moved < STEP_TOLERANCE and decrease < DECREASE_TOLERANCE * np.sqrt(samples):
+                status, message = "ok", ""
+                break
+            near = nearly_there(moved, decrease, samples)
+        accepted = False
         while count < iterations and damping < LARGEST_DAMPING:
-            step = eliminate(normal, damping, prior, low - values, high - values)
+            step = objective.solve(system, values, damping, *room)
+            if step is None:
+                damping *= 10
+                continue
             trial_values = np.clip(values + step.dp, low, high)
-            trial, trial_cost = measure(trial_values, move(simulator, starts, values, step.dz))
+            trial = problem.evaluate(trial_values, move(problem.simulator, starts, values, step.dz))
+            trial_cost = objective.cost(trial, trial_values)
             count += 1
-            gain = (cost - trial_cost) / max(step.predicted, 1e-300)
             if trial_cost < cost:
+                gain = (cost - trial_cost) / max(step.predicted, 1e-300)
                 damping = max(damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
                 values, evaluation, cost, accepted = trial_values, trial, trial_cost, True
+                starts, system = closed_starts(evaluation), objective.system(evaluation, values)
+                history.append(objective.record(cost, values))
                 break
             if near:  # a smooth cost would have fallen
                 break
@@ -174,17 +185,17 @@ def fit_windows(
                 status = "ok" if near else status
                 message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
             break
-    zero = np.zeros(len(values))
-    final = eliminate(normal, 0.0, prior_terms(parameters, values), zero, zero)
+    known = before if newton is None else newton
     return Solution(
+        problem=problem,
         values=values,
         starts=starts,
         evaluation=evaluation,
-        weights=weights,
+        weights=problem.weights(evaluation),
         cost=cost,
-        information=final.information,
-        gradient=final.gradient,
-        eliminated=final.eliminated,
+        information=known.information,
+        gradient=known.gradient,
+        eliminated=known.eliminated,
         status=status,
         message=message,
         iterations=count,

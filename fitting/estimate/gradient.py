@@ -10,16 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import optax
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.progress import Progress
-from fitting.estimate.gauss_newton import Solution, closed_starts, fit_windows, move
-from fitting.estimate.normal_equations import data_cost, eliminate, huber_weights, normal_blocks, prior_terms
-from fitting.estimate.simulator import Evaluation, Simulator
+from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.gauss_newton import closed_starts, fit_windows, move
+from fitting.estimate.normal_equations import Normal, Prior, Step, eliminate
+from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.simulator import Evaluation
 from fitting.estimate.windows import Starts, Windows
 
 OPTIMIZERS, LOSSES = ("lbfgs", "adam"), ("angles", "spectrum")
@@ -59,52 +61,52 @@ def spectrum_terms(evaluation: Evaluation, windows: Windows, slope: np.ndarray) 
     return cost, np.einsum("ksn,ksnp->p", scale * rest, amplitude)
 
 
-class ProjectedLoss:
-    """The projected loss and its gradient in scaled parameters; keeps the starts between calls."""
+class Projected:
+    """The loss at the optimum of the starts, and its gradient by the parameters; keeps the starts between calls.
 
-    def __init__(self, simulator: Simulator, windows: Windows, starts: Starts, loss: str, huber: float | None):
-        self.simulator, self.windows, self.starts, self.loss, self.huber = simulator, windows, starts, loss, huber
+    Attributes:
+        kind: `angles` or `spectrum`.
+        information, curvature: of the last call, (k, k) and its diagonal.
+    """
+
+    def __init__(self, problem: Problem, starts: Starts, kind: str = "angles") -> None:
+        self.problem, self.starts, self.kind = problem, starts, kind
         self.evaluations = 0
-        self.zero = np.zeros(len(simulator.parameters))
-        self.curvature = np.ones(len(simulator.parameters))
-        self.information = np.eye(len(simulator.parameters))
+        k = len(problem.parameters)
+        self.zero, self.curvature, self.information = np.zeros(k), np.ones(k), np.eye(k)
+
+    def _starts_eliminated(self, normal: Normal, damping: float) -> Step:
+        return eliminate(normal, damping, Prior(0.0, self.zero, self.zero), self.zero, self.zero)
 
     def __call__(self, values: np.ndarray, inner: int = INNER) -> tuple[float, np.ndarray]:
-        m2 = self.simulator.freedoms
-        best = None
+        problem, best = self.problem, None
         for i in range(inner + 1):
-            evaluation = self.simulator(values, self.starts, self.windows)
+            evaluation = problem.evaluate(values, self.starts)
             self.evaluations += 1
-            cost = data_cost(evaluation.residual, self.huber)
+            cost = problem.data_cost(evaluation)
             if best is not None and not cost <= best[0]:
                 break
             best = (cost, evaluation, closed_starts(evaluation))
             if not np.isfinite(cost) or i == inner:
                 break
-            weights = huber_weights(evaluation.residual, self.huber)
-            step = eliminate(
-                normal_blocks(evaluation, weights, m2), 1e-6, (0.0, self.zero, self.zero), self.zero, self.zero
-            )
-            self.starts = move(self.simulator, best[2], values, step.dz)
+            step = self._starts_eliminated(problem.normal(evaluation), 1e-6)
+            self.starts = move(problem.simulator, best[2], values, step.dz)
         cost, evaluation, self.starts = best
-        weights = huber_weights(evaluation.residual, self.huber)
-        normal = normal_blocks(evaluation, weights, m2)
-        reduced = eliminate(normal, 0.0, (0.0, self.zero, self.zero), self.zero, self.zero)
+        normal = problem.normal(evaluation)
+        reduced = self._starts_eliminated(normal, 0.0)
         self.information = reduced.information
         self.curvature = np.maximum(np.diag(reduced.information), 1e-300)
-        gradient = normal.gp
-        prior = prior_terms(self.simulator.parameters, values)
-        if self.loss == "spectrum":
+        gradient, prior = normal.gp, problem.prior(values)
+        if self.kind == "spectrum":
             # the starts are where the angles want them, not the spectra: no envelope theorem, they move along
-            jacobian = evaluation.jacobian
+            m2, jacobian = problem.freedoms, evaluation.jacobian
             slope = jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], reduced.eliminated)
-            cost, gradient = spectrum_terms(evaluation, self.windows, slope)
-        return cost + prior[0], gradient + prior[1]
+            cost, gradient = spectrum_terms(evaluation, problem.windows, slope)
+        return cost + prior.cost, gradient + prior.gradient
 
 
 def fit_gradient(
-    simulator: Simulator,
-    windows: Windows,
+    problem: Problem,
     values: np.ndarray,
     starts: Starts,
     *,
@@ -113,8 +115,7 @@ def fit_gradient(
     steps: int = 60,
     learning_rate: float | None = None,
     horizon: Sequence[float] = (0.3, 1.0),
-    huber: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Solution:
     """Fit by gradient descent with optax.
 
@@ -124,7 +125,6 @@ def fit_gradient(
         steps: most steps over all horizons.
         learning_rate: of adam, in parts of the distance that the curvature predicts; default 0.2.
         horizon: parts of each window that count, one after another.
-        huber: threshold of the robust loss.
 
     Returns:
         A solution like `fit_windows`'s, with covariance from the same normal equations.
@@ -135,83 +135,78 @@ def fit_gradient(
     values, history, evaluations = np.asarray(values, float), [], 0
     stages = [(part, "angles") for part in horizon]
     stages = [(1.0, "spectrum"), *stages] if loss == "spectrum" else stages
-    elapsed = windows.index * windows.dt / windows.length
     arrived = False
     for i, (part, kind) in enumerate(stages):
-        seen = replace(windows, weight=windows.weight * (elapsed <= part)[:, :, None])
         # angles decide the start values; the spectrum needs starts from the angles too
-        problem = ProjectedLoss(simulator, seen, starts, kind, huber)
+        projected = Projected(replace(problem, windows=problem.windows.early(part)), starts, kind)
         share = steps // len(stages) if i < len(stages) - 1 else steps - len(history)
         descend = _lbfgs if optimizer == "lbfgs" else _adam
-        values, arrived = descend(problem, values, max(share, 1), learning_rate or 0.2, history)
-        starts, evaluations = problem.starts, evaluations + problem.evaluations
-        if progress:
-            progress(0.9 * (i + 1) / len(stages), f"horizon {part:g}, {kind}: {values}")
-    frozen = np.ones(len(values), bool)
-    found = fit_windows(simulator, windows, values, starts, huber=huber, frozen=frozen, iterations=8)
-    found.iterations, found.history = evaluations, history
-    found.status = "ok" if arrived else "not_converged"
-    found.message = "" if arrived else f"no convergence in {steps} gradient steps"
-    return found
+        values, arrived = descend(projected, values, max(share, 1), learning_rate or 0.2, history)
+        starts, evaluations = projected.starts, evaluations + projected.evaluations
+        progress(0.9 * (i + 1) / len(stages), f"horizon {part:g}, {kind}: {values}")
+    found = fit_windows(replace(problem, frozen=np.ones(len(values), bool)), values, starts, iterations=8)
+    return replace(
+        found,
+        problem=problem,
+        iterations=evaluations,
+        history=history,
+        status="ok" if arrived else "not_converged",
+        message="" if arrived else f"no convergence in {steps} gradient steps",
+    )
 
 
-def _limits(problem: ProjectedLoss) -> tuple[np.ndarray, np.ndarray]:
-    parameters = problem.simulator.parameters
-    return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
-
-
-def _at_rest(problem: ProjectedLoss, values: np.ndarray, gradient: np.ndarray, cost: float) -> bool:
+def _at_rest(projected: Projected, values: np.ndarray, gradient: np.ndarray, cost: float) -> bool:
     """Whether the projected gradient is below `ARRIVED` standard errors in every parameter."""
-    low, high = _limits(problem)
+    low, high = projected.problem.bounds(values)
     held = ((values <= low) & (gradient > 0)) | ((values >= high) & (gradient < 0))
-    unit = max(2 * cost / max(problem.windows.samples, 1), 1e-12)
-    return bool(np.all(np.abs(np.where(held, 0.0, gradient)) < ARRIVED * np.sqrt(problem.curvature * unit)))
+    unit = max(2 * cost / max(projected.problem.windows.samples, 1), 1e-12)
+    return bool(np.all(np.abs(np.where(held, 0.0, gradient)) < ARRIVED * np.sqrt(projected.curvature * unit)))
 
 
 def _lbfgs(
-    problem: ProjectedLoss, values: np.ndarray, steps: int, rate: float, history: list
+    projected: Projected, values: np.ndarray, steps: int, rate: float, history: list[dict[str, Any]]
 ) -> tuple[np.ndarray, bool]:
-    low, high = _limits(problem)
-    cost, gradient = problem(values, inner=6)
-    size = 1 / np.sqrt(problem.curvature)
+    low, high = projected.problem.bounds(values)
+    cost, gradient = projected(values, inner=6)
+    size = 1 / np.sqrt(projected.curvature)
     transform = optax.scale_by_lbfgs(memory_size=8)
     state = transform.init(jnp.asarray(values / size))
     for _ in range(steps):
-        if _at_rest(problem, values, gradient, cost):
+        if _at_rest(projected, values, gradient, cost):
             return values, True
         update, state = transform.update(jnp.asarray(gradient * size), state, jnp.asarray(values / size))
         direction = -np.asarray(update) * size
         if direction @ gradient >= 0:
             direction = -gradient * size**2
-        fraction, kept = 1.0, problem.starts
+        fraction, kept = 1.0, projected.starts
         for _ in range(12):
             trial = np.clip(values + fraction * direction, low, high)
-            problem.starts = kept
-            trial_cost, trial_gradient = problem(trial)
+            projected.starts = kept
+            trial_cost, trial_gradient = projected(trial)
             if trial_cost <= cost + 1e-4 * float(gradient @ (trial - values)):
                 break
             fraction *= 0.4
         else:
-            problem.starts = kept
-            return values, _at_rest(problem, values, gradient, cost)
+            projected.starts = kept
+            return values, _at_rest(projected, values, gradient, cost)
         values, cost, gradient = trial, trial_cost, trial_gradient
         history.append({"cost": cost, "values": values.tolist()})
-    return values, _at_rest(problem, values, gradient, cost)
+    return values, _at_rest(projected, values, gradient, cost)
 
 
 def _adam(
-    problem: ProjectedLoss, values: np.ndarray, steps: int, rate: float, history: list
+    projected: Projected, values: np.ndarray, steps: int, rate: float, history: list[dict[str, Any]]
 ) -> tuple[np.ndarray, bool]:
     """Adam in coordinates x = L' p, where S = L L': damping coefficients that stand in for each other are apart there.
 
     Rounds of cosine decay with restarts (Loshchilov and Hutter 2017); each starts with steps of `rate` of the distance
     that its curvature predicts, so that the last ones are as small as the standard errors.
     """
-    low, high = _limits(problem)
-    _, gradient = problem(values, inner=6)
+    low, high = projected.problem.bounds(values)
+    _, gradient = projected(values, inner=6)
     share = max(1, steps // ADAM_ROUNDS)
     for _ in range(min(ADAM_ROUNDS, steps)):
-        root = np.linalg.cholesky(problem.information + 1e-12 * np.diag(problem.curvature))
+        root = np.linalg.cholesky(projected.information + 1e-12 * np.diag(projected.curvature))
         whiten = lambda g, root=root: jnp.asarray(np.linalg.solve(root, g))  # noqa: E731
         distance = float(np.linalg.norm(whiten(gradient)))
         transform = optax.adam(optax.cosine_decay_schedule(rate * distance, share))
@@ -221,6 +216,6 @@ def _adam(
             update, state = transform.update(whiten(gradient), state, x)
             values = np.clip(np.linalg.solve(root.T, np.asarray(optax.apply_updates(x, update))), low, high)
             x = jnp.asarray(root.T @ values)
-            cost, gradient = problem(values, inner=1)
+            cost, gradient = projected(values, inner=1)
             history.append({"cost": cost, "values": values.tolist()})
-    return values, _at_rest(problem, values, gradient, cost)
+    return values, _at_rest(projected, values, gradient, cost)

@@ -4,7 +4,7 @@
     S dp = -g,   S = C - sum_k B_k' A_k^-1 B_k       (bounds on p: an exact box problem)
     dz_k = -A_k^-1 (Z'r + B_k dp)
 
-Levenberg-Marquardt scales the diagonals by 1 + damping; Huber's loss enters through weights.
+Levenberg-Marquardt scales the diagonals by 1 + damping; a robust loss enters through weights.
 """
 
 from __future__ import annotations
@@ -34,30 +34,21 @@ class Normal(NamedTuple):
     gp: np.ndarray
 
 
-def huber_weights(residual: np.ndarray, threshold: float | None) -> np.ndarray:
-    """Weights min(1, threshold/|r|) of Huber's loss; 1 without threshold."""
-    if threshold is None:
-        return np.ones_like(residual)
-    return np.minimum(1.0, threshold / np.maximum(np.abs(residual), 1e-300))
+class Prior(NamedTuple):
+    """Cost, gradient (k,) and curvature (k,) of normal priors."""
+
+    cost: float
+    gradient: np.ndarray
+    curvature: np.ndarray
 
 
-def data_cost(residual: np.ndarray, threshold: float | None) -> float:
-    """Half chi-square, or Huber's loss `c |r| - c^2/2` beyond the threshold c."""
-    if not np.isfinite(residual).all():
-        return np.inf
-    size = np.abs(residual)
-    if threshold is None:
-        return 0.5 * float(np.sum(size**2))
-    return float(np.sum(np.where(size <= threshold, 0.5 * size**2, threshold * size - 0.5 * threshold**2)))
-
-
-def prior_terms(parameters: Sequence[Parameter], values: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient (k,) and curvature (k,) of the normal priors."""
+def prior_of(parameters: Sequence[Parameter], values: np.ndarray) -> Prior:
+    """What the parameters' priors add at these values (k,)."""
     rest = np.array(
         [0.0 if p.prior is None else (v - p.prior[0]) / p.prior[1] for p, v in zip(parameters, values, strict=True)]
     )
     scale = np.array([0.0 if p.prior is None else 1 / p.prior[1] for p in parameters])
-    return 0.5 * float(rest @ rest), rest * scale, scale**2
+    return Prior(0.5 * float(rest @ rest), rest * scale, scale**2)
 
 
 def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Normal:
@@ -121,25 +112,37 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
     return step
 
 
-def eliminate(normal: Normal, damping: float, prior: tuple, low: np.ndarray, high: np.ndarray) -> Step:
+def reduced(
+    normal: Normal, solved: np.ndarray, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray
+) -> tuple[Step, float]:
+    """The step with the starts eliminated, its predicted decrease still to be found, and the cost's slope along it.
+
+    Args:
+        solved: the starts' matrix inverse times B and gz (K, m2, k + 1).
+    """
+    AB, Ag = solved[..., :-1], solved[..., -1]
+    information = normal.C + np.diag(prior.curvature) - np.einsum("kij,kil->jl", normal.B, AB)
+    information = 0.5 * (information + information.T)
+    gradient = normal.gp + prior.gradient - np.einsum("kij,ki->j", normal.B, Ag)
+    dp = bounded_step(information + damping * np.diag(np.diag(information)), gradient, low, high)
+    dz = -(Ag + AB @ dp)
+    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior.gradient) @ dp)
+    return Step(dp, dz, np.nan, information, gradient, -AB), slope
+
+
+def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
     """One damped step with the window starts eliminated."""
     diagonal = np.einsum("kii->ki", normal.A)
     floor = 1e-12 * diagonal.max() + 1e-300
     A = normal.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
     solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    AB, Ag = solved[..., :-1], solved[..., -1]
-    curvature = normal.C + np.diag(prior[2])
-    information = curvature - np.einsum("kij,kil->jl", normal.B, AB)
-    information = 0.5 * (information + information.T)
-    gradient = normal.gp + prior[1] - np.einsum("kij,ki->j", normal.B, Ag)
-    damped = information + damping * np.diag(np.diag(information))
-    dp = bounded_step(damped, gradient, low, high)
-    dz = -(Ag + AB @ dp)
-    slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior[1]) @ dp)
+    step, slope = reduced(normal, solved, damping, prior, low, high)
+    dp, dz = step.dp, step.dz
+    curvature = normal.C + np.diag(prior.curvature)
     square = (
         np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp) + dp @ curvature @ dp
     )
-    return Step(dp, dz, -(slope + 0.5 * float(square)), information, gradient, -AB)
+    return step._replace(predicted=-(slope + 0.5 * float(square)))
 
 
 def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:

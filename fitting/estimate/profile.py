@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from fitting.estimate.gauss_newton import Solution, fit_windows
-from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Windows
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.problem import Solution
 
 
 @dataclass(frozen=True)
@@ -24,8 +23,6 @@ class Profile:
 
 
 def profile(
-    simulator: Simulator,
-    windows: Windows,
     solution: Solution,
     name: str,
     std_error: float,
@@ -39,23 +36,24 @@ def profile(
     The interval is where twice the growth stays below the `level` quantile of chi-square with one degree of freedom
     (Wilks 1938), read from a quadratic through the points next to it.
     """
-    index = [p.name for p in simulator.parameters].index(name)
-    p = simulator.parameters[index]
-    frozen = np.zeros(len(simulator.parameters), bool)
-    frozen[index] = True
-    unit = max(2 * solution.cost / max(windows.samples, 1), 1e-300)
+    index = [p.name for p in solution.problem.parameters].index(name)
+    p = solution.problem.parameters[index]
+    held = solution.problem.held.copy()
+    held[index] = True
+    problem = replace(solution.problem, frozen=held)
+    unit = max(2 * solution.cost / max(solution.windows.samples, 1), 1e-300)
     best = float(solution.values[index])
     found = {best: 0.0}
     for side in (-1, 1):
         starts, values = solution.starts, solution.values.copy()
         for j in range(1, points + 1):
-            held = float(np.clip(best + side * reach * std_error * j / points, p.low, p.high))
-            if held in found:
+            place = float(np.clip(best + side * reach * std_error * j / points, p.low, p.high))
+            if place in found:
                 break
             values = values.copy()
-            values[index] = held
-            other = fit_windows(simulator, windows, values, starts, frozen=frozen, iterations=15)
-            found[held] = (other.cost - solution.cost) / unit
+            values[index] = place
+            other = fit_windows(problem, values, starts, iterations=15)
+            found[place] = (other.cost - solution.cost) / unit
             starts, values = other.starts, other.values
     at = np.array(sorted(found))
     growth = np.array([found[x] for x in at])

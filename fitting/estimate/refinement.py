@@ -16,13 +16,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from dropper_jax.base.progress import Progress
-from fitting.estimate.gauss_newton import Solution, fit_windows
-from fitting.estimate.normal_equations import eliminate, normal_blocks, prior_terms
+from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.normal_equations import eliminate, normal_blocks
+from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import continue_shooting, joined_step
-from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
-from fitting.estimate.windows import Windows
 
 #: Bias of the step that is accepted, in standard errors.
 LARGEST_BIAS = 0.3
@@ -30,82 +29,54 @@ LARGEST_BIAS = 0.3
 MOST_SUBSTEPS = 16
 
 
-def refine(
-    simulator: Simulator,
-    windows: Windows,
-    solution: Solution,
-    *,
-    huber: float | None = None,
-    frozen: np.ndarray | None = None,
-    progress: Progress | None = None,
-) -> tuple[Solution, Windows]:
+def refine(solution: Solution, progress: Progress = silent) -> Solution:
     """Go on from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 
     Returns:
-        The solution, its `step_bias` set, and the windows with the substeps it used.
+        The solution, its `step_bias` set, its windows with the substeps it used.
     """
     while True:
-        solution.step_bias, finer, ahead = step_bias(simulator, windows, solution, huber, frozen)
+        solution.step_bias, ahead = step_bias(solution)
         worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
-        if not worst > LARGEST_BIAS or finer.substeps > MOST_SUBSTEPS:
-            return solution, windows
-        if progress:
-            progress(0.0, f"the step's bias is {worst:.2g} standard errors: {finer.substeps} substeps")
-        on = _go_on(simulator, finer, ahead, huber, frozen)
+        if not worst > LARGEST_BIAS or ahead.windows.substeps > MOST_SUBSTEPS:
+            return solution
+        progress(0.0, f"the step's bias is {worst:.2g} standard errors: {ahead.windows.substeps} substeps")
+        joined = ahead.gap_weight
+        on = continue_shooting(ahead) if joined else fit_windows(ahead.problem, ahead.values, ahead.starts)
         if on.status != "ok":
-            return solution, windows
+            return solution
         on.iterations += solution.iterations + 1
-        solution, windows = on, finer
+        solution = on
 
 
-def finer_step(
-    simulator: Simulator, windows: Windows, solution: Solution, huber: float | None, frozen: np.ndarray | None
-) -> tuple[Windows, Solution] | None:
-    """Windows of half the step, and the solution on them, where the step's bias is too large; else None."""
-    bias, finer, ahead = step_bias(simulator, windows, solution, huber, frozen)
-    if finer.substeps > MOST_SUBSTEPS or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
+def finer_step(solution: Solution) -> Solution | None:
+    """The solution on windows of half the step, where the step's bias is too large; else None."""
+    bias, ahead = step_bias(solution)
+    if ahead.windows.substeps > MOST_SUBSTEPS or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
         return None
-    return finer, ahead
+    return ahead
 
 
-def step_bias(
-    simulator: Simulator,
-    windows: Windows,
-    solution: Solution,
-    huber: float | None = None,
-    frozen: np.ndarray | None = None,
-) -> tuple[np.ndarray, Windows, Solution]:
-    """Bias (k,) in standard errors of a solution; the windows of half the step, and the solution evaluated on them."""
-    finer = replace(windows, substeps=2 * windows.substeps)
-    ahead = replace(solution, evaluation=simulator(solution.values, solution.starts, finer))
-    moved = _moved(simulator, finer, ahead, huber, frozen)
-    errors = uncertainty(solution, windows, simulator.parameters, simulator.freedoms, frozen).std_error
-    left = 1 - 0.5**simulator.stepper.integrator.order
-    return -moved / left / np.where(errors > 0, errors, np.inf), finer, ahead
+def step_bias(solution: Solution) -> tuple[np.ndarray, Solution]:
+    """Bias (k,) in standard errors of a solution, and the solution evaluated on windows of half the step."""
+    finer = solution.problem.finer()
+    ahead = replace(solution, problem=finer, evaluation=finer.evaluate(solution.values, solution.starts))
+    errors = uncertainty(solution).std_error
+    left = 1 - 0.5**finer.simulator.stepper.integrator.order
+    return -_moved(ahead) / left / np.where(errors > 0, errors, np.inf), ahead
 
 
-def _moved(
-    simulator: Simulator, finer: Windows, ahead: Solution, huber: float | None, frozen: np.ndarray | None
-) -> np.ndarray:
+def _moved(ahead: Solution) -> np.ndarray:
     """The parameters' Gauss-Newton step (k,) on the finer residuals, inside the bounds."""
+    problem, values = ahead.problem, ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():
-        return np.zeros(len(ahead.values))
-    frozen = np.zeros(len(ahead.values), bool) if frozen is None else frozen
-    low = np.where(frozen, 0.0, np.array([p.low for p in simulator.parameters]) - ahead.values)
-    high = np.where(frozen, 0.0, np.array([p.high for p in simulator.parameters]) - ahead.values)
+        return np.zeros(len(values))
+    low, high = (end - values for end in problem.bounds(values))
     if ahead.gap_weight:
-        step = joined_step(simulator, finer, ahead, huber, low, high)
-        return np.zeros(len(ahead.values)) if step is None else step.dp
-    normal = normal_blocks(ahead.evaluation, ahead.weights, simulator.freedoms)
+        step = joined_step(ahead, low, high)
+        return np.zeros(len(values)) if step is None else step.dp
     try:
-        return eliminate(normal, 0.0, prior_terms(simulator.parameters, ahead.values), low, high).dp
+        normal = normal_blocks(ahead.evaluation, ahead.weights, problem.freedoms)
+        return eliminate(normal, 0.0, problem.prior(values), low, high).dp
     except LinAlgError:
-        return np.zeros(len(ahead.values))
-
-
-def _go_on(
-    simulator: Simulator, finer: Windows, ahead: Solution, huber: float | None, frozen: np.ndarray | None
-) -> Solution:
-    if ahead.gap_weight:
-        return continue_shooting(simulator, finer, ahead, huber, frozen)
-    return fit_windows(simulator, finer, ahead.values, ahead.starts, huber=huber, frozen=frozen)
+        return np.zeros(len(values))

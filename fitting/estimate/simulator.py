@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +34,10 @@ ITERATIONS = 3
 #: Times the median over windows beyond which a window's derivative is taken for none. A joint that is just about to
 #: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
 WILD = 1e4
+
+
+#: What a program is compiled for: windows in it, sample slots, step [s], steps, whether samples lie on whole steps.
+Key = tuple[int, int, float, int, bool]
 
 
 class Evaluation(NamedTuple):
@@ -99,12 +103,12 @@ class Simulator:
         parameters: Sequence[Parameter],
         stepper: Stepper | None = None,
         release: Release | None = None,
-    ):
+    ) -> None:
         self.model, self.parameters, self.release = model, tuple(parameters), release
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.compile_s, self.evaluations = 0.0, 0
-        self._programs: dict[tuple, Any] = {}
+        self._programs: dict[Key, jax.stages.Compiled] = {}
 
     def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
         """Evaluate at parameter values (k,) and window starts; every window has its own line in the answer."""
@@ -140,13 +144,15 @@ class Simulator:
         large = windows.count > CHUNK // 2 or self._key(CHUNK, windows) in self._programs
         return CHUNK if large else CHUNK // 2
 
-    def _key(self, size: int, windows: Windows) -> tuple:
+    def _key(self, size: int, windows: Windows) -> Key:
         return size, windows.theta.shape[1], windows.dt, windows.steps, self._on_grid(windows)
 
     def _on_grid(self, windows: Windows) -> bool:
         return self.release is None and not windows.fraction.any()
 
-    def _program(self, values: np.ndarray, substeps: np.int32, chunk: tuple, windows: Windows) -> Any:
+    def _program(
+        self, values: np.ndarray, substeps: np.int32, chunk: tuple[np.ndarray, ...], windows: Windows
+    ) -> jax.stages.Compiled:
         key = self._key(len(chunk[0]), windows)
         if key not in self._programs:
             begun = time.perf_counter()
@@ -158,13 +164,15 @@ class Simulator:
             self.compile_s += time.perf_counter() - begun
         return self._programs[key]
 
-    def _window(self, values, substeps, *inputs, dt, steps, on_grid):  # noqa: ANN001, ANN002, ANN202
+    def _window(
+        self, values: jax.Array, substeps: jax.Array, *inputs: jax.Array, dt: float, steps: int, on_grid: bool
+    ) -> tuple[jax.Array, ...]:
         """Value and Jacobian of one window, all tangents in one batch."""
         theta0, omega0, basis, measured, weight, index, fraction, *more = inputs
         m = basis.shape[1]
         point = jnp.concatenate([jnp.zeros(2 * m), values])
 
-        def outputs(x):  # noqa: ANN001, ANN202
+        def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
             z, p = x[: 2 * m], x[2 * m :]
             model = apply(self.model, self.parameters, p)
             theta, h, place = theta0 + basis @ z[:m], dt, (index, fraction)
@@ -209,7 +217,15 @@ def march(
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
 
 
-def _at_samples(start, angles, rates, index, fraction, dt, on_grid):  # noqa: ANN001, ANN202
+def _at_samples(
+    start: tuple[jax.Array, jax.Array],
+    angles: jax.Array,
+    rates: jax.Array,
+    index: jax.Array,
+    fraction: jax.Array,
+    dt: jax.Array | float,
+    on_grid: bool,
+) -> jax.Array:
     """Angles (S, n) at the sample times: cubic Hermite between steps, whose error is below the scheme's own."""
     angles = jnp.concatenate([start[0][None], angles])
     if on_grid:

@@ -7,23 +7,18 @@ V summed over lags within each window and link (Newey and West 1987).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
 
-from fitting.estimate.gauss_newton import Solution
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.windows import Windows
-from fitting.parameters.parameter import Parameter
+from fitting.estimate.problem import Solution
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
 #: Lag-1 correlation that counts as real: so many of its own standard errors, and at least this large.
 CORRELATED, CORRELATION_FLOOR = 4.0, 0.05
-#: Standard errors in scaled parameters whose ratio makes a direction "not told apart".
-UNIDENTIFIED_RATIO = 1e3
 #: Relative standard error beyond which a direction is called undetermined.
 UNDETERMINED = 1.0
 
@@ -60,12 +55,13 @@ class Uncertainty:
         return self.covariance / np.outer(size, size)
 
 
-def degrees_of_freedom(solution: Solution, windows: Windows, parameters: int, freedoms: int) -> int:
+def degrees_of_freedom(solution: Solution) -> int:
     """Samples less what was fitted; joined windows share one start per run."""
+    problem, windows = solution.problem, solution.windows
     joined = solution.gap_weight is not None
     starts = int((~windows.follows).sum()) if joined else windows.count
     starts -= int(windows.released.sum())
-    return max(1, windows.samples - starts * freedoms - parameters)
+    return max(1, windows.samples - starts * problem.freedoms - int((~problem.held).sum()))
 
 
 def scores(solution: Solution) -> np.ndarray:
@@ -93,18 +89,11 @@ def long_run_variance(score: np.ndarray, lags: int) -> np.ndarray:
     return total
 
 
-def uncertainty(
-    solution: Solution,
-    windows: Windows,
-    parameters: Sequence[Parameter],
-    freedoms: int,
-    frozen: np.ndarray | None = None,
-) -> Uncertainty:
+def uncertainty(solution: Solution) -> Uncertainty:
     """Errors at a solution; the larger of the white and the correlated estimate where residuals are correlated."""
-    k = len(parameters)
-    frozen = np.zeros(k, bool) if frozen is None else frozen
-    free = np.flatnonzero(~frozen)
-    noise2 = solution.chi2 / degrees_of_freedom(solution, windows, len(free), freedoms)
+    problem, windows, k = solution.problem, solution.windows, len(solution.values)
+    free = np.flatnonzero(~problem.held)
+    noise2 = solution.chi2 / degrees_of_freedom(solution)
     inner = _inverse(solution.information[np.ix_(free, free)])
     white = noise2 * inner
     residual = solution.weights * solution.evaluation.residual
@@ -120,14 +109,9 @@ def uncertainty(
     full = np.zeros((k, k))
     full[np.ix_(free, free)] = covariance
     se = np.sqrt(np.maximum(np.diag(full), 0.0))
-    at_bound = np.array(
-        [
-            i in free and (v <= p.low or v >= p.high)
-            for i, (p, v) in enumerate(zip(parameters, solution.values, strict=True))
-        ],
-        bool,
-    )
-    low, high = intervals(solution, parameters, full, free)
+    least, most = problem.bounds(solution.values)
+    at_bound = ~problem.held & ((solution.values <= least) | (solution.values >= most))
+    low, high = intervals(solution, full, free)
     return Uncertainty(
         full,
         se,
@@ -137,7 +121,7 @@ def uncertainty(
         float(np.sqrt(noise2)),
         correlation,
         inflation,
-        undetermined(parameters, solution, full, free),
+        undetermined(solution, full, free),
     )
 
 
@@ -148,7 +132,7 @@ def _inverse(information: np.ndarray) -> np.ndarray:
 
 
 def intervals(
-    solution: Solution, parameters: Sequence[Parameter], covariance: np.ndarray, free: np.ndarray, level: float = LEVEL
+    solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ends (k,) of the intervals: normal, cut at the bounds.
 
@@ -163,7 +147,7 @@ def intervals(
     if len(free):
         centre[free] -= _inverse(solution.information[np.ix_(free, free)]) @ solution.gradient[free]
     for i in free:
-        p = parameters[i]
+        p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
             below = norm.cdf((p.low - centre[i]) / se[i])
             low[i], high[i] = p.low, centre[i] + se[i] * norm.ppf(below + level * (1 - below))
@@ -176,10 +160,9 @@ def intervals(
     return low, high
 
 
-def undetermined(
-    parameters: Sequence[Parameter], solution: Solution, covariance: np.ndarray, free: np.ndarray
-) -> tuple[dict[str, float], ...]:
+def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
     """Directions that the data leave open: eigenvectors of the covariance in units of the parameters' sizes."""
+    parameters = solution.problem.parameters
     if len(free) < 2:
         return ()
     size = np.array([max(abs(solution.values[i]), parameters[i].scale * 0.1) for i in free])
@@ -193,14 +176,7 @@ def undetermined(
     return tuple(found)
 
 
-def bootstrap(
-    solution: Solution,
-    windows: Windows,
-    parameters: Sequence[Parameter],
-    draws: int = 200,
-    block: int = 3,
-    seed: int = 0,
-) -> np.ndarray:
+def bootstrap(solution: Solution, draws: int = 200, block: int = 3, seed: int = 0) -> np.ndarray:
     """Parameters (draws, k) refitted, to first order, to blocks of `block` neighbouring windows drawn with replacement.
 
     Each draw solves the linearised problem `sum_k m_k (S_k dp + g_k) = 0` with m_k how often window k was drawn, the
@@ -211,12 +187,12 @@ def bootstrap(
     residual = np.sqrt(solution.weights) * solution.evaluation.residual
     information = np.einsum("ksni,ksnj->kij", score, score)
     gradient = np.einsum("ksni,ksn->ki", score, residual)
-    count = windows.count
+    count, bounds = solution.windows.count, solution.problem.bounds(solution.values)
     found = []
     for _ in range(draws):
         first = rng.integers(0, count, size=int(np.ceil(count / block)))
         chosen = ((first[:, None] + np.arange(block)) % count).ravel()[:count]
         S, g = information[chosen].sum(0), gradient[chosen].sum(0)
         step = -solve_spd(S, g)
-        found.append(np.clip(solution.values + step, [p.low for p in parameters], [p.high for p in parameters]))
+        found.append(np.clip(solution.values + step, *bounds))
     return np.array(found)

@@ -89,6 +89,11 @@ class Windows:
         part = {f: pad(getattr(self, f)) for f in ("theta", "weight", "index", "fraction")}
         return replace(self, steps=max(steps, self.steps), **part)
 
+    def early(self, part: float) -> Windows:
+        """The same windows, of which only the first part (0 to 1) counts."""
+        elapsed = self.index * self.dt / self.length
+        return replace(self, weight=self.weight * (elapsed <= part)[:, :, None])
+
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
         part = {f: getattr(self, f)[which] for f in PER_WINDOW}

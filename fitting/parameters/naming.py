@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.parameters.parameter import paths
 
@@ -19,7 +19,7 @@ DAMPING = {
 }
 
 
-def default_free(scene: Any) -> list[str]:
+def default_free(scene: Scene) -> list[str]:
     """Every damping parameter that the scene has.
 
     Raises:
@@ -36,7 +36,7 @@ def default_free(scene: Any) -> list[str]:
     return found
 
 
-def full_names(scene: Any, names: Sequence[str], option: str = "free") -> list[str]:
+def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list[str]:
     """Paths of names that may be short: `b_l`, `dry`, `dry.1` where only one field is called so.
 
     `option` is what a mistake is called after.
@@ -44,7 +44,7 @@ def full_names(scene: Any, names: Sequence[str], option: str = "free") -> list[s
     return [_full(scene, name.strip(), option) for name in names]
 
 
-def _full(scene: Any, name: str, option: str) -> str:
+def _full(scene: Scene, name: str, option: str) -> str:
     if not name:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     if name.count(".") >= 2 or name == "camera.offset" or name.startswith("release."):

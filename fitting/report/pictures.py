@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.plots import style
 from fitting.calibration.result import FitResult
-from fitting.estimate.gauss_newton import Solution
-from fitting.estimate.windows import Windows
+from fitting.estimate.problem import Solution
 
 #: Most links drawn in one picture; the others are left out, and the title says so.
 MOST = 8
@@ -29,11 +28,11 @@ GAP = 5
 
 def fitted(result: FitResult, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured and simulated angles (m, n) [rad] and which are known, of one run's windows in order."""
-    return _in_order(result.windows, result.solution, run)
+    return _in_order(result.solution, run)
 
 
-def _in_order(w: Windows, solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    e = solution.evaluation
+def _in_order(solution: Solution, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    w, e = solution.windows, solution.evaluation
     mine = w.run == run
     known = (w.weight[mine] > 0).reshape(-1, w.theta.shape[2])
     used = known.any(axis=1)
@@ -80,7 +79,7 @@ def traces(result: FitResult, run: int) -> Figure:
     figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
     t, measured, simulated, _ = fitted(result, run)
     # each stretch starts from its own angles, its parameters are those of the fit
-    held = [_in_order(h.windows, h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
+    held = [_in_order(h.solution, run) for h in result.held_out if (h.windows.run == run).any()]
     for j in range(links):
         _line(axes[j], t, simulated[:, j], "fit", lw=1.6, color=style.FIRST)
         for i, (t1, _, predicted, _) in enumerate(held):

@@ -6,13 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.calibration.comparison import Law
+from fitting.calibration.law import Law
 from fitting.calibration.result import FitResult
-
-
-def status_text(result: FitResult) -> str:
-    """The status, and why."""
-    return f"{result.status}: {result.message}" if result.message else result.status
 
 
 def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from dropper_jax.plots import style
 from fitting.calibration.fit import estimate
-from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import Solution, fit_windows
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.problem import Solution
 from fitting.estimate.windows import Starts, cut
 
 
@@ -34,20 +35,20 @@ class Scan(NamedTuple):
 
 def scan(prepared: Prepared, name: str, values: np.ndarray, best: Solution | None = None) -> Scan:
     """Both losses over values of one parameter, the others at their optimum; starts of windows refitted each time."""
-    best = best or estimate(prepared, "shooting")[0]
+    best = best or estimate(prepared, "shooting")
     index = [p.name for p in prepared.parameters].index(name)
     simulator, windows = prepared.simulator, prepared.windows
     span = windows.length * int(windows.count)
     whole = cut(prepared.traces, span, windows.dt, prepared.sigma)
     start = Starts(best.starts.theta[:1], best.starts.omega[:1])
-    frozen = np.ones(len(prepared.parameters), bool)
+    problem = prepared.problem(frozen=np.ones(len(prepared.parameters), bool))
     single, separate, starts = [], [], best.starts
     for value in values:
         at = best.values.copy()
         at[index] = value
         run = simulator(at, start, whole)
         single.append(float(np.mean(run.residual**2)))
-        found = fit_windows(simulator, windows, at, starts, frozen=frozen, iterations=6)
+        found = fit_windows(problem, at, starts, iterations=6)
         separate.append(2 * found.cost / windows.samples)
     run = simulator(best.values, start, whole)
     column = run.jacobian[0, :, :, simulator.freedoms + index] / np.maximum(whole.weight[0], 1e-300)

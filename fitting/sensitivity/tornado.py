@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.style
@@ -30,7 +31,13 @@ def global_picture(found: Global, of: str, path: str | Path) -> Path:
 
 
 def _bars(
-    names: list, values: list, labels: list, axis: str, title: str, path: str | Path, errors: list | None = None
+    names: Sequence[str],
+    values: Sequence[np.ndarray],
+    labels: Sequence[str],
+    axis: str,
+    title: str,
+    path: str | Path,
+    errors: Sequence[np.ndarray] | None = None,
 ) -> Path:
     order = np.argsort(np.abs(values[0]))
     with matplotlib.style.context(["default", style.RC]):

@@ -20,7 +20,7 @@ from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
-from dropper_jax.run.build import build, build_model, stepper_of
+from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.naming import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
@@ -37,6 +37,8 @@ QUANTITIES = {
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
+#: What JSON holds.
+Plain = str | float | bool | None | list["Plain"] | dict[str, "Plain"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,16 +82,6 @@ class Plan:
     @property
     def chunks(self) -> int:
         return -(-self.cases // self.chunk)
-
-    @property
-    def saves(self) -> int:
-        run = self.scene.run
-        return -(-int(np.ceil(run.duration / run.dt - 1e-9)) // run.save_every)
-
-    @property
-    def steps(self) -> int:
-        """Time steps of one case."""
-        return self.saves * self.scene.run.save_every
 
     @cached_property
     def base(self) -> tuple[Model, State]:
@@ -135,7 +127,7 @@ def from_identity(identity: Mapping[str, Any]) -> Plan:
 
 
 def make_plan(
-    scene: Any,
+    scene: SceneLike,
     vary: Mapping[str, Sequence[float]],
     seeds: int = 0,
     quantities: Sequence[str] | None = None,
@@ -162,7 +154,7 @@ def make_plan(
             raise SceneError(f"quantities: {name!r} is unknown; {nearest(name, QUANTITIES)}")
     paths = _paths(scene, list(vary))
     # the first value of every axis is in the base, so that an effect that the scene lacks is there to be varied
-    base = scene.with_values({path: _plain(values[0]) for path, values in zip(paths, vary.values(), strict=True)})
+    base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
     return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())))
 
@@ -187,14 +179,10 @@ def _paths(scene: Scene, names: list[str]) -> list[str]:
     return found
 
 
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else value
-
-
 def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise SceneError(f"vary: {path}: allowed: at least one finite number")
-    changed = [scene.with_values({path: _plain(value)}) for value in (values[0], values[-1])]
+    changed = [scene.with_values({path: value.item()}) for value in (values[0], values[-1])]
     words = path.split(".")
     still = words[0] == "effects" and words[1] in DAMPING and words[2] in DAMPING[words[1]]
     model = build_model(scene)
@@ -208,8 +196,8 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
     return Axis(path, values, parameters, moves_start=not still)
 
 
-def same(one: Any, other: Any) -> bool:
-    """Whether two pytrees hold the same numbers."""
+def same(one: Model, other: Model) -> bool:
+    """Whether two models hold the same numbers."""
     a, b = jax.tree.leaves(one), jax.tree.leaves(other)
     return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))
 
@@ -224,7 +212,7 @@ def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
     """Leaves of plain tables by path; lists of plain values are leaves."""
     if isinstance(value, list) and any(isinstance(item, dict) for item in value):
         value = dict(enumerate(value))
@@ -235,7 +223,7 @@ def _flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield from _flat(item, f"{path}.{key}" if path else str(key))
 
 
-def _short(value: Any) -> str:
+def _short(value: Plain) -> str:
     if not isinstance(value, list) or len(value) <= 3:
         return "nothing" if value is None else f"{value}"
     return f"[{value[0]}, {value[1]}, ... {value[-1]}] ({len(value)} values)"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.run.build import build
-from dropper_jax.stepping.integrate import advance, begin
+from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
 from dropper_jax.stepping.observe import observe
 from fitting.parameters.parameter import apply
 from fitting.sweep.plan import STATUS, Plan
@@ -33,6 +33,19 @@ class Tally(NamedTuple):
     residual: jax.Array
 
 
+Carry = tuple[Progress, Tally]
+#: A pytree of arrays.
+Tree = TypeVar("Tree")
+
+
+class Pending(NamedTuple):
+    """Chunks under way: their numbers, cases that the scene refuses (members,), arrays (members, ...) by name."""
+
+    chunks: list[int]
+    refused: np.ndarray
+    found: dict[str, jax.Array]
+
+
 class Program:
     """Runs of a plan, `devices` chunks at a time.
 
@@ -40,7 +53,7 @@ class Program:
     place in its chunk, and the chunk runs on one device.
     """
 
-    def __init__(self, plan: Plan, devices: int | None = None):
+    def __init__(self, plan: Plan, devices: int | None = None) -> None:
         self.plan = plan
         self.devices = jax.local_device_count() if devices is None else devices
         self.by_scene = [i for i, axis in enumerate(plan.axes) if not axis.parameters]
@@ -54,11 +67,11 @@ class Program:
         if self._compiled is None:
             self._compiled = self._program().lower(*self._arguments(chunks)[0]).compile()
 
-    def __call__(self, chunks: list[int]) -> Any:
+    def __call__(self, chunks: list[int]) -> Pending:
         """Start the chunks (at most one per device); `collect` waits for the numbers."""
         self.compile(chunks)
         arguments, refused = self._arguments(chunks)
-        return chunks, refused, self._compiled(*arguments)
+        return Pending(chunks, refused, self._compiled(*arguments))
 
     def _arguments(self, chunks: list[int]) -> tuple[tuple[Any, ...], np.ndarray]:
         plan = self.plan
@@ -73,7 +86,7 @@ class Program:
         arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
         return tuple(map(jax.device_put, arguments, place)), refused
 
-    def collect(self, pending: Any) -> dict[int, dict[str, np.ndarray]]:
+    def collect(self, pending: Pending) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
         chunks, refused, found = pending
         found = {name: np.array(value) for name, value in found.items()}
@@ -117,7 +130,7 @@ class Program:
             raise SceneError(f"vary: {', '.join(values)}: changes the model's shape; allowed: one sweep for each value")
         return model, start
 
-    def _program(self) -> Any:
+    def _program(self) -> jax.stages.Wrapped:
         batched, shared = PartitionSpec("device"), PartitionSpec()
         member = 0 if self.by_scene else None, 0 if self.by_start else None, 0, None
         specs = tuple(shared if axis is None else batched for axis in member)
@@ -125,7 +138,7 @@ class Program:
         return jax.jit(jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=batched, check_vma=False))
 
 
-def stack(trees: list[Any]) -> Any:
+def stack(trees: list[Tree]) -> Tree:
     """Pytrees of one structure stacked along a new first axis."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
@@ -145,13 +158,15 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
     zero = jnp.zeros((), model.dtype)
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
-    def save(carry: Any, _: None) -> Any:
+    def save(carry: Carry, _: None) -> tuple[Carry, tuple[jax.Array, jax.Array] | None]:
         progress, tally = carry
         progress, row = advance(stepper, model, progress, dt, saves=1, save_every=every)
         tally = _count(model, start, progress.state, tally, row)
         return (progress, tally), ((progress.state.r, progress.state.tension) if plan.traces else None)
 
-    (progress, tally), traces = jax.lax.scan(save, (begin(stepper, model, start), tally), None, length=plan.saves)
+    (progress, tally), traces = jax.lax.scan(
+        save, (begin(stepper, model, start), tally), None, length=plan.scene.run.saves
+    )
     failed = progress.first_bad >= 0
     finite = jnp.isfinite(tally.residual)
     code = jnp.where(failed, jnp.where(finite, STATUS.index("not_converged"), STATUS.index("non_finite")), 0)
@@ -164,7 +179,7 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
     return found | {"status": code.astype(jnp.int8), "failed_at": at}
 
 
-def _count(model: Model, start: State, s: State, tally: Tally, row: Any) -> Tally:
+def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) -> Tally:
     links = model.links(s.r, model.ends(s.t))
     # rigid links are as long as they are; those that stretch are measured
     length = safe_norm(links) if model.line.axial.elastic else model.line.length
@@ -184,7 +199,7 @@ def _named(plan: Plan, model: Model, s: State, tally: Tally) -> dict[str, jax.Ar
     seen = observe(model, s.r, s.v, s.t, s.parted)
     return {
         "tension_max": tally.largest,
-        "tension_mean": tally.total / plan.saves,
+        "tension_mean": tally.total / plan.scene.run.saves,
         "tension_min": tally.smallest,
         "angle_max": jnp.arccos(jnp.clip(tally.cosine, -1.0, 1.0)),
         "excursion": tally.excursion,

@@ -110,13 +110,15 @@ def sweep(
     end = time.perf_counter()
     compile_s = 0.0 if first is None else first - begun
     run_s = 0.0 if first is None else end - first
-    rate = ran * plan.steps / run_s if run_s > 0 else 0.0
-    return SweepResult(store.path, plan.cases, before, store.counts(), plan.steps, compile_s, run_s, rate, told)
+    rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
+    return SweepResult(
+        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, told
+    )
 
 
 def _speed(plan: Plan, ran: int, seconds: float, left: int) -> str:
     rate = ran / max(seconds, 1e-9)
-    return f"{rate * plan.steps / 1e6:.2f} million steps/s, {left / max(rate, 1e-9):.0f} s left"
+    return f"{rate * plan.scene.run.steps / 1e6:.2f} million steps/s, {left / max(rate, 1e-9):.0f} s left"
 
 
 def _write(store: Store, chunk: int, found: Found, kept: int) -> None:

@@ -8,13 +8,16 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
+
+if TYPE_CHECKING:
+    import zarr
 
 IDENTITY = "dropper_jax_sweep"
 PENDING = -1
@@ -39,11 +42,11 @@ class Store:
         SceneError: a folder that is no sweep, or one of other inputs, with what differs.
     """
 
-    def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str]):
+    def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str]) -> None:
         self.path, self.plan = Path(path), plan
         zarr = extra("zarr", "sweep")
         if self.path.exists():
-            self._check(zarr)
+            self._check()
         else:
             part = self.path.with_name(f".{self.path.name}.part")
             shutil.rmtree(part, ignore_errors=True)
@@ -51,7 +54,8 @@ class Store:
             part.rename(self.path)
         self.group = zarr.open_group(self.path, mode="r+")
 
-    def _check(self, zarr: Any) -> None:
+    def _check(self) -> None:
+        zarr = extra("zarr", "sweep")
         try:
             there = json.loads(zarr.open_group(self.path, mode="r").attrs[IDENTITY])
         except (OSError, ValueError, KeyError, TypeError):
@@ -63,7 +67,7 @@ class Store:
             more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:NAMED])}{more}")
 
-    def _create(self, group: Any, versions: dict[str, str]) -> None:
+    def _create(self, group: zarr.Group, versions: dict[str, str]) -> None:
         plan = self.plan
         cases = plan.inputs(np.arange(plan.cases))
         for name, column, axis in zip(input_names([a.path for a in plan.axes]), cases.T, plan.axes, strict=True):
@@ -91,22 +95,27 @@ class Store:
             inner = ((links,), ("link",)) if name == "angle_max" else ((), ())
             found[name] = (*inner, *QUANTITIES[name])
         if plan.traces:
-            found["positions"] = ((plan.saves, nodes, 3), ("time", "node", "axis"), "m", "position of the free nodes")
-            found["tension"] = ((plan.saves, links), ("time", "link"), "N", "tension of the links")
+            found["positions"] = (
+                (plan.scene.run.saves, nodes, 3),
+                ("time", "node", "axis"),
+                "m",
+                "position of the free nodes",
+            )
+            found["tension"] = ((plan.scene.run.saves, links), ("time", "link"), "N", "tension of the links")
         return found
 
     def _array(
         self,
-        group: Any,
+        group: zarr.Group,
         name: str,
-        inner: tuple,
-        dimensions: tuple,
-        fill: Any,
+        inner: tuple[int, ...],
+        dimensions: tuple[str, ...],
+        fill: float,
         dtype: str,
         unit: str,
         meaning: str,
         **more: Any,
-    ) -> Any:
+    ) -> zarr.Array:
         plan = self.plan
         array = group.create_array(
             name,

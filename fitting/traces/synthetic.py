@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
@@ -13,7 +12,7 @@ from dropper_jax import load_scene, make_stepper
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress
 from dropper_jax.model.path import stack_nodes
-from dropper_jax.run.build import build
+from dropper_jax.run.build import SceneLike, build
 from dropper_jax.stepping.integrate import integrate
 from fitting.traces.trace import Convention, Trace
 
@@ -53,7 +52,7 @@ class Motion:
 
 
 def simulate_truth(
-    scene: Any, duration: float, rate: float = 60.0, substeps: int = 40, integrator: str = "energy_momentum"
+    scene: SceneLike, duration: float, rate: float = 60.0, substeps: int = 40, integrator: str = "energy_momentum"
 ) -> Motion:
     """A run of a scene, by default by another integrator and at a 20 times finer step than a fit takes."""
     scene = load_scene(scene)
@@ -86,7 +85,7 @@ def observe(motion: Motion, camera: Camera, seed: int, name: str = "synthetic") 
 
 
 def synthetic_traces(
-    scenes: Sequence[Any],
+    scenes: Sequence[SceneLike],
     duration: float = 48.0,
     camera: Camera | None = None,
     seed: int = 0,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -67,7 +66,9 @@ def _motion(before: np.ndarray, now: np.ndarray) -> float:
     return float(np.median(np.sort(nearest)[len(nearest) // 2 :]))
 
 
-def _chain_from(start: Any, circles: np.ndarray, lens: Lens | None, nodes: int, look: Look) -> Chain:
+def _chain_from(
+    start: Sequence[tuple[float, float]], circles: np.ndarray, lens: Lens | None, nodes: int, look: Look
+) -> Chain:
     named = np.asarray(start, float)
     if named.shape != (nodes, 2):
         raise SceneError(f"--start: {len(named)} places; allowed: {nodes}, one x,y per node")

@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+
+if TYPE_CHECKING:
+    import cv2
 
 #: Writers by suffix: lossless where the file is to be measured, MPEG-4 where it is to be watched.
 CODECS = {".avi": "FFV1", ".mp4": "mp4v"}
@@ -17,7 +21,7 @@ CODECS = {".avi": "FFV1", ".mp4": "mp4v"}
 COMPLETE = 0.95
 
 
-def opencv() -> Any:
+def opencv() -> ModuleType:
     """The module cv2, silent: what is wrong with a file is said in one line of our own.
 
     Raises:
@@ -58,7 +62,7 @@ class Video:
         SceneError: not a video, no frames, or no frame rate.
     """
 
-    def __init__(self, path: str | Path, fps: float | None = None):
+    def __init__(self, path: str | Path, fps: float | None = None) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise SceneError(f"{self.path.name}: no such video; allowed: an existing file")
@@ -76,7 +80,7 @@ class Video:
             raise SceneError(f"{self.path.name}: names no frame rate; allowed: --fps FRAMES_PER_SECOND")
         self.size = (frame.shape[1], frame.shape[0])
 
-    def _open(self) -> Any:
+    def _open(self) -> cv2.VideoCapture:
         capture = opencv().VideoCapture(str(self.path))
         if not capture.isOpened():
             raise SceneError(f"{self.path.name}: cannot be read as a video; allowed: a video such as MP4, AVI or MOV")

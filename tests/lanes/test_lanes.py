@@ -8,7 +8,8 @@ from jax import lax
 from jax.lax.linalg import tridiagonal_solve
 
 import dropper_jax as dj
-from dropper_jax.lanes import lanes
+from dropper_jax.lanes import Fallbacks, lanes
+from dropper_jax.lanes.rules import STRUCTURAL
 
 X = np.linspace(0.3, 2.0, 5 * 3 * 4).reshape(5, 3, 4)
 SHARED = np.linspace(-1.0, 1.0, 4)
@@ -61,6 +62,26 @@ def test_loops_and_branches_are_not_left_to_vmap(monkeypatch):
     monkeypatch.setattr(jax, "vmap", lambda *_, **__: pytest.fail("left to vmap"))
     for f in (loops, branches):
         jax.make_jaxpr(lanes(f, in_axes=(0, None)))(X, SHARED)
+
+
+def test_operations_without_a_rule_are_named():
+    told = Fallbacks()
+    jax.make_jaxpr(lanes(lambda x: (jnp.cumsum(jnp.sin(x)), jnp.sort(x * 2)), fallbacks=told))(X)
+    assert told.operations == {"cumsum", "sort"}
+    assert told.warnings() == []  # the rest still runs side by side
+
+
+def test_an_operation_written_in_a_new_way_leaves_all_to_vmap_and_is_named(monkeypatch):
+    def renamed(p, members, inputs):
+        return p["no_such_parameter"]
+
+    monkeypatch.setitem(STRUCTURAL, "transpose", renamed)
+    told = Fallbacks()
+    found = lanes(axes, in_axes=(0, None), fallbacks=told)(X, SHARED)
+    for a, b in zip(found, jax.vmap(axes, in_axes=(0, None))(X, SHARED), strict=True):
+        np.testing.assert_array_equal(a, b)
+    (warning,) = told.warnings()
+    assert "'transpose'" in warning
 
 
 @pytest.mark.parametrize("rows", [7, 40])  # in line, and by LAPACK

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from fitting.calibration.comparison import Law, compare, with_bic
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.gradient import ProjectedLoss
+from fitting.estimate.gradient import Projected
 from fitting.estimate.refinement import LARGEST_BIAS, step_bias
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.simulator import trusted
@@ -98,7 +98,7 @@ def ten(ready, motion):
     found = []
     for seed in range(10):
         prepared = ready(seen(motion, seed))
-        found.append(summarise(prepared, "windows", *estimate(prepared, "windows")))
+        found.append(summarise(prepared, "windows", estimate(prepared, "windows")))
     return found
 
 
@@ -123,7 +123,7 @@ def test_runs_with_gaps_are_fitted_together(ready, motion, ten):
     second = seen(swing([-0.9, 0.5], 7.2), 21)
     second.theta[np.random.default_rng(22).random(second.theta.shape) < 0.2] = np.nan
     prepared = ready([first, second])
-    result = summarise(prepared, "windows", *estimate(prepared, "windows"))
+    result = summarise(prepared, "windows", estimate(prepared, "windows"))
     assert result.status == "ok"
     assert set(prepared.windows.run) == {0, 1}
     assert prepared.windows.samples == sum(np.isfinite(tr.theta[:-1]).sum() for tr in (first, second))
@@ -135,7 +135,7 @@ def test_runs_with_gaps_are_fitted_together(ready, motion, ten):
 def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(ready, motion):
     """Starts are eliminated anew at every point; Gauss-Newton's elimination leaves out the residuals' curvature."""
     prepared = ready(seen(motion, 0))
-    loss = ProjectedLoss(prepared.simulator, prepared.windows, prepared.starts, "spectrum", None)
+    loss = Projected(prepared.problem(), prepared.starts, "spectrum")
     at = 1.1 * TRUTH
     gradient = loss(at, inner=12)[1]
     for i, step in enumerate(1e-3 * TRUTH):
@@ -163,7 +163,7 @@ def test_nothing_of_what_is_held_out_touches_the_fit(ready, motion):
 
 @pytest.mark.parametrize("settings", [{}, {"optimizer": "adam", "steps": 45}, {"loss": "spectrum", "horizon": (1.0,)}])
 def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, ten, settings):
-    descent, _ = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
+    descent = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
     assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)
 
 
@@ -196,31 +196,31 @@ def test_bic_counts_the_same_samples_for_every_law(ready, motion):
 def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(ready, motion, method):
     """A hundredth of the noise: the default step, of second order here, moves the estimate by many standard errors."""
     prepared = ready(seen(motion, 0, NOISE / 100))
-    coarse = fit_windows(prepared.simulator, prepared.windows, prepared.values, prepared.starts)
-    told, _, _ = step_bias(prepared.simulator, prepared.windows, coarse)
-    solution, windows = estimate(prepared, method)
-    result = summarise(prepared, method, solution, windows)
+    coarse = fit_windows(prepared.problem(), prepared.values, prepared.starts)
+    told, _ = step_bias(coarse)
+    solution = estimate(prepared, method)
+    result = summarise(prepared, method, solution)
     error = result.uncertainty.std_error
     assert result.status == "ok"
     assert abs(coarse.values[0] - TRUTH[0]) > 5 * error[0]
     assert np.all(np.abs(result.values - TRUTH) < 3 * error)
-    assert windows.substeps >= 4
+    assert solution.windows.substeps >= 4
     assert np.all(np.abs(solution.step_bias) < LARGEST_BIAS)
     if method == "windows":  # the bias that half the step foretold is the one that a much finer step takes away
-        own = uncertainty(coarse, prepared.windows, prepared.parameters, prepared.simulator.freedoms).std_error
+        own = uncertainty(coarse).std_error
         assert told[0] * own[0] == pytest.approx(coarse.values[0] - solution.values[0], rel=0.1)
     else:  # the step's error does not hold the gap weight up: errors are near those of one uninterrupted run
         free = np.full(2, np.inf)
-        whole = joined_step(prepared.simulator, windows, replace(solution, gap_weight=1e-6), None, -free, free)
+        whole = joined_step(replace(solution, gap_weight=1e-6), -free, free)
         bound = np.sqrt(np.diag(np.linalg.inv(whole.information)))
         assert np.all(error < 1.6 * result.uncertainty.noise * bound)  # 2.6 where the step stays as it is
 
 
 def test_a_step_that_stays_too_coarse_is_warned_of(ready, motion):
     prepared = ready(seen(motion, 0, NOISE / 100))
-    coarse = fit_windows(prepared.simulator, prepared.windows, prepared.values, prepared.starts)
+    coarse = fit_windows(prepared.problem(), prepared.values, prepared.starts)
     coarse.step_bias = np.array([0.4, -0.1])
-    warnings = summarise(prepared, "windows", coarse, prepared.windows).warnings
+    warnings = summarise(prepared, "windows", coarse).warnings
     assert [w for w in warnings if "the time step moves" in w] == [
         f"the time step moves {FREE[0]} by +0.4 standard errors; a smaller dt mends it"
     ]
@@ -261,7 +261,8 @@ def test_where_no_step_lowers_the_cost_a_fit_says_how_far_its_minimum_is(ready, 
     """0.3 standard errors are converged; the windows' own optimum tells how far the point really is."""
     prepared, best = ready(seen(motion, 0)), ten[0]
     begin = best.values + off * best.uncertainty.std_error
-    found = fit_windows(Rough(prepared.simulator, 0.3), prepared.windows, begin, best.solution.starts, iterations=30)
+    rough = replace(prepared.problem(), simulator=Rough(prepared.simulator, 0.3))
+    found = fit_windows(rough, begin, best.solution.starts, iterations=30)
     left = float(re.search(r"is (\S+) standard errors away", found.message).group(1))
     assert found.status == status
     assert (left < 0.3) == (status == "ok")

@@ -52,7 +52,7 @@ def ready():
 
 
 def test_dry_friction_and_linear_damping_are_told_apart(ready):
-    result = summarise(ready, "windows", *estimate(ready, "windows"))
+    result = summarise(ready, "windows", estimate(ready, "windows"))
     assert result.status == "ok"
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.15)
     assert np.all(result.uncertainty.std_error < 0.1 * TRUTH)
@@ -72,10 +72,10 @@ def test_the_derivative_of_windows_in_which_the_joint_turns_round_is_that_of_dif
 def test_starts_that_are_far_off_are_found_though_all_parameters_are_held(ready):
     """Steps that are too long do not count as a rough cost, however little the held parameters move."""
     held = np.ones(2, bool)
-    near = fit_windows(ready.simulator, ready.windows, TRUTH, ready.starts, frozen=held)
+    near = fit_windows(ready.problem(frozen=held), TRUTH, ready.starts)
     for angle, rate in ((0.3, 0.0), (0.0, 2.0)):
         off = Starts(ready.starts.theta + angle, ready.starts.omega + rate)
-        far = fit_windows(ready.simulator, ready.windows, TRUTH, off, frozen=held)
+        far = fit_windows(ready.problem(frozen=held), TRUTH, off)
         assert far.status == "ok"
         assert far.cost == pytest.approx(near.cost, rel=1e-3)
         assert near.cost == pytest.approx(0.5 * ready.windows.samples, rel=0.15)

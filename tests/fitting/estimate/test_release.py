@@ -54,7 +54,7 @@ def ready(motion):
 
 def test_release_time_force_and_damping_are_found_from_far_off(ready):
     for method in ("windows", "shooting"):
-        result = summarise(ready, method, *estimate(ready, method))
+        result = summarise(ready, method, estimate(ready, method))
         assert [p.name for p in result.parameters] == list(NAMES)
         assert result.status == "ok"
         assert result.chi2_per_dof == pytest.approx(1.0, abs=0.15)
@@ -97,7 +97,7 @@ def test_a_known_release_needs_no_free_parameter(motion):
     """Let go at t = 0 from the scene's pose."""
     trace = observe(motion, Camera(rate=RATE, angle_noise=NOISE), 1)
     prepared = prepare(trace, SCENE, ["b_l"], start={NAMES[0]: 0.1}, static_start=True)
-    result = summarise(prepared, "windows", *estimate(prepared, "windows"))
+    result = summarise(prepared, "windows", estimate(prepared, "windows"))
     assert result.windows.released.sum() == 1
     assert result.status == "ok"
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.15)

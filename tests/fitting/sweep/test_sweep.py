@@ -211,6 +211,8 @@ def test_command_line_sweeps_and_resumes(tmp_path, capsys):
     assert main(argv) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["status"], found["cases"], found["resumed"], found["failed"]) == ("ok", 3, 0, 0)
+    assert found["warnings"] == []
+    assert "scan" not in found["vmapped"]  # the loop over steps runs with the cases side by side
     tension = open_sweep(out).tension_max.values
     np.testing.assert_allclose(tension / tension[1], [0.5, 1.0, 1.5], rtol=1e-9)  # weights and inertia scale alike
     assert main(argv) == 0

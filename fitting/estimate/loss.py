@@ -1,0 +1,50 @@
+"""What a residual costs, in units of its noise: least squares, or a robust loss that lets outliers pull less."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+class Loss(Protocol):
+    """A sum over residuals r of a function that is `r^2/2` near zero."""
+
+    def cost(self, residual: np.ndarray) -> float:
+        """The sum over all residuals."""
+
+    def weights(self, residual: np.ndarray) -> np.ndarray:
+        """Slope over r, of the residuals' shape: weights with which least squares has the same slope."""
+
+
+class LeastSquares:
+    """`r^2/2`: for normal noise."""
+
+    def cost(self, residual: np.ndarray) -> float:
+        return 0.5 * float(np.sum(residual**2))
+
+    def weights(self, residual: np.ndarray) -> np.ndarray:
+        return np.ones_like(residual)
+
+
+LEAST_SQUARES = LeastSquares()
+
+
+@dataclass(frozen=True)
+class Huber:
+    """`r^2/2` up to `threshold`, in standard deviations, and `threshold |r| - threshold^2/2` beyond (Huber 1964)."""
+
+    threshold: float
+
+    def cost(self, residual: np.ndarray) -> float:
+        size, c = np.abs(residual), self.threshold
+        return float(np.sum(np.where(size <= c, 0.5 * size**2, c * size - 0.5 * c**2)))
+
+    def weights(self, residual: np.ndarray) -> np.ndarray:
+        return np.minimum(1.0, self.threshold / np.maximum(np.abs(residual), 1e-300))
+
+
+def loss_of(huber: float | None) -> Loss:
+    """Huber's loss with a threshold, least squares without."""
+    return LEAST_SQUARES if huber is None else Huber(huber)

@@ -1,0 +1,129 @@
+"""What an estimator minimises, and where it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from fitting.estimate.loss import LEAST_SQUARES, Loss
+from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
+from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.windows import Starts, Windows
+from fitting.parameters.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Windows to follow, by which parameters.
+
+    Attributes:
+        parameters: bounds and priors (k,).
+        frozen: parameters that are held where they start (k,) bool; None holds none. They may lie on their bounds.
+    """
+
+    simulator: Simulator
+    windows: Windows
+    parameters: tuple[Parameter, ...]
+    loss: Loss = LEAST_SQUARES
+    frozen: np.ndarray | None = None
+
+    @property
+    def freedoms(self) -> int:
+        """Numbers of a window's start."""
+        return self.simulator.freedoms
+
+    @property
+    def held(self) -> np.ndarray:
+        """Which parameters are held (k,) bool."""
+        return np.zeros(len(self.parameters), bool) if self.frozen is None else self.frozen
+
+    def bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest values (k,), both those of `values` where a parameter is held."""
+        low, high = np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+        return np.where(self.held, values, low), np.where(self.held, values, high)
+
+    def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
+        """All windows at parameter values (k,) and starts."""
+        return self.simulator(values, starts, self.windows)
+
+    def prior(self, values: np.ndarray) -> Prior:
+        """What the priors add."""
+        return prior_of(self.parameters, values)
+
+    def data_cost(self, evaluation: Evaluation) -> float:
+        """The loss of the measured angles; infinite where the motion is not finite."""
+        if not np.isfinite(evaluation.residual).all():
+            return np.inf
+        return self.loss.cost(evaluation.residual)
+
+    def weights(self, evaluation: Evaluation) -> np.ndarray:
+        """The loss's weights (K, S, n)."""
+        return self.loss.weights(evaluation.residual)
+
+    def normal(self, evaluation: Evaluation) -> Normal:
+        """Normal equations of the measured angles."""
+        return normal_blocks(evaluation, self.weights(evaluation), self.freedoms)
+
+    def finer(self) -> Problem:
+        """The same with half the time step."""
+        return replace(self, windows=replace(self.windows, substeps=2 * self.windows.substeps))
+
+
+@dataclass
+class Solution:
+    """Where an estimator ended.
+
+    Attributes:
+        problem: what it minimised, with the windows (their noise, their substeps) it used last.
+        values: parameters (k,).
+        starts: window starts.
+        evaluation: at this point.
+        weights: robust weights (K, S, n), 1 for least squares.
+        cost: 1/2 chi-square, with prior and gaps.
+        information: S (k, k), the inverse of the covariance for noise of deviation sigma.
+        eliminated: dz/dp along the optimum of the starts (K, m2, k).
+        status: `ok` or `not_converged`; with `message`, which an `ok` fit has where its cost is rough.
+        iterations: evaluations made.
+        history: one line per iteration: cost, values.
+        gap_weight: deviation allowed between windows, in units of their scale; None where they are free.
+        step_bias: what the time step moves the parameters (k,) by, in standard errors, to first order.
+    """
+
+    problem: Problem
+    values: np.ndarray
+    starts: Starts
+    evaluation: Evaluation
+    weights: np.ndarray
+    cost: float
+    information: np.ndarray
+    gradient: np.ndarray
+    eliminated: np.ndarray
+    status: str = "not_converged"
+    message: str = ""
+    iterations: int = 0
+    history: list[dict[str, Any]] = field(default_factory=list)
+    gap_weight: float | None = None
+    evidence: float | None = None
+    step_bias: np.ndarray | None = None
+
+    @property
+    def windows(self) -> Windows:
+        return self.problem.windows
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squared weighted residuals of the measured angles."""
+        return float(np.sum(self.weights * self.evaluation.residual**2))
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Simulated less measured angles (K, S, n) [rad], 0 where there is no sample."""
+        known = self.windows.weight > 0
+        return np.where(known, self.evaluation.residual / np.where(known, self.windows.weight, 1.0), 0.0)
+
+    @property
+    def rms(self) -> float:
+        """RMS of the errors [rad]."""
+        return float(np.sqrt(np.sum(self.errors**2) / (self.windows.weight > 0).sum()))

@@ -50,20 +50,24 @@ import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
-from dropper_jax.base.programs import STORE  # noqa: E402
+from dropper_jax.base.programs import STORE, memory_maps  # noqa: E402
 from dropper_jax.run.solution import Solution  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
+
+#: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations anew.
+MANY_MAPS = 3000
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _memory_given_back():
-    """After each file: compiled programs and traces go, with their memory maps, and freed heap goes to the kernel.
+    """After each file: many programs and traces go, with their memory maps, and freed heap goes to the kernel.
 
     A worker would otherwise end with 5 GB, and on the way meet the kernel's 65 530 maps.
     """
     yield
-    STORE.clear()
-    jax.clear_caches()
+    if not 0 < memory_maps() < MANY_MAPS:
+        STORE.clear()
+        jax.clear_caches()
     gc.collect()
     if sys.platform == "linux":
         # glibc alone has it; elsewhere the heap is left as it is

@@ -152,3 +152,9 @@ def test_rigid_lines_and_friction_on_the_bed_are_refused_with_what_to_take(one_l
     bed = {"seabed": {"depth": 12.0, "stiffness": 1e5}, "seabed_friction": {"kinetic": 0.5}}
     with pytest.raises(SceneError, match=r"set-valued law.*energy_momentum"):
         make_stepper(build_model(load_scene(hanging(one_line, **bed))), "generalized_alpha")
+
+
+def test_elastic_loop_follows_newtons_equations_with_the_order_of_the_scheme(elastic_order):
+    found, error = elastic_order("generalized_alpha", (400, 800, 1600))
+    assert found == pytest.approx(2.0, abs=0.2)
+    assert error < 1e-5

@@ -50,17 +50,6 @@ def test_conical_pendulum_with_the_right_rate_keeps_its_circle_for_40_seconds():
     assert circle_error(solution) < 1e-9
 
 
-def test_rattle_keeps_the_circle_at_the_rate_that_its_own_difference_equations_ask_for():
-    """A steady turn by a per step: v_h = 2 R sin(a/2)/h, 4 R sin^2(a/2)/h^2 = w^2 R, v = R sin(a)/h.
-
-    So v = R w sqrt(1 - (h w/2)^2), below the exact rate w by its second-order error.
-    """
-    h, rate = 0.01, np.sqrt(G / np.sin(np.pi / 8))
-    own = rate * np.sqrt(1 - (h * rate / 2) ** 2)
-    scene = dj.load_scene("conical-pendulum").with_values({"start.azimuth_rate": [own]})
-    assert circle_error(dj.simulate(scene, integrator="rattle", dt=h)) < 1e-9
-
-
 def test_conical_pendulum_pulls_with_its_weight_over_the_sine_of_its_angle(march):
     model, s = dj.build("conical-pendulum")
     tension = march(dj.make_stepper(model), model, s, 1.0, 4096)[2]

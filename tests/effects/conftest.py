@@ -1,0 +1,78 @@
+"""What tests of several effects share: one instant of a bent line, and lines that hang in water."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import dropper_jax as dj
+
+#: A line of three links of 0.5 m with a free end, bent, and its velocities.
+POSE = [[0.0, 0.0, 0.0], [0.3, 0.0, -0.4], [0.7, 0.3, -0.4], [0.7, 0.3, -0.9]]
+SPEEDS = [[0, 0, 0], [0.4, 0.1, 0.3], [0.4, 0.1, 0.3], [0.9, 0.1, 0.3]]
+
+
+@pytest.fixture(scope="session")
+def instant(chain):
+    """`instant(effects)`: the model of three links of 0.5 m with a free end in a fixed pose, and its kinematics."""
+
+    def make(effects, **line):
+        start = {"kind": "positions", "positions": POSE, "velocities": SPEEDS}
+        model, s = dj.build(chain([0.5] * 3, [0.2, 0.1, 0.3], start, effects=effects, **line))
+        return model, model.kinematics(s.r, s.v, s.t)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def hanging():
+    """`hanging(effects, sea, ...)`: a line of `links` from (0, 0, -5) straight down, its end free."""
+
+    def make(effects, sea, length=1.0, mass=10.0, diameter=0.05, links=1, start=None, **line):
+        return {
+            "run": {"dt": 0.001, "duration": 1.0},
+            "point": [
+                {"name": "top", "position": [0.0, 0.0, -5.0]},
+                {"name": "end", "kind": "free", "position": [0.0, 0.0, -5.0 - length * links]},
+            ],
+            "line": [
+                {"name": "line", "from": "top", "to": "end", "links": links, "length": length, "mass": mass}
+                | ({} if diameter is None else {"diameter": diameter})
+                | line
+            ],
+            "effects": effects,
+            "start": start or {"kind": "angles", "zero": "down", "polar": [0.0] * links},
+            "sea": {"depth": 50.0, "density": 1000.0, **sea},
+        }
+
+    return make
+
+
+@partial(jax.jit, static_argnames=("stepper", "steps", "every"))
+def _run(stepper, model, state, dt, steps, every=1):
+    return dj.integrate(stepper, model, state, dt, steps, save_every=every)
+
+
+@pytest.fixture(scope="session")
+def runs():
+    """`runs(scene, dt, steps)`: the model, and the saved states of a run without retries."""
+
+    def make(scene, dt, steps, integrator="energy_momentum", every=1):
+        model, state = dj.build(scene)
+        return model, _run(dj.make_stepper(model, integrator, halvings=0, extra=0), model, state, dt, steps, every)[1]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def in_water():
+    """`in_water(model, r, v, t)`: one instant with its water."""
+
+    def make(model, r, v, t):
+        k = model.kinematics(jnp.asarray(r), jnp.asarray(v), jnp.asarray(t))
+        return model.kinematics(k.r, k.v, k.t, prepared=model.prepare(k))
+
+    return make

@@ -1,0 +1,20 @@
+"""An end that moves with the water at the surface."""
+
+import jax.numpy as jnp
+import numpy as np
+
+import dropper_jax as dj
+
+
+def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging):
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
+    scene = hanging(
+        {"weight": {}, "sea_following_end": {"point": "top"}}, {"waves": waves, "ramp": 2.0, "stretching": "none"}
+    )
+    scene["point"][0]["position"], scene["point"][1]["position"] = [0.0, 0.0, 0.0], [0.0, 0.0, -1.0]
+    model, _ = dj.build(scene)
+    place, t = jnp.zeros((1, 3)), jnp.array(5.0)
+    ends = model.ends(t)
+    np.testing.assert_allclose(ends.start[2], model.sea.elevation(place, t)[0], atol=1e-12)
+    np.testing.assert_allclose(ends.start_velocity, model.sea.at(place, t).velocity[0], atol=1e-12)
+    assert np.all(np.asarray(model.ends(jnp.array(0.0)).start) == 0.0)

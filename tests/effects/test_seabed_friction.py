@@ -1,0 +1,145 @@
+"""Coulomb friction on the bed: sliding, sticking, stretching, and its derivative."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dropper_jax import load_scene
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.effects import Effect
+from dropper_jax.model.state import state
+from dropper_jax.run.build import build, build_model
+from dropper_jax.run.simulate import simulate
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.step import step
+
+G = 9.81
+
+
+def on_the_bed(one_line, links, length, kind, **more):
+    bed = {"seabed": {"depth": 10.0, "stiffness": 1e6, "damping": 1e5}, "weight": {}}
+    scene = one_line(length, links, [0.0, 0.0, -10.0], [length, 0.0, -10.0], kind, {**bed, **more})
+    return scene
+
+
+def test_a_sliding_weight_stops_after_v2_over_2_mu_g(one_line):
+    mu, speed = 0.4, 2.0
+    kind = {"mass": 1e-3, "diameter": 0.02, "EA": 1e4}
+    scene = on_the_bed(one_line, 2, 10.0, kind, seabed_friction={"kinetic": mu})
+    scene["point"][1] = {"name": "b", "kind": "free", "position": [4.0, 0.0, -10.0], "mass": 50.0, "volume": 1e-3}
+    scene["line"][0]["length"] = 20.0  # slack throughout
+    model, s = build(scene)
+    s = s.__class__(**{**s.__dict__, "v": s.v.at[-1, 0].set(speed)})
+    stepper = make_stepper(model)
+    _, path = jax.jit(lambda m, s: integrate(stepper, m, s, 0.001, 1000))(model, s)
+    distance = float(path.r[-1, -1, 0] - s.r[-1, 0])
+    assert distance == pytest.approx(speed**2 / (2 * mu * G), rel=1e-3)
+    stopped = np.flatnonzero(np.abs(np.asarray(path.v[:, -1, 0])) == 0.0)
+    assert stopped[0] * 0.001 == pytest.approx(speed / (mu * G), abs=0.003)
+    np.testing.assert_array_equal(path.r[stopped[0] + 1 :, -1, 0], path.r[stopped[0] + 1, -1, 0])  # and stays
+
+
+def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line):
+    kind = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1, "cdn": 1.4, "cdt": 0.2}
+    scene = on_the_bed(one_line, 6, 20.0, kind, seabed_friction={"kinetic": 0.5}, buoyancy={}, morison_drag={})
+    scene["point"][1]["kind"] = "free"
+    scene["sea"] = {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.3, "direction": np.pi / 2}}
+    scene["start"] = {"kind": "points"}
+    solution = simulate(scene, dt=0.1, duration=300.0, save_every=100)
+    assert solution.status == "ok", solution.failure
+    across = solution.positions[:, :, 1]
+    assert np.max(np.abs(across - across[0])) < 1e-4  # asked: 1 mm
+    late = solution.t > 100.0  # what moved at first was the tension of the start
+    np.testing.assert_allclose(across[late], np.broadcast_to(across[-1], across[late].shape), rtol=0, atol=1e-12)
+
+
+def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloading(one_line):
+    # T^2/(2 mu w EA): a bar in Coulomb friction; after slow unloading the outer half slips back, half the stretch stays
+    mu, pull, mass, EA, length, links = 0.5, 1000.0, 10.0, 1e5, 40.0, 100
+    scene = on_the_bed(
+        one_line,
+        links,
+        length,
+        {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0},
+        seabed_friction={"kinetic": mu},
+    )
+    scene["point"][1]["kind"] = "free"
+    scene["start"] = {"kind": "points"}
+    model, s = build(scene)
+    s = replace(s, work=jnp.zeros(0))  # no energy balance here
+    grip = mu * mass * G  # friction per metre [N/m]
+    stepper = make_stepper(model)
+    end = model.graph.point_node[1]
+    rise = 40.0
+
+    def run(model, s):
+        def one(s, i):
+            t = (i + 0.5) * 0.05
+            force = pull * jnp.where(t < rise, t / rise, jnp.maximum(2.0 - t / rise, 0.0))
+            s, report = step(stepper, with_force(model, end, force), s, jnp.asarray(0.05))
+            return s, (s.r[end, 0], report.residual)
+
+        return jax.lax.scan(one, s, jnp.arange(1600))[1]
+
+    x, residual = jax.jit(run)(model, s)
+    assert float(jnp.max(residual)) < 1e-9
+    stretch = np.asarray(x) - length
+    full = pull**2 / (2 * grip * EA)
+    assert np.max(stretch) == pytest.approx(full, rel=3e-3)  # 0.17 % at this rate of pulling, 0.04 % at a quarter of it
+    assert stretch[-1] / np.max(stretch) == pytest.approx(0.5, abs=0.01)
+
+
+def with_force(model, node, force):
+    """The model with a force along x on one free node."""
+    pull = jnp.zeros((model.free_nodes, 3)).at[node, 0].set(force)
+    return replace(model, effects=(*model.effects, Pull(pull)))
+
+
+@component
+class Pull(Effect):
+    """Forces on the free nodes, as given."""
+
+    name: ClassVar[str] = "pull"
+    pull: jax.Array = parameter("force on each free node", unit="N", shape="vectors")
+
+    def force(self, k):
+        return self.pull
+
+
+def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags(one_line):
+    # every node slides one way throughout, so no switch moves: T = mu times the weight behind, in a steady state
+    mu, speed, EA, mass, length, links = 0.5, 0.2, 1e5, 10.0, 8.0, 4
+    motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [100.0 * speed, 0.0, 0.0]]}
+    kind = {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0}
+    scene = on_the_bed(one_line, links, length, kind, seabed_friction={"kinetic": mu}, end_motion=motion)
+    scene["point"][0]["kind"] = "free"
+    model = build_model(load_scene(scene))
+    path = model.graph.paths[0][:-1]  # from the free end on
+    weight = np.asarray(model.node_mass)[path] * G
+    tension = mu * np.cumsum(weight)
+    r = np.zeros((links, 3))
+    r[path, 0] = length - np.cumsum((length / links * (1 + tension / EA))[::-1])[::-1]
+    r[path, 2] = -10.0 - weight / (1e6 * 0.04 * np.array([0.5, 1.0, 1.0, 1.0]) * length / links)
+    v = np.zeros((links, 3))
+    v[:, 0] = speed
+    s, stepper = state(model, r, v, tension=tension), make_stepper(model, halvings=0)
+
+    def lead(mu):
+        rough = (replace(e, kinetic=mu) if e.name == "seabed_friction" else e for e in model.effects)
+        path = integrate(stepper, replace(model, effects=tuple(rough)), s, 0.01, 200)[1]
+        return jnp.mean(path.tension[:, -1]), jnp.min(path.v[:, :, 0])
+
+    both = jax.jit(lambda mu: jax.jvp(lead, (mu,), (1.0,)))
+    (value, slowest), (slope, _) = both(mu)
+    assert slowest > 0.99 * speed
+    assert float(value) == pytest.approx(mu * weight.sum(), rel=1e-3)
+    assert float(slope) == pytest.approx(weight.sum(), rel=2e-3)  # the lead link is a little inclined
+    ahead, behind = both(mu + 1e-4)[0][0], both(mu - 1e-4)[0][0]
+    assert float(slope) == pytest.approx(float(ahead - behind) / 2e-4, rel=1e-6)

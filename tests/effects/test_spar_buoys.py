@@ -1,0 +1,61 @@
+"""Spar buoys: the heave force of a wave, and the natural period."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from dropper_jax import equilibrium, load_scene
+from dropper_jax.run.build import build_model
+from dropper_jax.statics.modes import natural_modes
+
+G = 9.81
+
+
+def moored_buoy(sea, links=4, **buoy):
+    """A spar on a slack, light line, so that it is all but free."""
+    spar = {"mass": 1200.0, "diameter": 0.79, "height": 8.865, "cdn": 0.0, "cdt": 0.0, "can": 0.0, "cat": 0.0, **buoy}
+    return {
+        "run": {"dt": 0.02, "duration": 20.0},
+        "line_type": [{"name": "rope", "mass": 1e-3, "diameter": 1e-3, "EA": 1e3}],
+        "point": [
+            {"name": "anchor", "position": [0.0, 0.0, -30.0]},
+            {"name": "buoy", "kind": "free", "position": [0.0, 0.0, -2.5]},
+        ],
+        "line": [{"name": "rope", "from": "anchor", "to": "buoy", "type": "rope", "length": 40.0, "links": links}],
+        "buoy": [{"name": "spar", "point": "buoy", **spar}],
+        "sea": {"depth": 30.0, **sea},
+        "effects": {"weight": {}},
+    }
+
+
+def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order():
+    amplitude, period, depth = 0.01, 8.33, 30.0
+    sea = {"waves": {"kind": "regular", "amplitude": amplitude, "period": period}, "stretching": "none"}
+    model = build_model(load_scene(moored_buoy(sea)))
+    node, base = model.free_nodes - 1, -5.0
+    r = jnp.zeros((model.free_nodes, 3)).at[:, 2].set(base)
+
+    def force(t):
+        k = model.kinematics(r, jnp.zeros_like(r), t)
+        k = model.kinematics(r, jnp.zeros_like(r), t, k.ends, prepared=model.prepare(k))
+        return model.effect("spar_buoys").force(k)[node, 2]
+
+    times = jnp.linspace(0.0, period, 33)[:-1]
+    found = jax.vmap(force)(times)
+    k = brentq(lambda k: G * k * np.tanh(k * depth) - (2 * np.pi / period) ** 2, 1e-3, 1.0)
+    expected = 1025.0 * G * np.pi / 4 * 0.79**2 * amplitude * np.cosh(k * (depth + base)) / np.cosh(k * depth)
+    first_harmonic = 2 * np.abs(np.mean(np.asarray(found) * np.exp(-2j * np.pi * np.arange(32) / 32)))
+    assert first_harmonic == pytest.approx(expected, rel=1e-3)  # second-order terms are a/H = 1e-3 of it
+
+
+def test_free_spar_heaves_with_its_natural_period_and_added_mass_of_a_half_sphere():
+    scene = moored_buoy({}, cat=0.5)
+    pose = equilibrium(scene)
+    modes = natural_modes(build_model(load_scene(scene)), pose.state)
+    area = np.pi / 4 * 0.79**2
+    added = 1025.0 * 0.5 * 2 / 3 * np.pi * (0.79 / 2) ** 3
+    assert added == pytest.approx(66.0, abs=0.5)  # errata: 66 kg on a hemisphere
+    expected = 2 * np.pi * np.sqrt((1200.0 + added) / (1025.0 * G * area))
+    assert np.min(np.abs(modes.period / expected - 1)) < 1e-4

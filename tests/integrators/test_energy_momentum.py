@@ -1,0 +1,66 @@
+"""The energy-momentum scheme: its order, and what it keeps."""
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.model.work import work_names
+
+MASS = np.array([0.0324, 0.0334, 0.0324, 0.0334, 0.0324, 0.0334])
+
+
+def test_it_converges_to_the_independent_solution_with_its_order(order):
+    assert order("energy_momentum", (8, 9, 10, 11)) == pytest.approx(2.0, abs=0.1)
+
+
+def test_damping_leaves_the_order_as_it_is(order):
+    assert order("energy_momentum", (8, 9, 10), damped=True) == pytest.approx(2.0, abs=0.1)
+
+
+def test_elastic_loop_follows_newtons_equations_with_the_order_of_the_scheme(elastic_order):
+    """The elastic law stands at the end of the step: of first order in its stretching."""
+    found, error = elastic_order("energy_momentum", (4000, 8000, 16000))
+    assert found == pytest.approx(1.0, abs=0.2)
+    assert error < 1e-3
+
+
+def test_undamped_release_keeps_energy_and_lengths_over_50_seconds():
+    solution = dj.simulate("dropper-release-a-undamped", dt=0.01, duration=50.0)
+    assert solution.status == "ok"
+    assert solution.energy_drift < 1e-9
+    assert solution.max_closure_error < 1e-10
+
+
+def test_undamped_release_keeps_energy_over_10_minutes_at_a_coarse_step():
+    solution = dj.simulate("dropper-release-a-undamped", dt=0.02, duration=600.0, save_every=10)
+    assert solution.status == "ok"
+    assert solution.t[-1] == pytest.approx(600.0)
+    assert solution.energy_drift < 1e-6
+    assert solution.max_closure_error < 1e-10
+
+
+@pytest.mark.parametrize("scene", ["dropper-release-a-compound-undamped", "string"])
+def test_compound_links_and_free_ends_keep_energy_to_rounding(scene):
+    solution = dj.simulate(scene, dt=0.01, duration=10.0, halvings=0)
+    assert solution.status == "ok"
+    assert solution.energy_drift < 1e-10 * solution.energy_scale
+    assert solution.max_closure_error < 1e-10
+
+
+def test_energy_of_a_solution_is_that_of_its_masses_heights_and_speeds():
+    """At rest and at the first saved times, from positions alone (central differences for the speed)."""
+    solution = dj.simulate("dropper-release-a-undamped", dt=0.0005, duration=0.1)
+    r = solution.positions[:, 1:-1]
+    speed = np.linalg.norm(r[2:] - r[:-2], axis=-1) / 0.001
+    kinetic = 0.5 * np.sum(MASS * speed**2, axis=1)
+    potential = 9.81 * np.sum(MASS * r[..., 2], axis=1)
+    np.testing.assert_allclose(solution.potential, potential, rtol=1e-12)
+    np.testing.assert_allclose(solution.kinetic[1:-1], kinetic, atol=1e-4 * np.max(kinetic))
+
+
+def test_loss_of_energy_is_the_work_of_the_damping():
+    solution = dj.simulate("dropper-release-a", dt=0.01, duration=20.0)
+    assert solution.work_names == work_names(dj.build(solution.scene)[0]) == ("linear_damping", "quadratic_damping")
+    assert solution.energy_drift < 1e-9
+    assert np.all(np.diff(solution.work, axis=0) <= 0)
+    assert np.all(np.diff(solution.energy) <= 1e-12)

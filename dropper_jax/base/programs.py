@@ -40,7 +40,7 @@ def memory_maps() -> int:
 class Store:
     """Compiled programs by what they were compiled for."""
 
-    def __init__(self, most: int = MOST, cleared_after: int = CLEARED_AFTER):
+    def __init__(self, most: int = MOST, cleared_after: int = CLEARED_AFTER) -> None:
         self.most, self.cleared_after = most, cleared_after
         self._programs: OrderedDict[Hashable, jax.stages.Compiled] = OrderedDict()
         self._new = 0
@@ -84,7 +84,7 @@ STORE = Store()
 class Kept(Generic[P, R]):
     """A function compiled as by `jax.jit`, its programs in a store; inside another trace it is `jax.jit` itself."""
 
-    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store):
+    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store) -> None:
         functools.update_wrapper(self, function)
         self._function, self._store = function, store
         self._signature = inspect.signature(function)

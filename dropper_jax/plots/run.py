@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
+from dropper_jax.run.solution import Solution
 from dropper_jax.scene.slices import LineSlice, WholeLine, whole_lines
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
@@ -54,7 +56,7 @@ class Run:
     work: np.ndarray
     work_names: tuple[str, ...]
     lines: tuple[LineSlice, ...]
-    scene: Any = None
+    scene: Scene = None
     held: tuple[int, ...] = ()
     joints: tuple[int, ...] = ()
     buoys: tuple[Float, ...] = ()
@@ -92,7 +94,7 @@ class Run:
         return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
 
-def readable(solution: Any) -> Run:
+def readable(solution: Solution) -> Run:
     """The run up to where it blew up or stopped being finite, its first sample at least."""
     moved = [np.asarray(getattr(solution, name), float) for name in ("positions", "velocities", "kinetic", "potential")]
     work = np.asarray(solution.work, float).reshape(len(solution.t), -1)
@@ -122,13 +124,13 @@ def readable(solution: Any) -> Run:
     )
 
 
-def elevations(scene: Any, places: np.ndarray, times: np.ndarray) -> np.ndarray:
+def elevations(scene: Scene, places: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] of a scene's sea at places (n, 3) and times (q,)."""
     sea = build_model(scene, "float64").sea
     return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(places), jnp.asarray(times)))
 
 
-def _lines(solution: Any) -> dict[str, Any]:
+def _lines(solution: Solution) -> dict[str, Any]:
     """The lines, and of a system what they hang from."""
     if not getattr(solution.scene, "branched", False):
         links = solution.tension.shape[1]

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.run.solution import Solution
 
 #: Okabe and Ito: told apart by colour-blind readers too.
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6B6B6B")
@@ -57,7 +58,7 @@ def styled(draw: Callable[..., Path]) -> Callable[..., Path]:
     """Give `draw` the readable part of a solution and this style; the caller's settings are restored afterwards."""
 
     @functools.wraps(draw)
-    def wrapper(solution: Any, *args: Any, **kwargs: Any) -> Path:
+    def wrapper(solution: Solution, *args: Any, **kwargs: Any) -> Path:
         with matplotlib.style.context(["default", RC]):
             return draw(readable(solution), *args, **kwargs)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from matplotlib.axes import Axes
 
 from dropper_jax.load.surroundings import bed_height, surface_over
 from dropper_jax.plots import style, view
@@ -57,7 +56,7 @@ def outlines(run: Run, nodes: np.ndarray, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def right_of(axes: Any, flat: bool) -> np.ndarray:
+def right_of(axes: Axes, flat: bool) -> np.ndarray:
     """The horizontal unit vector (3,) that points to the right in the picture."""
     if flat:
         return np.array([1.0, 0.0, 0.0])
@@ -83,7 +82,7 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
     return found.reshape(len(times), *lines.shape)
 
 
-def draw_bed(axes: Any, run: Run, box: np.ndarray, flat: bool) -> None:
+def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
     """The bed: a filled strip in a plane, a faint sheet in space; nothing where the scene has none in sight."""
     if run.scene is None:
         return

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 from matplotlib.ticker import MaxNLocator
 
 #: Motion is planar when y stays within this part of the picture's size.
@@ -43,7 +42,7 @@ def fixed_ends(positions: np.ndarray) -> np.ndarray:
     return ends[0, still]
 
 
-def flat_axes(figure: Figure, place: Any, limits: np.ndarray) -> Axes:
+def flat_axes(figure: Figure, place: SubplotSpec, limits: np.ndarray) -> Axes:
     """Axes for the x-z plane, equal scales."""
     axes = figure.add_subplot(place)
     axes.set(xlim=limits[0], ylim=limits[2], xlabel="x [m]", ylabel="z [m]")
@@ -51,7 +50,7 @@ def flat_axes(figure: Figure, place: Any, limits: np.ndarray) -> Axes:
     return axes
 
 
-def space_axes(figure: Figure, place: Any, limits: np.ndarray) -> Axes:
+def space_axes(figure: Figure, place: SubplotSpec, limits: np.ndarray) -> Axes:
     """Axes in space, equal scales."""
     axes = figure.add_subplot(place, projection="3d", elev=18, azim=-58)
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")

@@ -19,6 +19,8 @@ from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import panels, style, system
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.build import build_model
+from dropper_jax.run.solution import Solution
+from dropper_jax.sea import Sea
 
 WATER, SURFACE = system.WATER, system.SURFACE
 #: Points along the surface of a picture.
@@ -30,7 +32,7 @@ LOW = 0.35
 def _drawn(draw: Callable[..., Path]) -> Callable[..., Path]:
     """Give `draw` the readable run and its sea, in the common style."""
 
-    def wrapper(solution: Any, path: str | Path, **kwargs: Any) -> Path:
+    def wrapper(solution: Solution, path: str | Path, **kwargs: Any) -> Path:
         sea = build_model(solution.scene, "float64").sea
         if sea is None:
             raise ValueError(f"solution: scene {solution.scene.name!r} has no [sea]; allowed: a scene with water")
@@ -41,13 +43,13 @@ def _drawn(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
-def _surface(sea: Any, places: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _surface(sea: Sea, places: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] at places (n, 3) and times (q,)."""
     return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(places), jnp.asarray(times)))
 
 
 @_drawn
-def elevation(run: Run, sea: Any, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
+def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
     """Elevation [m] of the surface at a place (x, y) [m] against time."""
     eta = _surface(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
     figure = style.new_figure(8.5, 3.2)
@@ -61,7 +63,7 @@ def elevation(run: Run, sea: Any, path: str | Path, place: tuple[float, float] =
 
 
 @_drawn
-def under_surface(run: Run, sea: Any, path: str | Path, time: float | None = None) -> Path:
+def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: the largest tension), seen from two sides."""
     index = int(np.argmax(np.max(run.tension, axis=1))) if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
@@ -110,7 +112,7 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
 
 
 @_drawn
-def response(run: Run, sea: Any, path: str | Path, link: int = 10) -> Path:
+def response(run: Run, sea: Sea, path: str | Path, link: int = 10) -> Path:
     """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34."""
     angles = run.angles()
     index = min(link, run.tension.shape[1]) - 1
@@ -136,7 +138,7 @@ def response(run: Run, sea: Any, path: str | Path, link: int = 10) -> Path:
 
 
 @_drawn
-def tension_envelope(run: Run, sea: Any, path: str | Path) -> Path:
+def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     """Least, mean and largest tension along the line; of several lines a panel each, the 12 most loaded."""
     del sea
     sizes = [np.max(run.tension[:, line.links]) for line in run.whole]

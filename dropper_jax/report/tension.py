@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
+from dropper_jax.scene.line import LineSpec
 from dropper_jax.scene.slices import WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
@@ -58,7 +59,7 @@ def _extreme(record: Record, tension: np.ndarray, s: np.ndarray, at: Any) -> dic
     return {"n": float(tension[at]), "at_m": float(s[at[1]]), "t_s": float(record.t_tension[at[0]])}
 
 
-def breaking_load(spec: Any, settings: Settings) -> np.ndarray | None:
+def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
     """Breaking load (n,) [N] of a line's links: its own, else the setting, else None."""
     if spec.breaking_load is not None:
         return np.asarray(spec.breaking_load, float)

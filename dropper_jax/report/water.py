@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.report.motion import node_arc
 from dropper_jax.report.record import Record
+from dropper_jax.scene.point import BuoySpec
 
 
 def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
     return {"lines": lines, "buoys": [_buoy(record, buoy, depth) for buoy in record.scene.buoys]}
 
 
-def _buoy(record: Record, buoy: Any, depth: np.ndarray) -> dict[str, Any]:
+def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
     base = depth[:, _node(record, buoy.point)] + buoy.attachment
     return {
         "buoy": buoy.name,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -11,8 +11,9 @@ from scipy.optimize import brentq
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import equilibrium
+from dropper_jax.run.build import SceneLike, equilibrium
 from dropper_jax.scene.slices import line_slices, whole_lines
+from dropper_jax.statics.static_pose import Equilibrium
 
 #: Relative change of the value at which the search ends.
 PRECISION = 1e-9
@@ -38,7 +39,7 @@ class Design:
     scene: Scene
 
 
-def solve_design(scene: Any, path: str, low: float, high: float, target: str, wanted: float) -> Design:
+def solve_design(scene: SceneLike, path: str, low: float, high: float, target: str, wanted: float) -> Design:
     """The value of `path` between `low` and `high` for which a static quantity is as wanted.
 
     Args:
@@ -76,7 +77,7 @@ def solve_design(scene: Any, path: str, low: float, high: float, target: str, wa
     return Design(path, value, target, wanted, miss(value) + wanted, len(seen), scene.with_values({path: value}))
 
 
-def _measure(scene: Scene, target: str) -> Any:
+def _measure(scene: Scene, target: str) -> Callable[[Scene, Equilibrium], float]:
     kind, _, rest = target.partition(".")
     if kind == "depth":
         names = [p.name for p in scene.points]
@@ -97,7 +98,7 @@ def _links(scene: Scene) -> dict[str, slice]:
     return {where.name: where.links for where in (*line_slices(scene), *whole_lines(scene))}
 
 
-def _point_height(scene: Scene, pose: Any, name: str) -> float:
+def _point_height(scene: Scene, pose: Equilibrium, name: str) -> float:
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
             if point == name:

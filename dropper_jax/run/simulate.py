@@ -144,7 +144,7 @@ def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_ever
 
 
 def _run(
-    compiled: Any,
+    compiled: Callable[..., tuple[Progress, Trajectory]],
     chunk: int,
     stepper: Stepper,
     model: Model,

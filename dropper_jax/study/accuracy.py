@@ -7,6 +7,8 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
+from dropper_jax.model.model import Model
+from dropper_jax.model.state import State
 from dropper_jax.run.build import build
 from dropper_jax.study.advice import advice
 from dropper_jax.study.convergence import convergence
@@ -74,7 +76,7 @@ def accuracy(
     return {**found, **(_extras(model, s, target, dts, say) if extras else {})}
 
 
-def _extras(model: Any, s: Any, target: Reference, dts: tuple[float, ...], say: Say) -> dict[str, Any]:
+def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Say) -> dict[str, Any]:
     say(0.7, "numerical damping")
     damping = numerical_damping()
     say(0.85, "Euler's schemes")

@@ -16,9 +16,11 @@ from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model.effect import Effect
+from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State, state
 from dropper_jax.run.build import build, build_model, stepper_of
+from dropper_jax.scene.run import RunSpec
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import Stepper
@@ -35,7 +37,7 @@ class Unused(Effect):
     name = "unused_effect_of_the_proof"
     strength: jax.Array = parameter("strength", unit="N", low=0.0)
 
-    def force(self, k: Any) -> jax.Array:
+    def force(self, k: Kinematics) -> jax.Array:
         return self.strength * jnp.cosh(k.r)
 
 
@@ -73,7 +75,7 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
     }
 
 
-def _solver(run: Any, model: Model) -> str:
+def _solver(run: RunSpec, model: Model) -> str:
     """The scene's solver; a smaller model may be served by another, which `auto` finds."""
     try:
         stepper_of(model, run)

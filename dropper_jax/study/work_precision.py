@@ -11,9 +11,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
+from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms, rms_angle, rms_position
 from dropper_jax.study.march import Marched, grid_run, march, status_of
 from dropper_jax.study.reference import Reference
@@ -105,11 +107,11 @@ def _scheme_rows(
     return rows, skipped
 
 
-def _single(x: Any) -> Any:
+def _single(x: ArrayLike) -> ArrayLike:
     return jnp.asarray(x, jnp.float32) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
 
 
-def _walls(stepper: Any, model: Model, s: State, dt: float, every: int, saves: int, repeats: int) -> list[float]:
+def _walls(stepper: Stepper, model: Model, s: State, dt: float, every: int, saves: int, repeats: int) -> list[float]:
     """Wall times of runs [s], compiled before; few where they are long."""
     times = []
     for _ in range(repeats):
@@ -121,7 +123,7 @@ def _walls(stepper: Any, model: Model, s: State, dt: float, every: int, saves: i
     return times
 
 
-def row_errors(model: Model, s: State, run: Marched, stepper: Any, target: Reference) -> dict[str, Any]:
+def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> dict[str, Any]:
     """Errors of a run on the reference's grid, its energy drift and what damping that drift is worth."""
     links = link_vectors(model, run.r, target.t)
     angle = rms_angle(links, target.links)
@@ -152,7 +154,7 @@ def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarr
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
 
 
-def _tension_errors(run: Marched, stepper: Any, reference: np.ndarray) -> np.ndarray:
+def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> np.ndarray:
     """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
     ending, beginning = run.tension[:-1, 0], run.tension[1:, 1]
     share = stepper.integrator.tension_time

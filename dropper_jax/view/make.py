@@ -18,6 +18,7 @@ from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.build import build_model
+from dropper_jax.run.solution import Solution
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
@@ -30,12 +31,12 @@ BED_REACH, BED_POINTS = 0.75, 13
 COLOURS = 33
 
 
-def write_view(solution: Any, path: str | Path) -> Path:
+def write_view(solution: Solution, path: str | Path) -> Path:
     """Write the page of a solution, whole or not at all."""
     return atomic_write(path, view_page(solution))
 
 
-def view_page(solution: Any) -> str:
+def view_page(solution: Solution) -> str:
     """The page as text: lines of nodes and links coloured by tension, their held ends, and water where there is some.
 
     Times [s], positions [m] and tensions [N] are float32: what the eye sees, not what a calculation needs.
@@ -54,7 +55,7 @@ def _part(name: str) -> str:
     return (resources.files("dropper_jax.view") / "page" / name).read_text(encoding="utf-8")
 
 
-def _data(solution: Any, run: Run) -> dict[str, Any]:
+def _data(solution: Solution, run: Run) -> dict[str, Any]:
     kept = _even(len(run.t), FRAMES)
     norm = style.tension_norm(run.tension)
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
@@ -80,7 +81,7 @@ def _data(solution: Any, run: Run) -> dict[str, Any]:
     }
 
 
-def _held(solution: Any, run: Run) -> list[int]:
+def _held(solution: Solution, run: Run) -> list[int]:
     """Nodes that are held: of one line the first, and the last where its point is not free; of a system its points."""
     if run.scene is not None:
         return list(run.held)
@@ -119,7 +120,7 @@ def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-def _water(solution: Any, run: Run) -> dict[str, Any] | None:
+def _water(solution: Solution, run: Run) -> dict[str, Any] | None:
     """Depth, a square grid of places and the elevation [m] over it for some of the frames; None without a sea."""
     if solution.scene.sea is None:
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from dropper_jax.axial.force_table import ForceTable
@@ -101,7 +102,7 @@ def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
     return {"damping": value} if value > 0.0 else {}
 
 
-def read_seafloor(path: Any) -> dict[str, list[float]]:
+def read_seafloor(path: Path) -> dict[str, list[float]]:
     """`bed_x`, `bed_y`, `bed_depth` of `[effects.seabed]` from a file of MoorDyn-C: sizes, x, y, then x y depth."""
     try:
         lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
+from dropper_jax.model.effect import Effect
 from dropper_jax.model.model import Model
 from dropper_jax.model.state import State
 from dropper_jax.run.build import build
@@ -38,7 +39,7 @@ def _objective(stepper: Stepper, share: jax.Array, model: Model, s: State, steps
     return jnp.mean(mix * last.r) / jnp.mean(line.length)
 
 
-def _scaled(effect: object, factor: jax.Array) -> object:
+def _scaled(effect: Effect, factor: jax.Array) -> Effect:
     """The effect with its strength scaled: gravity or a damping coefficient; others as they are."""
     for name in ("gravity", "b_l", "b_q"):
         if hasattr(effect, name):

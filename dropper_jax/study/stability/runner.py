@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
@@ -82,7 +83,7 @@ def run_case(scene: Scene, dt: float, duration: float, scheme: Scheme | None = N
     return Ran(model, s, run, status_of(run, stepper), every * dt * np.arange(1, SAVES + 1))
 
 
-def _wide(x: Any) -> Any:
+def _wide(x: ArrayLike) -> ArrayLike:
     return np.asarray(x, float) if np.asarray(x).dtype == np.float32 else x
 
 

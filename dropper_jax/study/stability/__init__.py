@@ -1,5 +1,6 @@
 """A catalogue of hard cases, each with a claim in numbers, measured, beside the thesis' schemes on the same case."""
 
-from dropper_jax.study.stability.catalogue import Case, Outcome, all_cases, evaluate
+from dropper_jax.study.stability.case import Case, Outcome
+from dropper_jax.study.stability.catalogue import all_cases, evaluate
 
 __all__ = ["Case", "Outcome", "all_cases", "evaluate"]

@@ -12,13 +12,24 @@ BIN := .venv/bin
 # Measured free-swing traces are not part of the project; tests that need them say so where the folder is missing.
 export DROPPER_MEASURED_DATA ?= $(abspath $(wildcard ../shared/data/measured))
 
-.PHONY: demo test fuzz test-matrix lint clean
+.PHONY: demo test check fuzz test-matrix lint clean
 
 demo: .venv/.installed
 	$(BIN)/dropper demo --out demo
 
 test: .venv/.installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=40 --durations-min=5
+
+# What does not fit into `make test`, at most an hour: the tests marked `check`, programs as users compile them, the
+# whole catalogue of hard cases, many kinds of scene in one process, 2000 random scenes.
+check: .venv/.installed-test fuzz
+	$(BIN)/python -m pytest -n 2 --dist load -m check
+	TESTS_CHOSE_XLA_FLAGS=no $(BIN)/python -m pytest -n 2 --dist loadfile $(AS_USERS)
+	$(BIN)/dropper stability --quiet
+	$(BIN)/python benchmarks/many_scenes.py
+
+# Every effect, scheme and solver, derivatives included.
+AS_USERS := tests/effects tests/integrators tests/solvers tests/stepping tests/view
 
 fuzz: .venv/.installed-test
 	FUZZ_EXAMPLES=2000 $(BIN)/python -m pytest tests/load/test_fuzz.py

@@ -3,7 +3,8 @@
     python benchmarks/many_scenes.py [--kinds 200]
 
 Kinds differ in the number of links (3 to 40), the effects, the axial law and the scheme, so that each has programs of
-its own. The kernel ends a process (or the compiler does) at 65 530 maps; a row is printed after every ten kinds.
+its own. The kernel ends a process (or the compiler does) at 65 530 maps; a row is printed after every ten kinds. The
+exit code is 1 where a run failed, or `MOST_MAPS` or `MOST_MEMORY` was passed.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import argparse
 import itertools
 import platform
 import resource
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +24,8 @@ import jax
 import dropper_jax as dj
 from dropper_jax.base.programs import memory_maps
 
+#: What is allowed: memory maps, and peak resident memory [MB].
+MOST_MAPS, MOST_MEMORY = 20_000, 3_000
 EFFECTS = (
     {"weight": {}},
     {"weight": {}, "linear_damping": {"b_l": 0.05}},
@@ -63,21 +67,23 @@ def resident() -> int:
     return int(fields["VmRSS"].split()[0]) // 1024
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kinds", type=int, default=200)
     count = parser.parse_args().kinds
     print(f"Python {platform.python_version()}, JAX {jax.__version__}")
     print("| kinds | maps | resident MB | peak MB | processor s | ok |")
     print("| --- | --- | --- | --- | --- | --- |", flush=True)
-    good = 0
+    good, most = 0, 0
     for done, values in enumerate(itertools.islice(kinds(), count), start=1):
         good += dj.simulate(values).status == "ok"
+        most = max(most, memory_maps())
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
         if done % 10 == 0 or done == count:
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
             seconds = time.process_time()
             print(f"| {done} | {memory_maps()} | {resident()} | {peak} | {seconds:.0f} | {good} |", flush=True)
+    return int(good < count or most > MOST_MAPS or peak > MOST_MEMORY)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

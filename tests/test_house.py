@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from dropper_jax import INTEGRATORS
+from dropper_jax.effects import EFFECTS
+
 ROOT = Path(__file__).parents[1]
 IMPORTS = "from importlinter.cli import lint_imports_command; lint_imports_command()"
 
@@ -21,3 +24,10 @@ IMPORTS = "from importlinter.cli import lint_imports_command; lint_imports_comma
 def test_the_house_is_in_order(arguments):
     done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("folder", "names"), [("effects", EFFECTS), ("integrators", INTEGRATORS)])
+def test_each_effect_and_each_scheme_has_a_test_file_of_its_own(folder, names):
+    found = {path.stem.removeprefix("test_") for path in (ROOT / "tests" / folder).glob("test_*.py")}
+    own = {name for name, cls in names.items() if cls.__module__.startswith("dropper_jax.")}
+    assert own <= found

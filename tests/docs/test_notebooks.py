@@ -26,6 +26,7 @@ def test_there_is_a_notebook_for_every_story():
     assert len(SCRIPTS) >= 8
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_notebook_runs_in_fast_mode(script, tmp_path):
     # a process of its own: kernels bring warnings and event loops that are no business of these tests

@@ -200,7 +200,7 @@ def lagrangian_motion(chain, case):
 
 @pytest.fixture(scope="session")
 def motion(chain):
-    """`motion(name)`: model, start, and nodes at `SAVES` times over `DURATION` by Lagrange's equations, once."""
+    """`motion(name)`: model, start and the nodes at `SAVES` times over `DURATION` by Lagrange's equations."""
     return cache(lambda name: lagrangian_motion(chain, CHAINS[name]))
 
 
@@ -256,7 +256,7 @@ def elastic(chain):
 
 @pytest.fixture(scope="session")
 def elastic_order(march, elastic):
-    """`elastic_order(integrator, steps)`: order on an elastic loop, and the error [m] at the finest step."""
+    """`elastic_order(integrator, steps)`: order of a scheme on an elastic loop, and its error [m] at the last step."""
 
     def find(integrator, steps):
         model, s, exact = elastic

@@ -1,7 +1,7 @@
 """Random scenes: valid ones run to an honest end, invalid ones are refused in one line.
 
-100 examples each by default; `make fuzz` sets FUZZ_EXAMPLES. Shapes and effects come from a handful of templates, so
-that few programs are compiled; everything else is drawn.
+100 examples each by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
+templates, so that few programs are compiled; everything else is drawn.
 """
 
 from __future__ import annotations

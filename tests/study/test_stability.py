@@ -10,8 +10,8 @@ from dropper_jax.cli import main
 from dropper_jax.study.stability import all_cases, evaluate
 
 CASES = {case.name: case for case in all_cases()}
-#: One of each kind of compiled program is enough here: the others run in the command.
-LEFT_TO_THE_COMMAND = {
+#: One of each kind of compiled program is enough in every run.
+LEFT_TO_CHECK = {
     "gradient-hanging-kicked",
     "gradient-vertical-and-horizontal",
     "gradient-heavy-damping",
@@ -23,14 +23,7 @@ LEFT_TO_THE_COMMAND = {
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            name,
-        )
-        for name in CASES
-        if name not in LEFT_TO_THE_COMMAND
-    ],
+    "name", [pytest.param(name, marks=[pytest.mark.check] if name in LEFT_TO_CHECK else []) for name in CASES]
 )
 def test_hard_case_keeps_its_claim(name: str) -> None:
     row = evaluate(CASES[name], short=True, compare=False)

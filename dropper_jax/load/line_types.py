@@ -95,15 +95,6 @@ class LineType:
             raise SceneError(f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two")
 
 
-def equivalent_diameter(mass: float, material_density: float) -> float:
-    """Diameter [m] of a solid cylinder of `mass` per metre [kg/m] and the material's density [kg/m^3].
-
-    Chain and rope displace what their material displaces, not what their nominal diameter would: studless chain of
-    0.022 m bar and 10.91 kg/m displaces as a cylinder of 0.042 m.
-    """
-    return float(np.sqrt(4.0 * mass / (np.pi * material_density)))
-
-
 @dataclasses.dataclass(frozen=True)
 class Section:
     """A stretch of a line: its type, unstretched length [m] and number of links."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import comb
 from pathlib import Path
@@ -261,8 +260,3 @@ def write_trace(path: str | Path, trace: Trace) -> Path:
     for row in np.concatenate(columns, axis=1):
         writer.writerow(["" if np.isnan(x) else f"{x:.9g}" for x in row])
     return atomic_write(path, text.getvalue())
-
-
-def read_traces(paths: Sequence[str | Path], links: int | None = None) -> list[Trace]:
-    """Several runs."""
-    return [read_trace(path, links) for path in paths]

@@ -36,6 +36,7 @@ class JointFriction(Law):
     """
 
     name: ClassVar[str] = "joint_friction"
+    single_line: ClassVar[bool] = True
     reach: ClassVar[int] = 2
     viscous: jax.Array | None = parameter(
         "viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, optional=True

@@ -28,6 +28,7 @@ class NodalForce(Effect):
     """
 
     name: ClassVar[str] = "nodal_force"
+    single_line: ClassVar[bool] = True
     constant: ClassVar[bool] = True
     force_n: jax.Array = parameter("force on each named node", unit="N", shape="vectors")
     start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, optional=True)

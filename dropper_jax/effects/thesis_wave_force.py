@@ -23,6 +23,7 @@ class ThesisWaveForce(Effect):
     """
 
     name: ClassVar[str] = "thesis_wave_force"
+    single_line: ClassVar[bool] = True
     needs_water: ClassVar[bool] = True
     constant: ClassVar[bool] = True
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)

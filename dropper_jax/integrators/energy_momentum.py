@@ -46,7 +46,7 @@ class EnergyMomentum(Implicit):
     def weighting(self) -> float:
         return 0.5
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
+    def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting)
 
 
@@ -154,14 +154,13 @@ class MidpointProblem(StepProblem):
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
-        return State(
+        return self.ended(
             r=r1,
             v=v1,
             tension=u.y,
-            t=s.t + h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
-            work=s.work + self._work(u, stopped) if s.work.size else s.work,
+            work=lambda: self._work(u, stopped),
         )
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:

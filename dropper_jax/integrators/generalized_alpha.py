@@ -64,7 +64,7 @@ class GeneralizedAlpha(Implicit):
         force = model.force(k) + model.pull(tension, k.tangents)
         return replace(s, acceleration=accelerations(model, k, force, s.t))
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
+    def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
         return GeneralizedAlphaProblem(model, s, h, self.rho_infinity)
 
 
@@ -146,14 +146,13 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
-        return State(
+        return self.ended(
             r=s.r + (h * s.v + u.x),
             v=self._velocity(u.x),
             tension=u.y,
-            t=s.t + h,
             acceleration=self._acceleration(u.x),
             law=u.z,
-            work=s.work + h * self._powers(u) if s.work.size else s.work,
+            work=lambda: h * self._powers(u),
         )
 
     def _powers(self, u: Unknowns) -> jax.Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
@@ -70,4 +72,6 @@ def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
     tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
-    return State(r=r, v=v, tension=tension, t=s.t + h, acceleration=slope[1], law=s.law, work=work)
+    own = model.advanced(model.kinematics(s.r, s.v, s.t), k, tension, h) if s.own else s.own
+    after = {"r": r, "v": v, "tension": tension, "t": s.t + h, "acceleration": slope[1], "work": work, "own": own}
+    return replace(s, angles=None, **after)

@@ -40,7 +40,7 @@ class Rattle(Implicit):
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
+    def equations(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
         return RattleProblem(model, s, h)
 
 
@@ -86,7 +86,7 @@ class RattleProblem(StepProblem):
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:
-        model, s, h = self.model, self.s, self.h
+        model, h = self.model, self.h
         after = self._after(u.x)
         pull1 = after.links / model.line.length[:, None]
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
@@ -94,14 +94,12 @@ class RattleProblem(StepProblem):
         v1 = loose + 0.5 * h * model.pull(mu, pull1) / self.mass[:, None]
         # the next half step has the same nodal forces, and tensions that go on as these did
         onward = 2 * (v1 - u.x) / h + model.pull(mu - u.y, pull1) / self.mass[:, None]
-        return State(
+        return self.ended(
             r=after.r,
             v=v1,
             tension=mu,
-            t=s.t + h,
             acceleration=jax.lax.stop_gradient(onward),
-            law=s.law,
-            work=s.work + self._work(u, after, pull1, mu) if s.work.size else s.work,
+            work=lambda: self._work(u, after, pull1, mu),
         )
 
     def _velocity_tensions(self, pull: jax.Array, v: jax.Array) -> jax.Array:

@@ -42,7 +42,7 @@ class SemiImplicitEuler(Implicit):
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
+    def equations(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
         return SemiImplicitProblem(model, s, h)
 
 
@@ -90,14 +90,12 @@ class SemiImplicitProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         s, h = self.s, self.h
-        return State(
+        return self.ended(
             r=s.r + h * u.x,
             v=u.x,
             tension=u.y,
-            t=s.t + h,
             acceleration=jax.lax.stop_gradient((u.x - s.v) / h),
-            law=s.law,
-            work=s.work + self._work(u) if s.work.size else s.work,
+            work=lambda: self._work(u),
         )
 
     def _work(self, u: Unknowns) -> jax.Array:

@@ -47,7 +47,7 @@ class ThesisAngles(Implicit):
             return "the thesis' scheme holds both ends still; use energy_momentum"
         return point_masses_only(model) or super().refuse(model)
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
+    def equations(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
         return AnglesProblem(model, s, h, self.gamma)
 
     def begin(self, model: Model, s: State) -> State:
@@ -152,14 +152,11 @@ class AnglesProblem(StepProblem):
     def finish(self, u: Unknowns) -> State:
         s, free = self.s, self.model.free_nodes
         r, v, _, _ = self._motion(u.x, s.t + self.h, self.ends1, u.y)
-        return State(
+        return self.ended(
             r=r[:free],
             v=v[:free],
             tension=u.y,
-            t=s.t + self.h,
-            acceleration=s.acceleration,
-            law=s.law,
-            work=s.work + self._work(r[:free], v[:free]) if s.work.size else s.work,
+            work=lambda: self._work(r[:free], v[:free]),
             angles=tuple(u.x.T),
         )
 

@@ -44,7 +44,7 @@ class Theta(Implicit):
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
 
-    def problem(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
+    def equations(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
         return ThetaProblem(model, s, h, self.gamma)
 
 
@@ -105,16 +105,13 @@ class ThetaProblem(StepProblem):
         return CondensedParts(pull, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:
-        s, h = self.s, self.h
         after = self._after(u.x)
-        return State(
+        return self.ended(
             r=after.r,
             v=after.v,
             tension=u.y,
-            t=s.t + h,
-            acceleration=jax.lax.stop_gradient(u.x / h),
-            law=s.law,
-            work=s.work + self._work(u, after) if s.work.size else s.work,
+            acceleration=jax.lax.stop_gradient(u.x / self.h),
+            work=lambda: self._work(u, after),
         )
 
     def _work(self, u: Unknowns, after: Kinematics) -> jax.Array:

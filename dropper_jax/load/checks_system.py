@@ -6,6 +6,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
+from dropper_jax.effects import EFFECTS
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.scene.data import SceneData
 from dropper_jax.scene.line import LineSpec
@@ -13,8 +14,6 @@ from dropper_jax.scene.point import BuoySpec, PointSpec
 
 #: How far below the bed a point may be for rounding [m].
 ROUNDING = 1e-9
-#: Effects that follow the links of one line.
-ONE_LINE = ("joint_friction", "nodal_force", "thesis_wave_force")
 
 
 def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
@@ -99,8 +98,8 @@ def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...])
 
 def check_system_effects(scene: SceneData) -> None:
     """Effects that need one line, and bodies that need water."""
-    for name in ONE_LINE:
-        if name in scene.effects:
+    for name in scene.effects:
+        if EFFECTS[name].single_line:
             raise SceneError(f"effects.{name}: follows the nodes of one line; allowed: scenes of one line")
     for i, buoy in enumerate(scene.buoys):
         if scene.sea is None:

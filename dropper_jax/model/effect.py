@@ -32,6 +32,8 @@ class Effect:
     needs_sea: ClassVar[bool] = False
     #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are taken once per step.
     needs_water: ClassVar[bool] = False
+    #: Whether it counts nodes, links or joints of one line, and so serves scenes of one line only.
+    single_line: ClassVar[bool] = False
     #: Whether a part of its potential is lost with a link that parts (see `failure`).
     parts: ClassVar[bool] = False
 

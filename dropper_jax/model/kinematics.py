@@ -67,6 +67,14 @@ class Kinematics:
         """The water around the free nodes, frozen over the step (see `dropper_jax.sea`)."""
         return self._prepared["water"]
 
+    def node(self, line: str | int, j: int) -> int:
+        """Number among the free nodes of node j (from 0, the line's first point) of a line, by name or number.
+
+        Raises:
+            ValueError: no such line or node, or a node that is held.
+        """
+        return self.model.node(line, j)
+
     @cached_property
     def nodes(self) -> jax.Array:
         """All nodes (n + 1, 3) [m]."""

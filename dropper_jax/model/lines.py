@@ -17,7 +17,7 @@ from dropper_jax.base.fields import component, option
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line
-from dropper_jax.model.model import Model
+from dropper_jax.model.model import Model, named
 from dropper_jax.model.shares import Part
 from dropper_jax.model.slots import PointMass
 
@@ -108,6 +108,9 @@ class System(Model):
     def differences(self, free: jax.Array, ends: Ends | None, rates: bool = False) -> jax.Array:
         held = None if ends is None else ends.start_velocity if rates else ends.start
         return self.graph.differences(free, held)
+
+    def node_numbers(self, line: str | int) -> np.ndarray:
+        return self.graph.paths[named(line, [m.name for m in self.graph.members])]
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
         """Nodes of all lines, line after line, both ends of each included (n + lines, 3)."""

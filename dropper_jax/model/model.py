@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
 from dropper_jax.model.effect import Effect, Law
 from dropper_jax.model.geometry import Ends
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
 from dropper_jax.model.path import gather_links, link_differences, stack_nodes
-from dropper_jax.model.slots import AddedMass, Displacement, Force, Potential, Prepared
+from dropper_jax.model.slots import AddedMass, Displacement, Force, Potential, Prepared, Stateful
 from dropper_jax.sea import Sea
 
 Role = TypeVar("Role")
+
+
+def named(line: str | int, names: Sequence[str]) -> int:
+    """The number of a line, by name or number."""
+    if line in names:
+        return names.index(line)
+    if isinstance(line, int) and 0 <= line < len(names):
+        return line
+    raise ValueError(f"line: {line!r} is unknown; allowed: {', '.join(names)} or 0 to {len(names) - 1}")
+
+
 #: The name under which moving ends work.
 MOVING_ENDS = "moving_ends"
 
@@ -137,6 +151,20 @@ class Model:
         """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
         return gather_links(pull, self.end_held)
 
+    def node(self, line: str | int, j: int) -> int:
+        """Number among the free nodes of node j of a line (see `Kinematics.node`)."""
+        numbers = self.node_numbers(line)
+        if not 0 <= j < len(numbers):
+            raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
+        if not 0 <= numbers[j] < self.free_nodes:
+            raise ValueError(f"node: {j} of line {line!r} is held; allowed: a node that moves")
+        return int(numbers[j])
+
+    def node_numbers(self, line: str | int) -> np.ndarray:
+        """Numbers of a line's nodes, both ends included; those of held ones are no free node's."""
+        named(line, [self.line.name])
+        return np.arange(-1, self.line.links)
+
     @property
     def node_length(self) -> jax.Array:
         """Length that belongs to each free node (nodes,) [m]; sizes residuals."""
@@ -177,6 +205,21 @@ class Model:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` holds those of the ends."""
         own = self.own_inertia(a, ends)
         return sum((e.inertia(k, a) for e in self.having(AddedMass)), own)
+
+    def entered(self, own: Mapping[str, Frozen]) -> Model:
+        """The model whose effects have what is their own (`State.own`)."""
+        if not own:
+            return self
+        effects = tuple(e.entered(own[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
+        return dataclasses.replace(self, effects=effects)
+
+    def begun(self) -> dict[str, Frozen]:
+        """What is effects' own at the beginning of a run, by effect."""
+        return {e.name: e.begin(self) for e in self.having(Stateful)}
+
+    def advanced(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> dict[str, Frozen]:
+        """The same after a step (see `slots.Stateful`); of the model as it was during the step."""
+        return {e.name: e.advance(before, after, tension, h) for e in self.having(Stateful)}
 
     def prepare(self, k: Kinematics) -> dict[str, Any]:
         """What effects freeze over a step."""

@@ -55,6 +55,26 @@ class Prepared(Protocol):
 
 
 @runtime_checkable
+class Stateful(Protocol):
+    """Something that a run changes, as creep or wear: a tree of arrays `own`, the same over each step.
+
+    A step sees `own` as it is at its beginning, and changes it at its end; a step that is halved does so at the end of
+    each part. First order in the step.
+    """
+
+    name: str
+
+    def begin(self, model: Geometry) -> Frozen:
+        """`own` at the beginning of a run."""
+
+    def entered(self, own: Frozen) -> Stateful:
+        """The effect as it acts during a step."""
+
+    def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Frozen:
+        """`own` after a step h [s], between whose ends the links carried `tension` (n,) [N]; called on `entered`."""
+
+
+@runtime_checkable
 class Displacement(Protocol):
     """A prescribed motion of held points."""
 

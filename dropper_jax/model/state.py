@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component
+from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted, nothing_parted
 from dropper_jax.model.work import work_names
@@ -25,6 +28,7 @@ class State:
         work: work done since the start by each non-conservative contribution, see `work_names` (k,) [J].
         angles: polar and azimuth angles and rates, each (n,), for schemes that keep these instead (else None).
         parted: links that have broken, where the scene has failures (else None).
+        own: what effects change as the run goes on (`slots.Stateful`), by effect.
     """
 
     r: jax.Array
@@ -36,6 +40,7 @@ class State:
     work: jax.Array
     angles: tuple[jax.Array, ...] | None = None
     parted: Parted | None = None
+    own: dict[str, Frozen] = dataclasses.field(default_factory=dict)
 
 
 def state(
@@ -52,4 +57,5 @@ def state(
         law=tuple(jnp.zeros((law.rows(model), law.components), model.dtype) for law in model.laws),
         work=jnp.zeros(len(work_names(model)), model.dtype),
         parted=nothing_parted(model),
+        own=model.begun(),
     )

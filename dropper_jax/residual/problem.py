@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -75,6 +76,17 @@ class StepProblem:
     def finish(self, u: Unknowns) -> State:
         """The state at the end of the step."""
         raise NotImplementedError
+
+    def ended(
+        self, r: jax.Array, v: jax.Array, tension: jax.Array, work: Callable[[], jax.Array], **more: Any
+    ) -> State:
+        """The state at the end of the step from its places and velocities (nodes, 3), tensions (n,) and work (k,)."""
+        model, s, t = self.model, self.s, self.s.t + self.h
+        own = s.own
+        if own:
+            own = model.advanced(model.kinematics(s.r, s.v, s.t), model.kinematics(r, v, t), tension, self.h)
+        done = s.work + work() if s.work.size else s.work
+        return replace(s, r=r, v=v, tension=tension, t=t, work=done, own=own, **{"angles": None, **more})
 
     def row_scale(self) -> Unknowns:
         """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, the laws' own."""

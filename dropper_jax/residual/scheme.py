@@ -73,8 +73,12 @@ class Implicit(Integrator, ABC):
     condensed_iterations: ClassVar[int] = 12
 
     @abstractmethod
+    def equations(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+        """The equations of one step of a model that has what is its effects' own."""
+
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
         """The equations of one step."""
+        return self.equations(model.entered(s.own), s, h)
 
     def refuse(self, model: Model) -> str | None:
         if model.branched and not self.networkable:

@@ -19,6 +19,7 @@ from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
+from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted
 from dropper_jax.model.state import State
@@ -41,8 +42,10 @@ _advance = kept(static=("stepper", "saves", "save_every"))(advance)
 
 
 @kept()
-def _observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None) -> Observed:
-    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0))(model, r, v, t, parted)
+def _observe(
+    model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, own: dict[str, Frozen]
+) -> Observed:
+    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, own)
 
 
 def simulate(
@@ -184,7 +187,9 @@ def _solution(
     join = lambda first, rest: np.concatenate([np.asarray(first)[None], rest])  # noqa: E731
     t = np.arange(good + 1) * (every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
-    seen = _observe_all(model, join(start.r, kept.r), join(start.v, kept.v), t, parted)
+    own = jax.tree.map(join, start.own, kept.own)
+    moved = jnp.asarray(join(start.r, kept.r)), jnp.asarray(join(start.v, kept.v))
+    seen = jax.tree.map(np.asarray, _observe(model, *moved, jnp.asarray(t, model.dtype), parted, own))
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     work = join(np.zeros(len(work_names(model))), kept.work)
@@ -227,6 +232,7 @@ def _solution(
         max_closure_error=float(np.max(seen.closure)),
         versions=_versions(),
         broken=broken,
+        own=_named(own),
         warnings=(
             *scene.notes,
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
@@ -265,9 +271,13 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
 
 
-def _observe_all(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, parted: Parted | None) -> Observed:
-    times = jnp.asarray(t, model.dtype)
-    return jax.tree.map(np.asarray, _observe(model, jnp.asarray(r), jnp.asarray(v), times, parted))
+def _named(own: dict[str, Frozen]) -> dict[str, np.ndarray]:
+    """Leaves of what is effects' own by the effect's name, numbered where there are several."""
+    found = {}
+    for name, tree in own.items():
+        leaves = jax.tree.leaves(tree)
+        found |= {name if len(leaves) == 1 else f"{name}.{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+    return found
 
 
 def _versions() -> dict[str, str]:

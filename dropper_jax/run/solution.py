@@ -62,6 +62,7 @@ class Solution:
         versions: of the packages that matter.
         warnings: one line each.
         broken: what broke, by time: line, link (from 1), time_s, tension_n.
+        own: what effects changed as the run went on, by effect (k, ...); `NAME.0`, `NAME.1` ... of one with several.
     """
 
     scene: Scene
@@ -87,6 +88,7 @@ class Solution:
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     broken: tuple[dict[str, Any], ...] = ()
+    own: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @property
     def lines(self) -> tuple[LineSlice, ...]:
@@ -231,12 +233,12 @@ class Solution:
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
-        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "scene")]
+        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "own", "scene")]
         meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=_plain))
 
     @classmethod
-    def restore(cls, meta: Plain, arrays: dict[str, np.ndarray]) -> Solution:
+    def restore(cls, meta: Plain, arrays: dict[str, np.ndarray | dict[str, np.ndarray]]) -> Solution:
         """The solution of saved provenance and arrays.
 
         Raises:

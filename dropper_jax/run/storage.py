@@ -34,6 +34,8 @@ VARIABLES = {
     "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
 }
 #: Attribute that holds everything that is no array, as JSON.
+#: Before the names of what effects changed.
+OWN = "own."
 PROVENANCE = "dropper_jax_run"
 NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
 
@@ -50,6 +52,7 @@ def load_run(path: str | Path) -> Solution:
 def write_npz(solution: Solution, path: str | Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
     arrays = {name: getattr(solution, name) for name in ARRAYS}
+    arrays |= {OWN + name: values for name, values in solution.own.items()}
     text = np.array(json.dumps(solution.provenance()))
     return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
 
@@ -64,6 +67,7 @@ def read_npz(path: str | Path) -> Solution:
         with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             meta = json.loads(str(file["meta"]))
             arrays = {name: file[name] for name in ARRAYS}
+            arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
@@ -97,6 +101,9 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     meaning = "angle of the links from the horizontal, positive downwards"
     found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
     found["azimuth"] = (("time", "link"), solution.azimuth, {"units": "rad", "long_name": "azimuth of the links"})
+    for name, values in solution.own.items():
+        inner = [f"{OWN}{name}.axis{i}" for i in range(1, values.ndim)]
+        found[OWN + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})
     links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
@@ -149,7 +156,9 @@ def from_xarray(dataset: xarray.Dataset) -> Solution:
         KeyError, ValueError, TypeError: a dataset that is none.
     """
     arrays = {key: np.asarray(dataset[name].values) for key, (name, *_) in VARIABLES.items()}
-    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": np.asarray(dataset["time"].values), **arrays})
+    own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
+    time = np.asarray(dataset["time"].values)
+    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, **arrays})
 
 
 def write_netcdf(solution: Solution, path: str | Path) -> Path:

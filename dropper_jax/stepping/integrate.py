@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted
 from dropper_jax.model.state import State
@@ -33,6 +34,7 @@ class Trajectory(NamedTuple):
         failed: steps since then that ended above tolerance (k,).
         first_bad: number of the first failed step of the run, -1 while there is none (k,).
         parted: links that have broken, each (k, m), where the scene has failures.
+        own: what effects change as the run goes on, by effect, each leaf (k, ...).
     """
 
     r: jax.Array
@@ -44,6 +46,7 @@ class Trajectory(NamedTuple):
     failed: jax.Array
     first_bad: jax.Array
     parted: Parted | None = None
+    own: dict[str, Frozen] | None = None
 
 
 class Progress(NamedTuple):
@@ -56,7 +59,7 @@ class Progress(NamedTuple):
 
 def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     """The carry of a run that starts from `s`."""
-    s = stepper.integrator.begin(model, s)
+    s = stepper.integrator.begin(model.entered(s.own), s)
     if not stepper.track_work:
         s = replace(s, work=jnp.zeros(0, model.dtype))
     return Progress(s, jnp.zeros((), jnp.int32), jnp.full((), -1, jnp.int32))
@@ -81,7 +84,8 @@ def advance(
             carry, (residual, retried, bad) = jax.lax.scan(one, carry, None, length=save_every)
             residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
         s = carry.state
-        return carry, Trajectory(s.r, s.v, s.tension, s.work, residual, retried, bad, carry.first_bad, s.parted)
+        counts = residual, retried, bad, carry.first_bad
+        return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
 
     return jax.lax.scan(save, progress, None, length=saves)
 

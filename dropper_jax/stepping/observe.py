@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import Model
 from dropper_jax.model.parted import Parted, as_parted
 from dropper_jax.model.state import State, state
@@ -63,11 +66,17 @@ def consistent_velocity(model: Model, s: State) -> jax.Array:
     return s.v - solver.apply(solver.factor(problem, u), problem.residual(u)).x
 
 
-def observe(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None = None) -> Observed:
+def observe(
+    model: Model,
+    r: jax.Array,
+    v: jax.Array,
+    t: jax.Array,
+    parted: Parted | None = None,
+    own: Mapping[str, Frozen] | None = None,
+) -> Observed:
     """Report on one instant; energies are those of the scheme's raw velocities, which it conserves."""
-    model = as_parted(model, parted)
-    s = state(model, r)
-    s = State(s.r, v, s.tension, t, s.acceleration, s.law, s.work)
+    model = as_parted(model, parted).entered(own or {})
+    s = replace(state(model, r), v=v, t=t)
     ends = model.ends(t)
     k = model.instant(r, v, t, ends)
     length = model.line.length

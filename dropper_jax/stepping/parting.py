@@ -28,7 +28,7 @@ def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: M
     parted = _part(model, s.parted, s1)
     if not s.work.size:
         return dataclasses.replace(s1, parted=parted), report
-    lost = _held(as_parted(model, parted), s1) - _held(before, s1)
+    lost = _held(as_parted(model, parted).entered(s1.own), s1) - _held(before.entered(s1.own), s1)
     return dataclasses.replace(s1, parted=parted, work=s1.work + booked(model, {BREAKING: lost})), report
 
 

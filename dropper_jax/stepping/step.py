@@ -34,7 +34,7 @@ def step(
 
 
 def _explicit(integrator: Explicit, model: Model, s: State, h: jax.Array) -> tuple[State, Report]:
-    s = integrator.advance(model, s, h)
+    s = integrator.advance(model.entered(s.own), s, h)
     finite = jnp.all(jnp.isfinite(s.r)) & jnp.all(jnp.isfinite(s.v))
     residual = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
     return s, Report(residual, jnp.full((), FULL_STEP, jnp.int32))

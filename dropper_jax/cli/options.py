@@ -45,9 +45,11 @@ def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> 
     values.update({path: value for path, value in (more or {}).items() if value is not None})
     found, name = find_scene(args.scene)
 
+    from dropper_jax.effects import register_installed
     from dropper_jax.load.scene import Scene
     from dropper_jax.load.source import plain_values
 
+    register_installed()
     scene = Scene.from_dict(plain_values(found), name)
     return scene.with_values(values) if values else scene
 
@@ -60,8 +62,10 @@ def read_run(file: str) -> Solution:
     except OSError as error:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
+    from dropper_jax.effects import register_installed
     from dropper_jax.run.storage import load_run
 
+    register_installed()
     return load_run(file)
 
 

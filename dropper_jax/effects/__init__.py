@@ -1,7 +1,9 @@
 """The effects a scene can name. A new effect is one file and one line here, or `register` from outside."""
 
 import dataclasses
+from importlib.metadata import entry_points
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.buoyancy import Buoyancy
 from dropper_jax.effects.end_motion import EndMotion
@@ -60,6 +62,19 @@ def register(cls: type[Effect]) -> type[Effect]:
     return cls
 
 
+def register_installed() -> None:
+    """Make the effects of installed packages known: entry points of the group `dropper.effects`.
+
+    Raises:
+        SceneError: one that cannot be loaded or is no effect.
+    """
+    for entry in entry_points(group="dropper.effects"):
+        try:
+            register(entry.load())
+        except Exception as error:  # whatever a foreign module does when it is imported
+            raise SceneError(f"effects.{entry.name}: {entry.value!r} cannot be used: {error}") from error
+
+
 __all__ = [
     "EFFECTS",
     "Bending",
@@ -79,4 +94,5 @@ __all__ = [
     "ThesisWaveForce",
     "Weight",
     "register",
+    "register_installed",
 ]

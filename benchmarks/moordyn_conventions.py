@@ -12,7 +12,7 @@ from moordyn_runs import theirs
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.fields import component
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model import Kinematics
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.static_pose import equilibrium
 

@@ -18,8 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax import Scene, step
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea

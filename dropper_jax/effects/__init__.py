@@ -18,7 +18,7 @@ from dropper_jax.effects.seabed import Seabed
 from dropper_jax.effects.seabed_friction import SeabedFriction
 from dropper_jax.effects.thesis_wave_force import ThesisWaveForce
 from dropper_jax.effects.weight import Weight
-from dropper_jax.model.effect import Effect, Law
+from dropper_jax.model import Effect, Law
 
 #: Effects by their name in a scene, in the order in which a model lists them.
 EFFECTS: dict[str, type[Effect]] = {

@@ -12,10 +12,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.geometry import Geometry
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Effect, Geometry, Kinematics
+from dropper_jax.scene import SceneData
 
 
 @component

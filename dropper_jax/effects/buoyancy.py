@@ -13,10 +13,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.read import Plain
 from dropper_jax.effects.wetting import parts, wetted
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.scene.data import SceneData
-from dropper_jax.scene.line import LineSpec
+from dropper_jax.model import Effect, Kinematics
+from dropper_jax.scene import LineSpec, SceneData
 
 
 @component

@@ -11,8 +11,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.model.effect import HeldMotion
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import HeldMotion
+from dropper_jax.scene import SceneData
 
 
 @component

@@ -11,11 +11,8 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, safe_norm
-from dropper_jax.model.effect import Law
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.line import Line
-from dropper_jax.model.path import gather_links
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Kinematics, Law, Line, gather_links
+from dropper_jax.scene import SceneData
 
 #: Added under roots [(N m)^2, (rad/s)^2]: keeps derivatives finite at zero, also in float32.
 SMALLEST = 1e-30

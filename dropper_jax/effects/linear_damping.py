@@ -7,8 +7,7 @@ from typing import ClassVar
 import jax
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.model.effect import Effect, per_node
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model import Effect, Kinematics, per_node
 
 
 @component

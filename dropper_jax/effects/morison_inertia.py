@@ -10,11 +10,8 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.wetting import parts, split, wetted
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.path import gather_links
-from dropper_jax.model.shares import Part
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Effect, Kinematics, Part, gather_links
+from dropper_jax.scene import SceneData
 
 
 class _InertiaForce(Effect):

@@ -11,9 +11,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Effect, Kinematics
+from dropper_jax.scene import SceneData
 
 
 @component

@@ -11,10 +11,8 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.geometry import Geometry
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Effect, Geometry, Kinematics
+from dropper_jax.scene import SceneData
 
 #: Least diameter over which a body gets wet [m], so that a mass without a volume has no jump.
 SMALLEST = 1e-2

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model.effect import Effect, per_node
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model import Effect, Kinematics, per_node
 
 
 @component

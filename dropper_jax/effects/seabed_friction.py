@@ -11,10 +11,8 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model.effect import Law
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.line import Line
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Kinematics, Law, Line
+from dropper_jax.scene import SceneData
 
 #: Speed below which a node that begins a step counts as at rest [m/s]: rounding, not creep.
 AT_REST = 1e-10

@@ -10,9 +10,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.geometry import Geometry
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model import Effect, Geometry, Kinematics
 from dropper_jax.sea import Sea
 
 #: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.

@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
+from dropper_jax.model import Effect, Kinematics
 from dropper_jax.sea import Motion
 
 

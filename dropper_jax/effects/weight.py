@@ -8,9 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.line import Line
+from dropper_jax.model import Effect, Kinematics, Line
 
 
 @component

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.shares import Part
+from dropper_jax.model import Kinematics, Part
 
 
 def parts(k: Kinematics) -> Iterator[Part]:

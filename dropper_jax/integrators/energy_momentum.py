@@ -16,15 +16,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
-from dropper_jax.model.geometry import Ends
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import MOVING_ENDS, Model
-from dropper_jax.model.slots import AddedMass
-from dropper_jax.model.state import State
-from dropper_jax.model.work import Works, booked, turning
-from dropper_jax.residual.problem import CondensedParts, StepProblem, node_blocks
-from dropper_jax.residual.scheme import Implicit
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, booked, turning
+from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
 
 #: Share of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
 #: residual falls fastest between 0.4 and 0.6 (neighbours' share cancels about half of it for smooth motions).

@@ -22,13 +22,8 @@ import jax.numpy as jnp
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.rates import accelerations, powers
-from dropper_jax.model.geometry import Ends
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.problem import StepProblem
-from dropper_jax.residual.scheme import Implicit, couples_inertia
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Ends, Kinematics, Model, State
+from dropper_jax.residual import Implicit, StepProblem, Unknowns, couples_inertia
 
 
 @dataclass(frozen=True)

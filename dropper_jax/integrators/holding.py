@@ -21,11 +21,8 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.numerics import dot
-from dropper_jax.model.effect import Law
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import Model
-from dropper_jax.model.path import link_differences
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Kinematics, Law, Model, link_differences
+from dropper_jax.residual import Unknowns
 
 #: One array per law.
 Joints = tuple[jax.Array, ...]

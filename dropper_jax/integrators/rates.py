@@ -9,12 +9,8 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.numerics import inverse3
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import Model
-from dropper_jax.model.slots import AddedMass
-from dropper_jax.model.state import State
-from dropper_jax.model.work import booked, turning
-from dropper_jax.residual.problem import node_blocks
+from dropper_jax.model import AddedMass, Kinematics, Model, State, booked, turning
+from dropper_jax.residual import node_blocks
 
 Rates = tuple[jax.Array, jax.Array, jax.Array]
 

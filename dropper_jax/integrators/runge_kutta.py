@@ -9,9 +9,8 @@ from typing import ClassVar
 import jax
 
 from dropper_jax.integrators.rates import combine, rates
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.scheme import Explicit
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Explicit
 
 
 @dataclass(frozen=True)

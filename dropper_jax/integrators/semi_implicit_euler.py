@@ -18,12 +18,16 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.integrators.rates import combine, rates
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.model.work import booked
-from dropper_jax.residual.problem import CondensedParts, StepProblem
-from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, point_masses_only
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model, State, booked
+from dropper_jax.residual import (
+    CondensedParts,
+    Explicit,
+    Implicit,
+    Integrator,
+    StepProblem,
+    Unknowns,
+    point_masses_only,
+)
 
 
 @dataclass(frozen=True)

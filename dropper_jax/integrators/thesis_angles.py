@@ -21,13 +21,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.model.geometry import Ends
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.model.work import booked
-from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
-from dropper_jax.residual.scheme import Implicit, point_masses_only
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Ends, Model, State, booked
+from dropper_jax.residual import GRAVITY_SCALE, Implicit, StepProblem, Unknowns, point_masses_only
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import Model
-from dropper_jax.model.path import link_differences
-from dropper_jax.model.state import State
-from dropper_jax.model.work import booked
-from dropper_jax.residual.problem import CondensedParts, StepProblem, node_blocks
-from dropper_jax.residual.scheme import Implicit, point_masses_only
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Kinematics, Model, State, booked, link_differences
+from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.scene.data import SceneData
+from dropper_jax.scene import SceneData
 
 
 def check_growth(scene: SceneData) -> None:

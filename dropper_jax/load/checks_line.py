@@ -7,9 +7,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import refuse
 from dropper_jax.load.checks_system import check_ends
-from dropper_jax.scene.data import point_named
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.point import PointSpec
+from dropper_jax.scene import LineSpec, PointSpec, point_named
 
 
 def check_points(points: tuple[PointSpec, ...]) -> None:

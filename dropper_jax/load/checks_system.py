@@ -8,9 +8,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.surroundings import bed_height
-from dropper_jax.scene.data import SceneData
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData
 
 #: How far below the bed a point may be for rounding [m].
 ROUNDING = 1e-9

@@ -6,7 +6,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.scene.data import SceneData
+from dropper_jax.scene import SceneData
 from dropper_jax.sea import Sea
 
 #: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche).

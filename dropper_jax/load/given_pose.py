@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.scene.data import SceneData
-from dropper_jax.scene.start import directions
+from dropper_jax.scene import SceneData, directions
 
 #: Relative mismatch of a given pose with lengths and held ends that is still taken for rounding.
 POSE_TOLERANCE = 1e-6

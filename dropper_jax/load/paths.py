@@ -10,12 +10,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, field_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.scene.failure import FailureSpec
-from dropper_jax.scene.growth import GrowthSpec
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.point import BuoySpec, PointSpec
-from dropper_jax.scene.run import RunSpec
-from dropper_jax.scene.start import StartSpec
+from dropper_jax.scene import BuoySpec, FailureSpec, GrowthSpec, LineSpec, PointSpec, RunSpec, StartSpec
 from dropper_jax.sea.spec import SeaSpec
 
 AXIAL = ("law", "EA", "damping", "strain", "tension")

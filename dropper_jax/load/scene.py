@@ -19,12 +19,17 @@ from dropper_jax.load.given_pose import check_pose, given_pose
 from dropper_jax.load.line_types import expand
 from dropper_jax.load.paths import get, put
 from dropper_jax.load.written import Written
-from dropper_jax.scene.data import SceneData, is_branched, point_named
-from dropper_jax.scene.failure import FailureSpec
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.point import BuoySpec, PointSpec
-from dropper_jax.scene.run import RunSpec
-from dropper_jax.scene.start import StartSpec
+from dropper_jax.scene import (
+    BuoySpec,
+    FailureSpec,
+    LineSpec,
+    PointSpec,
+    RunSpec,
+    SceneData,
+    StartSpec,
+    is_branched,
+    point_named,
+)
 from dropper_jax.sea.spec import SeaSpec
 
 SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes")

@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.scene.data import SceneData
+from dropper_jax.scene import SceneData
 from dropper_jax.sea.make import make_sea
 
 

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import field_keys, plain
 from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand
 from dropper_jax.load.paths import entry, put
-from dropper_jax.scene.growth import GrowthSpec
+from dropper_jax.scene import GrowthSpec
 
 #: Keys of a `[[line]]` that are expanded, and of the tables in its lists.
 LINE = ("name", "from", "to", "type", "length", "links", "shelter")

@@ -17,7 +17,7 @@ from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.line import Line
 from dropper_jax.model.slots import PAIRS
-from dropper_jax.scene.data import SceneData
+from dropper_jax.scene import SceneData
 
 
 class Effect:

@@ -15,7 +15,7 @@ from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
-from dropper_jax.scene.slices import LineSlice, WholeLine, whole_lines
+from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
 FARTHEST = 100.0

@@ -20,7 +20,7 @@ from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
 from dropper_jax.report.water import submergence
 from dropper_jax.run.solution import Solution
-from dropper_jax.scene.slices import whole_lines
+from dropper_jax.scene import whole_lines
 
 SCHEMA = 1
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.report.record import Record, arc
-from dropper_jax.scene.slices import WholeLine
+from dropper_jax.scene import WholeLine
 
 #: Pairs of links and instants that are compared at once: 1e6 take some tens of MB.
 AT_ONCE = 100_000

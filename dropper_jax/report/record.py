@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.solution import Solution
-from dropper_jax.scene.slices import LineSlice, WholeLine, whole_lines
+from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
 
 @dataclasses.dataclass(frozen=True)

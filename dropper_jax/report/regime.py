@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.slices import WholeLine
+from dropper_jax.scene import LineSpec, WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.report.motion import node_arc
 from dropper_jax.report.record import Record
-from dropper_jax.scene.point import BuoySpec
+from dropper_jax.scene import BuoySpec
 
 
 def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:

@@ -10,9 +10,7 @@ from typing import Any, ClassVar
 import jax
 
 from dropper_jax.base.read import read_number
-from dropper_jax.model.model import Model
-from dropper_jax.model.slots import AddedMass
-from dropper_jax.model.state import State
+from dropper_jax.model import AddedMass, Model, State
 from dropper_jax.residual.problem import StepProblem
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from dropper_jax.residual.problem import StepProblem
 from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns

@@ -11,14 +11,9 @@ from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model.graph import Graph, Member
-from dropper_jax.model.line import Line, Point
-from dropper_jax.model.lines import Lines, System
-from dropper_jax.model.model import Model
+from dropper_jax.model import Graph, Line, Lines, Member, Model, Point, System
 from dropper_jax.run.failures import make_failures
-from dropper_jax.scene.data import SceneData
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.point import PointSpec
+from dropper_jax.scene import LineSpec, PointSpec, SceneData
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.static_pose import Equilibrium, equilibrium, nodal_loads
 

@@ -8,12 +8,11 @@ from typing import Any
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
-from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene import RunSpec
 from dropper_jax.statics.static_pose import Equilibrium
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.model.failures import Failures
-from dropper_jax.model.parted import Parted
-from dropper_jax.scene.data import SceneData
+from dropper_jax.model import Failures, Parted
+from dropper_jax.scene import SceneData
 
 
 def make_failures(scene: SceneData) -> Failures | None:

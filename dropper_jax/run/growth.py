@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dropper_jax.base.read import plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.scene.growth import grown
-from dropper_jax.scene.slices import line_slices
+from dropper_jax.scene import grown, line_slices
 
 
 def with_growth(

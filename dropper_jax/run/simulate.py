@@ -19,12 +19,8 @@ from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model.kinematics import Frozen
-from dropper_jax.model.model import Model
-from dropper_jax.model.parted import Parted
-from dropper_jax.model.state import State
-from dropper_jax.model.work import work_names
-from dropper_jax.residual.scheme import Implicit
+from dropper_jax.model import Frozen, Model, Parted, State, work_names
+from dropper_jax.residual import Implicit
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.solution import Solution

@@ -17,7 +17,7 @@ from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Plain
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene.slices import LineSlice, line_places, line_slices, whole_lines
+from dropper_jax.scene import LineSlice, line_places, line_slices, whole_lines
 
 if TYPE_CHECKING:
     import xarray

@@ -8,11 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.lines import System
-from dropper_jax.model.model import Model
-from dropper_jax.model.slots import Displacement
-from dropper_jax.model.state import State, state
-from dropper_jax.scene.start import StartSpec
+from dropper_jax.model import Displacement, Model, State, System, state
+from dropper_jax.scene import StartSpec
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
 

@@ -1,1 +1,31 @@
-"""The scene: what a user describes, read and checked."""
+"""The scene as data: what a user describes."""
+
+from dropper_jax.scene.data import SceneData, is_branched, point_named
+from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene.growth import GrowthSpec, grown
+from dropper_jax.scene.line import LineSpec
+from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_places, line_slices, whole_lines
+from dropper_jax.scene.start import StartSpec, directions
+
+__all__ = [
+    "BuoySpec",
+    "FailureSpec",
+    "GrowthSpec",
+    "LineSlice",
+    "LineSpec",
+    "PointSpec",
+    "RunSpec",
+    "SceneData",
+    "StartSpec",
+    "WholeLine",
+    "directions",
+    "grown",
+    "held_loads",
+    "is_branched",
+    "line_places",
+    "line_slices",
+    "point_named",
+    "whole_lines",
+]

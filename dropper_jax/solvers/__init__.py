@@ -5,7 +5,7 @@ iteration, `apply(factor, rows)` and `apply_transposed(factor, rows)` on `Unknow
 approximate; derivatives are refined to the exact Jacobian.
 """
 
-from dropper_jax.residual.problem import CondensedParts
+from dropper_jax.residual import CondensedParts
 from dropper_jax.solvers.banded import Banded
 from dropper_jax.solvers.condensed import Condensed
 from dropper_jax.solvers.dense import Dense

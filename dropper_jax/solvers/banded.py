@@ -15,10 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import inverse3
-from dropper_jax.model.model import Model
-from dropper_jax.residual.problem import StepProblem
-from dropper_jax.residual.scheme import Implicit
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model
+from dropper_jax.residual import Implicit, StepProblem, Unknowns
 
 
 class _Factor(NamedTuple):

@@ -15,11 +15,8 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.components import Components, components, dot, inverse_rows
-from dropper_jax.model.model import Model
-from dropper_jax.model.path import gather_links, link_differences
-from dropper_jax.residual.problem import CondensedParts, StepProblem
-from dropper_jax.residual.scheme import Implicit
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model, gather_links, link_differences
+from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
 Inverse = jax.Array | tuple[Components, Components, Components]

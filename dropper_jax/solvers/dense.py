@@ -9,10 +9,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.model.model import Model
-from dropper_jax.residual.problem import StepProblem
-from dropper_jax.residual.scheme import Implicit
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model
+from dropper_jax.residual import Implicit, StepProblem, Unknowns
 
 LU = tuple[jax.Array, jax.Array]
 #: Diagonal added for laws: their unknowns are of the size of their rows, so that this is far below either.

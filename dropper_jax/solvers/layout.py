@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from dropper_jax.model.graph import Graph
+from dropper_jax.model import Graph
 
 #: Up to this many free points their matrix is solved as one dense block; LU of 36 rows costs less than the rounds of
 #: block elimination.

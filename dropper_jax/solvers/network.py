@@ -17,11 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model.graph import Graph
-from dropper_jax.model.model import Model
-from dropper_jax.residual.problem import StepProblem, node_blocks
-from dropper_jax.residual.scheme import Implicit
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Graph, Model
+from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.blocks import multiply, solve_tridiagonal
 from dropper_jax.solvers.layout import LineRows, line_rows, point_matrix
 

@@ -20,11 +20,8 @@ import numpy as np
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.lines import System
-from dropper_jax.model.state import State
-from dropper_jax.residual.problem import GRAVITY_SCALE
+from dropper_jax.model import Effect, Kinematics, State, System
+from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.system import force_scale
 
 #: K over the stiffness of a link, and the way that full friction gives at most [m]: what is stiffer drowns in rounding.

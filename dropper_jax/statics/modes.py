@@ -10,8 +10,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.statics.static_pose import rest
 from dropper_jax.statics.system import RestProblem
 

@@ -9,12 +9,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State, state
-from dropper_jax.residual.newton import damped_newton
-from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
-from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import Dense, residual_matrix
 

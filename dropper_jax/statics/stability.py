@@ -9,11 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.newton import damped_newton
-from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Solver, Unknowns, damped_newton
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.statics.rest_problem import (

@@ -15,11 +15,8 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.effect import Law
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State, state
-from dropper_jax.residual.problem import GRAVITY_SCALE
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Law, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang

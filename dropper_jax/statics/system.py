@@ -18,11 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.lines import System
-from dropper_jax.model.state import State, state
-from dropper_jax.residual.problem import GRAVITY_SCALE, StepProblem
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Kinematics, State, System, state
+from dropper_jax.residual import GRAVITY_SCALE, StepProblem, Unknowns
 from dropper_jax.solvers.dense import Dense
 from dropper_jax.solvers.network import Network
 

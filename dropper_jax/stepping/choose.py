@@ -7,8 +7,8 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
-from dropper_jax.model.model import Model
-from dropper_jax.residual.scheme import Explicit, Implicit, Integrator
+from dropper_jax.model import Model
+from dropper_jax.residual import Explicit, Implicit, Integrator
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import Stepper
 

@@ -20,10 +20,8 @@ from jax.extend.core import Primitive
 from jax.flatten_util import ravel_pytree
 from jax.interpreters import ad, batching, mlir
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.newton import refine
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Unknowns, refine
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.solve import solve, solve_once, substep_once
 from dropper_jax.stepping.stepper import Stepper

@@ -11,10 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model.kinematics import Frozen
-from dropper_jax.model.model import Model
-from dropper_jax.model.parted import Parted
-from dropper_jax.model.state import State
+from dropper_jax.model import Frozen, Model, Parted, State
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 

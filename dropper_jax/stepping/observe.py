@@ -10,12 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model.kinematics import Frozen
-from dropper_jax.model.model import Model
-from dropper_jax.model.parted import Parted, as_parted
-from dropper_jax.model.state import State, state
-from dropper_jax.residual.problem import CondensedParts, StepProblem
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
+from dropper_jax.residual import CondensedParts, StepProblem, Unknowns
 from dropper_jax.solvers import SOLVERS
 
 

@@ -9,10 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.parted import Parted, as_parted
-from dropper_jax.model.state import State
-from dropper_jax.model.work import BREAKING, booked
+from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, booked
 
 #: Relative rounding of a time that is a whole number of steps.
 ROUNDING = 1e-9

@@ -15,12 +15,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.newton import damped_newton, newton, newton_until
-from dropper_jax.residual.problem import StepProblem
-from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import FULL_STEP, SETTLED, Stepper
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.scheme import Explicit
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Explicit
 from dropper_jax.stepping.derivative import _solved
 from dropper_jax.stepping.parting import step_and_part
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model.model import Model
-from dropper_jax.residual.scheme import Integrator
+from dropper_jax.model import Model
+from dropper_jax.residual import Integrator
 
 #: The one tolerance: largest scaled residual row of a converged step. Rounding leaves about 1e-14 (7 links) to
 #: 1e-12 (1000 links, nodes far from the origin) in float64; in float32 about 1e-5.

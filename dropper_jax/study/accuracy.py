@@ -7,8 +7,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.study.advice import advice
 from dropper_jax.study.convergence import convergence

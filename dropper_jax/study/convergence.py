@@ -8,8 +8,7 @@ import numpy as np
 
 from dropper_jax.analysis.angles import link_angles
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.study.errors import link_vectors
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme

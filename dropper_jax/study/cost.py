@@ -15,12 +15,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.kinematics import Kinematics
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State, state
+from dropper_jax.model import Effect, Kinematics, Model, State, state
 from dropper_jax.run.build import build, build_model, stepper_of
-from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import Stepper

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 
 
 def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:

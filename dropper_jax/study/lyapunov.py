@@ -11,9 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.dtypes import float0
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
-from dropper_jax.residual.problem import GRAVITY_SCALE
+from dropper_jax.model import Model, State
+from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.observe import consistent_velocity
 from dropper_jax.stepping.step import step

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.stepping.integrate import Progress, begin, failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.load.source import load_scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.schemes import Scheme

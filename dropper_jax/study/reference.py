@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms_angle

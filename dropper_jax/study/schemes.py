@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 

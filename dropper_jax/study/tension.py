@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model.geometry import Ends
-from dropper_jax.model.model import Model
+from dropper_jax.model import Ends, Model
 
 
 def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:

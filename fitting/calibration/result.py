@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from fitting.calibration.law import Law
 from fitting.estimate.problem import Solution
 from fitting.estimate.uncertainty import Uncertainty

@@ -23,8 +23,7 @@ import numpy as np
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.place import ReleasePlace

@@ -14,8 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.integrators.rattle_4 import Rattle4
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.integrate import failed as unsolved

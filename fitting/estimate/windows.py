@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from fitting.traces import planar
 from fitting.traces.trace import Trace, local_polynomial
 

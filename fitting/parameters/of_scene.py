@@ -17,9 +17,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.line_types import LineType
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
-from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene import BuoySpec, PointSpec
 from fitting.parameters.parameter import Parameter, check_once, resolve
 from fitting.parameters.place import Direction
 

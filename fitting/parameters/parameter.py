@@ -18,9 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.line import Line, Point
-from dropper_jax.model.model import Model
+from dropper_jax.model import Effect, Line, Model, Point
 from fitting.parameters.place import CAMERA, CameraPlace, Direction, ModelPlace, Place
 
 #: Start values, bounds and priors (mean, standard deviation) by path.

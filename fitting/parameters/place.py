@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 
 CAMERA = "camera.offset"
 

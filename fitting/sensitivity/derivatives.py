@@ -16,8 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.model.parted import Parted
-from dropper_jax.model.state import state
+from dropper_jax.model import Parted, state
 from dropper_jax.study.lyapunov import horizon, lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.problem import Study

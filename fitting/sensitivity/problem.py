@@ -14,8 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State, state
+from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import SceneLike, build, stepper_of
 from dropper_jax.run.start import from_angles
 from dropper_jax.statics.static_pose import nodal_loads, settle

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.stepping.observe import observe
 

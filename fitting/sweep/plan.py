@@ -18,8 +18,7 @@ import numpy as np
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.naming import DAMPING, full_names

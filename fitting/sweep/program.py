@@ -13,8 +13,7 @@ from jax.sharding import PartitionSpec
 from dropper_jax import SceneError
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.lanes import Fallbacks, lanes
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
 from dropper_jax.stepping.observe import observe

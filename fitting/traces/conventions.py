@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax import statics
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from fitting.traces.planar import wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 

@@ -13,9 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model.model import Model
-from dropper_jax.model.path import link_differences
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State, link_differences
 from dropper_jax.run.start import from_angles
 
 #: Newton iterations of the closure; from 0.1 rad off four leave rounding (convergence is quadratic).

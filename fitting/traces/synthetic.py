@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress
-from dropper_jax.model.path import stack_nodes
+from dropper_jax.model import stack_nodes
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.stepping.integrate import integrate
 from fitting.traces.trace import Convention, Trace

@@ -12,8 +12,7 @@ import pytest
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.axial import Rope, Tabulated
 from dropper_jax.axial.force_table import ForceTable, stacked
-from dropper_jax.model.state import state
-from dropper_jax.model.work import work_names
+from dropper_jax.model import state, work_names
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
 from dropper_jax.stepping.choose import make_stepper

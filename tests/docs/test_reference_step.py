@@ -14,7 +14,7 @@ from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
 from dropper_jax.load.source import load_scene
-from dropper_jax.model.state import state
+from dropper_jax.model import state
 from dropper_jax.run.build import build_model
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import begin

@@ -10,7 +10,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS, Effect, register
-from dropper_jax.model.path import gather_links
+from dropper_jax.model import gather_links
 
 MASS, LENGTH, GRAVITY, EA = 1.0, 2.0, 9.81, 1.0e5
 #: Slow beside the mass: what accelerates it changes the strain by `m L E2/eta^2` of it, 1e-4.

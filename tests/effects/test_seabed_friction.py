@@ -13,7 +13,7 @@ import pytest
 from dropper_jax import load_scene
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import Effect
-from dropper_jax.model.state import state
+from dropper_jax.model import state
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.stepping.choose import make_stepper

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.model.work import work_names
+from dropper_jax.model import work_names
 
 RELEASE = "dropper-release-a-undamped"
 END_MOTION = {"point": "right", "amplitude": [0.03, 0.01, 0.02], "period": 1.1, "ramp": 0.503}

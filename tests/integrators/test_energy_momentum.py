@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.model.work import work_names
+from dropper_jax.model import work_names
 
 MASS = np.array([0.0324, 0.0334, 0.0324, 0.0334, 0.0324, 0.0334])
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import Scene, SceneError, load_scene
-from dropper_jax.scene.slices import whole_lines
+from dropper_jax.scene import whole_lines
 
 
 def test_length_and_links_by_path_are_those_of_the_whole_line():

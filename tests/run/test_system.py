@@ -10,14 +10,11 @@ import pytest
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
-from dropper_jax.model.graph import Graph, Member
-from dropper_jax.model.line import Point
-from dropper_jax.model.lines import Lines, System
-from dropper_jax.model.state import state
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.model import Graph, Lines, Member, Point, System, state
+from dropper_jax.residual import Unknowns
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import simulate
-from dropper_jax.scene.slices import held_loads, line_places
+from dropper_jax.scene import held_loads, line_places
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.choose import make_stepper
 

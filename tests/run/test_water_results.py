@@ -10,7 +10,7 @@ import dropper_jax as dj
 from dropper_jax import plots
 from dropper_jax.report.regime import regime
 from dropper_jax.run.growth import with_growth
-from dropper_jax.scene.growth import grown
+from dropper_jax.scene import grown
 
 SCENE = {
     "run": {"dt": 0.05, "duration": 4.0},

@@ -11,9 +11,7 @@ from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
 from dropper_jax.effects import LinearDamping, QuadraticDamping, Weight
-from dropper_jax.model.line import Line, Point
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import state
+from dropper_jax.model import Line, Model, Point, state
 
 DT = 0.005
 MODEL, START = dj.build("dropper-release-a")

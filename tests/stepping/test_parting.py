@@ -12,8 +12,7 @@ import pytest
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.cli.run import text
-from dropper_jax.model.parted import as_parted
-from dropper_jax.model.state import state
+from dropper_jax.model import as_parted, state
 from dropper_jax.report.build import report_run
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import simulate

@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene import FailureSpec
 
 #: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.
 DIGITS = 12

@@ -20,8 +20,7 @@ from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.moordyn.writing.differences import differences
 from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
 from dropper_jax.moordyn.writing.water import current_text, waves_text
-from dropper_jax.scene.line import LineSpec
-from dropper_jax.scene.point import BuoySpec
+from dropper_jax.scene import BuoySpec, LineSpec
 from dropper_jax.sea.make import make_current, wave_components
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.study.peers import diffrax_line, mujoco_chain
 from dropper_jax.study.reference import Reference
 

@@ -19,8 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.study.peers import diffrax_angles
 from dropper_jax.study.peers.rows import peer_row, timed
 from dropper_jax.study.reference import Reference

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.study.errors import link_vectors
 from dropper_jax.study.peers.rows import peer_row, timed
 from dropper_jax.study.reference import Reference

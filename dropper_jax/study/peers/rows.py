@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.model.model import Model
+from dropper_jax.model import Model
 from dropper_jax.study.errors import link_vectors, rms_angle, rms_position
 from dropper_jax.study.reference import Reference
 

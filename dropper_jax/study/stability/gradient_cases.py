@@ -12,9 +12,7 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model.effect import Effect
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Effect, Model, State
 from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate

@@ -11,8 +11,7 @@ from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.model.model import Model
-from dropper_jax.model.state import State
+from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.study.errors import link_vectors
 from dropper_jax.study.march import Marched, grid_run, status_of

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
-from jax.flatten_util import ravel_pytree
 from jax.interpreters import ad, batching, mlir
 
 from dropper_jax.model import Model, State
@@ -77,24 +76,24 @@ def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) 
 
     It is the solution x = (a, forward(a)) of `[[1, 0], [-forward, 1]] x = (a, 0)`, which JAX's linear solve carries
     together with the transposed solve. The matrix itself is never applied; differentiating it again is refused.
-    (a, 0) is one vector: JAX transposes a linear solve only where no array of its right side is a constant, such as
-    the zero tangent of an input that is held.
+    JAX transposes a linear solve only where no array of its right side is a constant, such as the zero tangent of an
+    input that is held: a zero made of all of them stands in each.
     """
-    nothing = jax.tree.map(jnp.zeros_like, like)
-    right_side, split = ravel_pytree((given, nothing))
+    nothing = 0.0 * sum(jnp.sum(leaf) for leaf in jax.tree.leaves(given))
+    given = jax.tree.map(lambda a: a + nothing.astype(a.dtype), given)
+    zeros = jax.tree.map(lambda a: jnp.broadcast_to(nothing, a.shape).astype(a.dtype), like)
 
     def matrix(x: Any) -> Any:
-        return x * _first_derivatives_only(residuals).astype(x.dtype)
+        one = _first_derivatives_only(residuals)
+        return jax.tree.map(lambda a: a * one.astype(a.dtype), x)
 
     def solve(_: Any, b: Any) -> Any:
-        a, rest = split(b)
-        return ravel_pytree((a, jax.tree.map(jnp.add, forward(a), rest)))[0]
+        return b[0], jax.tree.map(jnp.add, forward(b[0]), b[1])
 
     def transpose_solve(_: Any, b: Any) -> Any:
-        a, rest = split(b)
-        return ravel_pytree((jax.tree.map(jnp.add, a, backward(rest)), rest))[0]
+        return jax.tree.map(jnp.add, b[0], backward(b[1])), b[1]
 
-    return split(jax.lax.custom_linear_solve(matrix, right_side, solve, transpose_solve))[1]
+    return jax.lax.custom_linear_solve(matrix, (given, zeros), solve, transpose_solve)[1]
 
 
 def _first_derivatives_only(residuals: Any) -> jax.Array:

@@ -1,6 +1,5 @@
 """What several test files share: scenes as plain values, and one compiled program per scheme for any step size."""
 
-import ctypes
 import gc
 import json
 import os
@@ -50,7 +49,7 @@ import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
-from dropper_jax.base.programs import STORE, memory_maps  # noqa: E402
+from dropper_jax.base.programs import STORE, give_back_memory, memory_maps  # noqa: E402
 from dropper_jax.run.solution import Solution  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
@@ -60,18 +59,14 @@ MANY_MAPS = 3000
 
 @pytest.fixture(scope="module", autouse=True)
 def _memory_given_back():
-    """After each file: many programs and traces go, with their memory maps, and freed heap goes to the kernel.
+    """After each file: where there are many, programs and traces go, with their memory maps and the heap they held.
 
     A worker would otherwise end with 5 GB, and on the way meet the kernel's 65 530 maps.
     """
     yield
     if not 0 < memory_maps() < MANY_MAPS:
         STORE.clear()
-        jax.clear_caches()
-    gc.collect()
-    if sys.platform == "linux":
-        # glibc alone has it; elsewhere the heap is left as it is
-        getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0)(0)
+        give_back_memory()
 
 
 @pytest.fixture(scope="session")

@@ -204,6 +204,7 @@ def misfit(scene, node, target):
     return np.sqrt(np.mean(found.fun**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("links", "expected", "column_of_a"),
     [

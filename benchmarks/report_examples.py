@@ -15,7 +15,8 @@ from machine import describe
 
 import dropper_jax as dj
 from dropper_jax.base.files import atomic_write
-from dropper_jax.report import Settings, report_run, report_runs
+from dropper_jax.report.build import report_run, report_runs
+from dropper_jax.report.settings import Settings
 from dropper_jax.run.solution import jsonable
 
 RESULTS = Path(__file__).parent / "results" / "report_examples.json"

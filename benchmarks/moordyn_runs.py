@@ -91,8 +91,8 @@ def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.A
         zero = jnp.zeros(2, model.dtype)
         start = (*carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         s, alive, again, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
-        nodes = model.graph.everywhere(s.r, model.ends(s.t).start)
-        place = nodes[model.graph.last[-1]]
+        nodes = model.geometry.everywhere(s.r, model.ends(s.t).places)
+        place = nodes[model.geometry.last[-1]]
         return (s, alive, again), (total / every, square / every, least, most, place, alive)
 
     carry = (begin(stepper, model, s).state, jnp.array(True), jnp.zeros((), jnp.int32))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import jax
@@ -30,6 +31,9 @@ class Elastic(AxialLaw):
     @property
     def work_names(self) -> tuple[str, ...]:
         return () if self.damping is None else (INTERNAL_DAMPING,)
+
+    def softened(self, share: float) -> AxialLaw:
+        return replace(self, EA=share * self.EA)
 
     def seen(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Link vectors (n, 3) [m] as the law sees them: one that has parted lies unstretched."""

@@ -3,22 +3,40 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 
 class AxialLaw(ABC):
     """Base of the axial laws; d, d0, d1 are link vectors (n, 3) [m], now, before and after a step h [s]."""
 
-    #: Whether tensions follow from lengths, so that `tension`, `instant` and the energy of stretch exist.
+    #: Whether tensions of all links follow from lengths, so that `tension`, `instant` and the energy of stretch exist.
     elastic: ClassVar[bool]
     #: Whether `gradient` and `compliance` make a matrix good enough for the condensed solver.
     condensable: ClassVar[bool] = True
 
     #: (n,): 0 where a link has parted, else 1; None where nothing parts.
     intact: ClassVar[jax.Array | None] = None
+
+    def rigid(self, links: int) -> np.ndarray:
+        """Which of the links (n,) keep their length."""
+        return np.full(links, not self.elastic)
+
+    def springs(self, EA: jax.Array) -> AxialLaw:
+        """The same law where it stretches, ropes of stiffness EA (n,) [N] in place of rigid links."""
+        return self
+
+    def softened(self, share: float) -> AxialLaw:
+        """The law with that share of its stiffness."""
+        return self
+
+    def parted(self, intact: jax.Array) -> AxialLaw:
+        """The law of links of which some have parted: `intact` (n,) is 0 there, else 1."""
+        return replace(self, intact=intact)
 
     @property
     def work_names(self) -> tuple[str, ...]:

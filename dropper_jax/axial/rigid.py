@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial.law import AxialLaw
+from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot
 
@@ -17,6 +18,12 @@ class Rigid(AxialLaw):
     """Inextensible link: `|d|^2 = L^2`; the tension is whatever holds it."""
 
     elastic: ClassVar[bool] = False
+
+    def springs(self, EA: jax.Array) -> AxialLaw:
+        return Rope(EA=EA)  # springs that push would hold a line straight between near points
+
+    def parted(self, intact: jax.Array) -> AxialLaw:
+        return self  # scenes let no rigid link part
 
     def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
         """`(|d1|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.axial.law import AxialLaw
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, safe_norm
@@ -21,6 +24,9 @@ class Tabulated(Rope):
     strain: jax.Array | None = None  # (n, k)
     force: jax.Array | None = None  # (n, k) [N]
     slope: jax.Array | None = None  # (n, k) [N]
+
+    def softened(self, share: float) -> AxialLaw:
+        return replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 
     def _shares(self, size: jax.Array, length: jax.Array) -> tuple[jax.Array, ...]:
         """Shares of each interval that are passed (n, k - 1), what comes after each, and widths of the intervals."""

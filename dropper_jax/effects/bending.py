@@ -7,12 +7,11 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Effect, Geometry, Kinematics
+from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 
 
@@ -44,17 +43,10 @@ class Bending(Effect):
     def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
         links = k.model.links(r, k.ends)
         directions = links / jnp.sqrt(dot(links, links) + 1e-30)[:, None]
-        first = joints(k.model)
+        first = k.model.geometry.before
         stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
         length = 0.5 * (k.line.length[first] + k.line.length[first + 1])
         bend = directions[first + 1] - directions[first]
         each = 0.25 * (stiffness[first] + stiffness[first + 1]) / length * dot(bend, bend)
         intact = k.line.axial.intact
         return jnp.sum(each if intact is None else intact[first] * intact[first + 1] * each)
-
-
-def joints(model: Geometry) -> np.ndarray:
-    """The link before each joint inside a line."""
-    if not model.branched:
-        return np.arange(model.line.links - 1)
-    return np.concatenate([np.arange(span.start, span.stop - 1) for span in model.graph.spans]).astype(int)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, safe_norm
-from dropper_jax.model import Kinematics, Law, Line, gather_links
+from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
 
 #: Added under roots [(N m)^2, (rad/s)^2]: keeps derivatives finite at zero, also in float32.
@@ -62,19 +62,18 @@ class JointFriction(Law):
         """Relative rates of the joints, (joints, 3), or (joints, 1) about the pins [rad/s]."""
         rates = k.angular_rates
         zero = jnp.zeros_like(rates[:1])
-        ahead = jnp.concatenate([rates, zero]) if k.model.end_held else rates
-        behind = jnp.concatenate([zero, rates]) if k.model.end_held else jnp.concatenate([zero, rates[:-1]])
-        relative = ahead - behind
+        joints = k.model.geometry.links + k.model.geometry.ends - 1
+        relative = jnp.concatenate([rates, zero])[:joints] - jnp.concatenate([zero, rates])[:joints]
         return relative if self.axis is None else (relative @ self._pin())[:, None]
 
     def torque_force(self, k: Kinematics, torque: jax.Array) -> jax.Array:
         """Nodal forces (nodes, 3) [N] of joint torques (joints, c) [N m]."""
         if self.axis is not None:
             torque = torque * self._pin()
-        after = torque[1:] if k.model.end_held else jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])
-        before = torque[:-1] if k.model.end_held else torque
-        couple = cross(before - after, k.tangents) / safe_norm(k.links)[:, None]
-        return -gather_links(couple, k.model.end_held)
+        links = k.model.geometry.links
+        after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
+        couple = cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None]
+        return -k.model.gather(couple)
 
     def _per_joint(self, value: jax.Array, joints: int) -> jax.Array:
         return jnp.broadcast_to(value, (joints,)) if value.ndim == 0 else value[:joints]

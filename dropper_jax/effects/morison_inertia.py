@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.wetting import parts, split, wetted
-from dropper_jax.model import Effect, Kinematics, Part, gather_links
+from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import SceneData
 
 
@@ -118,7 +118,7 @@ class MorisonInertia(_InertiaForce):
             momentum = end * dot(end, after) - start * dot(start, before)
             total = total + mass * (can * a + (cat - can) * momentum / h)
             pull = 0.5 * mass * (cat - can) * (before * dot(mean, after) + after * dot(mean, before))
-            total = total + gather_links(part.spread(pull, k.line.links) / length, k.model.end_held)
+            total = total + k.model.gather(part.spread(pull, k.line.links) / length)
         return total
 
     def kinetic(self, k: Kinematics) -> jax.Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model import Effect, Geometry, Kinematics
+from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import SceneData
 
 #: Least diameter over which a body gets wet [m], so that a mass without a volume has no jump.
@@ -44,17 +44,17 @@ class PointBodies(Effect):
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         return cls(**values)
 
-    def nodes(self, model: Geometry) -> np.ndarray:
+    def nodes(self, model: ModelView) -> np.ndarray:
         """Free node of each body."""
-        return model.graph.point_node[list(self.points)]
+        return model.geometry.point_node[list(self.points)]
 
     def _diameter(self) -> jax.Array:
         return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + SMALLEST**3), SMALLEST)
 
-    def point_mass(self, model: Geometry) -> jax.Array:
+    def point_mass(self, model: ModelView) -> jax.Array:
         return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
 
-    def contact_area(self, model: Geometry) -> jax.Array:
+    def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]: of the sphere of the volume."""
         area = 0.25 * jnp.pi * self._diameter() ** 2
         return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(area)

@@ -73,7 +73,7 @@ class Seabed(Effect):
 
     def normal(self, k: Kinematics) -> jax.Array:
         """Contact force (nodes,) [N], never negative."""
-        area = k.line.node_share(k.line.diameter * k.line.length, k.free)
+        area = k.line.node_share(k.line.diameter * k.line.length)
         area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
         bed = self.bed(k.r)
         if k.h is None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.model import Effect, Geometry, Kinematics
+from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Sea
 
 #: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.
@@ -59,19 +59,19 @@ class SparBuoys(Effect):
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
     end_added_mass: str = option("of the base", choices=("hemisphere", "volume"), default="hemisphere")
 
-    def nodes(self, model: Geometry) -> np.ndarray:
+    def nodes(self, model: ModelView) -> np.ndarray:
         """Free node of each buoy."""
-        return model.graph.point_node[list(self.points)]
+        return model.geometry.point_node[list(self.points)]
 
     @property
     def area(self) -> jax.Array:
         """Waterplane (buoys,) [m^2]."""
         return 0.25 * jnp.pi * self.diameter**2
 
-    def point_mass(self, model: Geometry) -> jax.Array:
+    def point_mass(self, model: ModelView) -> jax.Array:
         return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
 
-    def contact_area(self, model: Geometry) -> jax.Array:
+    def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]."""
         return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.area)
 

@@ -36,6 +36,6 @@ class ThesisWaveForce(Effect):
         line, density = k.line, k.model.sea.density
         water = k.prepared(self)
         u, change = water.velocity[0], water.acceleration[0]
-        inertia = line.node_share(density * line.volume * self.c_m, k.free)
-        drag = line.node_share(0.5 * density * line.diameter * line.length * self.c_d, k.free)
+        inertia = line.node_share(density * line.volume * self.c_m)
+        drag = line.node_share(0.5 * density * line.diameter * line.length * self.c_d)
         return inertia[:, None] * change + drag[:, None] * (jnp.abs(u) * u)

@@ -33,7 +33,7 @@ class Weight(Effect):
 
     def weights(self, k: Kinematics) -> jax.Array:
         """Weight of each free node (nodes,) [N]."""
-        return k.line.node_share(self.per_link(k.line), k.free)
+        return k.line.node_share(self.per_link(k.line))
 
     def force(self, k: Kinematics) -> jax.Array:
         return jnp.zeros_like(k.r).at[:, 2].set(-self.weights(k))

@@ -12,7 +12,7 @@ from dropper_jax.model import Kinematics, Part
 
 def parts(k: Kinematics) -> Iterator[Part]:
     """The parts of the lines' water forces."""
-    return k.line.parts(k.free)
+    return k.line.parts()
 
 
 def wetted(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:

@@ -57,18 +57,11 @@ class MidpointProblem(StepProblem):
         self.ends = self.ends1
         self.end_acceleration = None
         if model.moving:
-            blend = lambda a, b: None if a is None else (1 - gamma) * a + gamma * b  # noqa: E731
-            rate = lambda a, b: None if a is None else (b - a) / h  # noqa: E731
-            start = blend(ends0.start, self.ends1.start), rate(ends0.start, self.ends1.start)
-            end = blend(ends0.end, self.ends1.end), rate(ends0.end, self.ends1.end)
-            self.ends = Ends(start[0], end[0], start[1], end[1])
-            self.end_acceleration = Ends(
-                rate(ends0.start_velocity, self.ends1.start_velocity), rate(ends0.end_velocity, self.ends1.end_velocity)
-            )
-            mean = lambda a, b: None if a is None else 0.5 * (a + b)  # noqa: E731
-            self.end_mean_velocity = Ends(
-                mean(ends0.start_velocity, self.ends1.start_velocity), mean(ends0.end_velocity, self.ends1.end_velocity)
-            )
+            ends1 = self.ends1
+            middle, moved = (1 - gamma) * ends0.places + gamma * ends1.places, ends1.places - ends0.places
+            self.ends = Ends(middle, moved / h)
+            self.end_acceleration = (ends1.velocities - ends0.velocities) / h
+            self.end_mean_velocity = 0.5 * (ends0.velocities + ends1.velocities)
         predicted = model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends)
         self.prepared = model.prepare(predicted)
 
@@ -176,7 +169,7 @@ class MidpointProblem(StepProblem):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
-        ends = {MOVING_ENDS: h * self._end_power(u, self._directions(links1))} if model.moving else {}
+        ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1)).items()}
         return booked(model, works, stopped, turned, line.axial.works(self.links0, links1, line.length, h), ends)
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
@@ -191,20 +184,20 @@ class MidpointProblem(StepProblem):
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
-    def _end_power(self, u: Unknowns, directions: jax.Array) -> jax.Array:
-        """Power of the moving ends, scalar [W]: what holds each end (own weight aside) times its velocity."""
+    def _end_powers(self, u: Unknowns, directions: jax.Array) -> dict[str, jax.Array]:
+        """Power of moving ends by name, scalar [W]: what holds each end (own weight aside) times its velocity."""
         model, line = self.model, self.model.line
-        power = model.end_power(u.y[:, None] * directions, self.ends)
-        if not line.compound:
-            return power
+        powers = model.end_powers(u.y[:, None] * directions, self.ends)
+        if not (line.compound and powers):
+            return powers
         # what accelerates the links' shares of mass, times the mean of the end's velocities: that is exactly the
         # change of the kinetic energy, while tensions work along the end's path
         first, coupling, last = line.blocks()
         a = u.x / (self.gamma * self.h**2)
         acc, mean, free = self.end_acceleration, self.end_mean_velocity, model.free_nodes
-        hold = first[0] * acc.start + (coupling[0] * a[0] if free else 0.0)
-        power = power + jnp.sum(hold * mean.start)
+        hold = first[0] * acc[0] + (coupling[0] * a[0] if free else 0.0)
+        powers[MOVING_ENDS] += jnp.sum(hold * mean[0])
         if model.end_held:
-            hold = last[-1] * acc.end + (coupling[-1] * a[-1] if free else 0.0)
-            power = power + jnp.sum(hold * mean.end)
-        return power
+            hold = last[-1] * acc[1] + (coupling[-1] * a[-1] if free else 0.0)
+            powers[MOVING_ENDS] += jnp.sum(hold * mean[1])
+        return powers

@@ -77,15 +77,9 @@ class GeneralizedAlphaProblem(StepProblem):
         self.links0 = model.links(s.r, self.ends0)
         at_f = model.ends(self.t_f)
         # held ends on the straight line between their places, as all nodes are, so that links are blends of links
-        blend = lambda a, b: None if a is None else a + self.new_f * (b - a)  # noqa: E731
-        ends0, ends1 = self.ends0, self.ends1
-        places = blend(ends0.start, ends1.start), blend(ends0.end, ends1.end)
-        self.ends = Ends(*places, at_f.start_velocity, at_f.end_velocity)
-        self.end_acceleration = None
-        if model.moving:
-            time = s.t + self.new_a * h
-            moved = jax.jvp(lambda t: model.ends(t)[2:], (time,), (jnp.ones_like(time),))[1]
-            self.end_acceleration = Ends(*moved)
+        before, after = self.ends0.places, self.ends1.places
+        self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
+        self.end_acceleration = model.end_acceleration(s.t + self.new_a * h) if model.moving else None
         zero = jnp.zeros_like(s.r)
         predicted = self._kinematics(zero)
         self.prepared = model.prepare(predicted)

@@ -21,7 +21,7 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Kinematics, Law, Model, link_differences
+from dropper_jax.model import Kinematics, Law, Model
 from dropper_jax.residual import Unknowns
 
 #: One array per law.
@@ -126,7 +126,7 @@ def _rows(
         force = force - law.law_force(after, p)
     along = u.y
     if not line.axial.elastic:
-        change = link_differences(u.x, None, None, model.end_held)
+        change = model.rates(u.x, None)
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, change)
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
     rest = tuple(scale * law.rates(moved) + SHARING * p for law, p in zip(model.laws, u.z, strict=True))

@@ -36,9 +36,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
     if not line.compound:
         return force / diagonal[:, None]
     if model.moving:
-        moved = jax.jvp(lambda time: model.ends(time)[2:], (t,), (jnp.ones_like(t),))[1]
-        start, end = moved[0], moved[1] if model.end_held else None
-        force = force - line.inertia_force(jnp.zeros_like(force), start, end, model.end_held)
+        force = force - line.inertia_force(jnp.zeros_like(force), model.end_acceleration(t))
     off = line.blocks()[1][1:free]
     zero = jnp.zeros_like(diagonal[:1])
     return tridiagonal_solve(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)

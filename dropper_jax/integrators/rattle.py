@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Kinematics, Model, State, booked, link_differences
+from dropper_jax.model import Kinematics, Model, State, booked
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 
 
@@ -44,7 +44,7 @@ class RattleProblem(StepProblem):
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
-        self.mass = model.line.node_mass(model.free_nodes)
+        self.mass = model.line.node_mass
         self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
         self.prepared = model.prepare(model.kinematics(s.r, s.v, s.t, self.ends0))
 
@@ -98,8 +98,8 @@ class RattleProblem(StepProblem):
 
     def _velocity_tensions(self, pull: jax.Array, v: jax.Array) -> jax.Array:
         """mu such that `d1 . (rate of the links) = 0` after its half kick: a tridiagonal system, linear."""
-        held, ends = self.model.end_held, self.ends1
-        rate = link_differences(v, ends.start_velocity, ends.end_velocity, held)
+        held = self.model.end_held
+        rate = self.model.rates(v, self.ends1)
         light = 0.5 * self.h / self.mass
         zero = jnp.zeros_like(light[:1])
         near = jnp.concatenate([zero, light]) if held else jnp.concatenate([zero, light[:-1]])

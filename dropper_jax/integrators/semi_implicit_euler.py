@@ -68,7 +68,7 @@ class SemiImplicitProblem(StepProblem):
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
-        self.mass = model.line.node_mass(model.free_nodes)
+        self.mass = model.line.node_mass
         self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)

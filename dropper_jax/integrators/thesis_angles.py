@@ -54,8 +54,7 @@ class ThesisAngles(Implicit):
 
 
 def _link_rates(model: Model, v: jax.Array) -> jax.Array:
-    still = jnp.zeros(3, v.dtype)
-    return model.kinematics(v, v, 0.0, Ends(still, still)).links
+    return model.rates(v, None)
 
 
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:

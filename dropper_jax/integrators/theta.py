@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.model import Kinematics, Model, State, booked, link_differences
+from dropper_jax.model import Kinematics, Model, State, booked
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 
 
@@ -49,7 +49,7 @@ class ThetaProblem(StepProblem):
         super().__init__(model, s, h)
         self.gamma = gamma
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
-        self.mass = model.line.node_mass(model.free_nodes)[:, None]
+        self.mass = model.line.node_mass[:, None]
         self.pull0 = model.links(s.r, self.ends0) / model.line.length[:, None]
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
@@ -76,7 +76,7 @@ class ThetaProblem(StepProblem):
         after = self._after(u.x)
         force = self._local(u.x)
         if gamma == 0.0:
-            rates = link_differences(after.v, self.ends1.start_velocity, self.ends1.end_velocity, model.end_held)
+            rates = model.rates(after.v, self.ends1)
             speed = jnp.sum(self._pull1(after) * rates, axis=-1)
             return Unknowns(force - model.pull(u.y, self.pull0), self.h * speed)
         force = force - gamma * model.pull(u.y, self._pull1(after))

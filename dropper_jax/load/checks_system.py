@@ -39,14 +39,6 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
         path = f"line.{i}"
         if line.rigid:
             _check_rigid(line, path, points)
-            raise refuse(
-                f"{path}.axial.law",
-                line.axial_law,
-                "does not fit a system of lines",
-                "rope, elastic (with EA), tabulated",
-            )
-        if line.axial_law != lines[0].axial_law:
-            raise refuse(f"{path}.axial.law", line.axial_law, "differs from that of the first line", lines[0].axial_law)
         if line.centre_of_mass is not None:
             raise SceneError(f"{path}.centre_of_mass: compound links are for single lines; allowed: leave it out")
         if line.start == line.end and line.links < 2:

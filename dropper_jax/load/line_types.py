@@ -51,7 +51,7 @@ class LineType:
     EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
     strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
     tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
-    law: str = option("axial law", choices=("rope", "damped_rope", "elastic", "tabulated"), default="rope")
+    law: str = option("axial law", choices=("rope", "damped_rope", "elastic", "tabulated", "rigid"), default="rope")
     damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
     damping_ratio: float | None = parameter(
         "internal damping over critical, per link", unit="-", low=0.0, optional=True
@@ -79,16 +79,15 @@ class LineType:
         return (self.damping_ratio or 0.0) * link * float(np.sqrt(stiffness * self.mass))
 
     def check(self, path: str) -> None:
-        """`EA`, or a table where the law is `tabulated`; one kind of damping."""
-        wanted, other = ("strain", "tension"), ("EA",)
-        if self.law != "tabulated":
-            wanted, other = other, wanted
-        for key in wanted:
-            if getattr(self, key) is None:
+        """`EA`, or a table where the law is `tabulated`, or nothing where it is `rigid`; one kind of damping."""
+        wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
+        damped = () if self.law == "rigid" else ("damping", "damping_ratio")
+        for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
+            if key in wanted and getattr(self, key) is None:
                 raise SceneError(f"{path}.{key}: missing; law {self.law!r} needs {' and '.join(wanted)}")
-        for key in other:
-            if getattr(self, key) is not None:
-                raise SceneError(f"{path}.{key}: not used by law {self.law!r}, which takes {' and '.join(wanted)}")
+            if key not in (*wanted, *damped) and getattr(self, key) is not None:
+                takes = " and ".join(wanted) or "no stiffness and no damping"
+                raise SceneError(f"{path}.{key}: not used by law {self.law!r}, which takes {takes}")
         if self.law == "tabulated":
             ForceTable.read(self.strain, self.tension, path)
         if self.damping is not None and self.damping_ratio is not None:
@@ -128,7 +127,6 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     pieces: list[dict[str, Any]] = []
     used: list[list[Section]] = []
     shelter: list[float] = []
-    tabulated = any(kind.law == "tabulated" for kind in types.values())
     for i, line in enumerate(lines):
         line = dict(read_table(line, f"line.{i}"))
         if not {"type", "sections"} & set(line):
@@ -138,7 +136,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
         sections = _sections(line, f"line.{i}", types)
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
-            pieces.append({**piece, **_per_link(part, f"line.{i}", tabulated)})
+            pieces.append({**piece, **_per_link(part, f"line.{i}")})
             used.append(part)
             shelter += [factor] * pieces[-1]["links"]
     table["line"] = pieces
@@ -243,19 +241,21 @@ def _each(sections: list[Section], value: Plain) -> list[float]:
     return [float(value(s)) for s in sections for _ in range(s.links)]
 
 
-def _axial(sections: list[Section], path: str, tabulated: bool) -> dict[str, Any]:
-    """The axial law with one value per link; where some type of the scene is `tabulated`, ropes are tables as well."""
+def _axial(sections: list[Section], path: str) -> dict[str, Any]:
+    """The axial law with one value per link; beside sections that are `tabulated`, ropes are tables as well."""
     laws = {s.type.law for s in sections}
+    if laws == {"rigid"}:
+        return {"law": "rigid"}
+    if len(laws) > 1 and not laws <= {"rope", "tabulated"}:
+        raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law in a line")
     damping = _each(sections, lambda s: s.type.internal_damping(s.length / s.links))
-    if tabulated and laws <= {"rope", "tabulated"}:
+    if "tabulated" in laws:
         tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
-    if len(laws) > 1:
-        raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law in a line")
     return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping}
 
 
-def _per_link(sections: list[Section], path: str, tabulated: bool) -> dict[str, Any]:
+def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
     """Keys of a `[[line]]` with one value per link."""
     found = {
         "links": sum(s.links for s in sections),
@@ -263,7 +263,7 @@ def _per_link(sections: list[Section], path: str, tabulated: bool) -> dict[str, 
         "length": _each(sections, lambda s: s.length / s.links),
         "mass": _each(sections, lambda s: s.type.mass * s.length / s.links),
         "diameter": _each(sections, lambda s: s.type.diameter),
-        "axial": _axial(sections, path, tabulated),
+        "axial": _axial(sections, path),
     }
     if all(s.type.breaking_load is not None for s in sections):
         found["breaking_load"] = _each(sections, lambda s: s.type.breaking_load)

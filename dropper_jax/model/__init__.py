@@ -2,17 +2,17 @@
 
 from dropper_jax.model.effect import Effect, HeldMotion, Law, per_node
 from dropper_jax.model.failures import Failures
-from dropper_jax.model.geometry import Ends, Geometry
-from dropper_jax.model.graph import Graph, Member
+from dropper_jax.model.geometry import Ends, Geometry, Member
+from dropper_jax.model.graph import Graph
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
-from dropper_jax.model.lines import Lines, System
 from dropper_jax.model.model import MOVING_ENDS, Model
 from dropper_jax.model.parted import Parted, as_parted
-from dropper_jax.model.path import gather_links, link_differences, stack_nodes
+from dropper_jax.model.path import Path, gather_links, link_differences
 from dropper_jax.model.shares import Part
 from dropper_jax.model.slots import AddedMass, ContactArea, Displacement
 from dropper_jax.model.state import State, state
+from dropper_jax.model.view import ModelView
 from dropper_jax.model.work import BREAKING, Works, booked, turning, work_names
 
 __all__ = [
@@ -30,22 +30,21 @@ __all__ = [
     "Kinematics",
     "Law",
     "Line",
-    "Lines",
     "MOVING_ENDS",
     "Member",
     "Model",
+    "ModelView",
     "Part",
     "Parted",
+    "Path",
     "Point",
     "State",
-    "System",
     "Works",
     "as_parted",
     "booked",
     "gather_links",
     "link_differences",
     "per_node",
-    "stack_nodes",
     "state",
     "turning",
     "work_names",

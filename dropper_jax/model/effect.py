@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.kinematics import Kinematics
 from dropper_jax.model.line import Line
 from dropper_jax.model.slots import PAIRS
+from dropper_jax.model.view import ModelView
 from dropper_jax.scene import SceneData
 
 
@@ -100,9 +100,9 @@ class Law(Effect):
     def components(self) -> int:
         raise NotImplementedError
 
-    def rows(self, model: Geometry) -> int:
+    def rows(self, model: ModelView) -> int:
         """Number of rows of z."""
-        return model.free_nodes if self.node_local else model.line.links + (1 if model.end_held else 0)
+        return model.free_nodes if self.node_local else model.geometry.links + model.geometry.ends - 1
 
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
         """Nodal force of the unknown, (nodes, 3) [N]."""

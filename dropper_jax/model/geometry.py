@@ -1,51 +1,140 @@
-"""What moves, as effects and kinematics see it: how nodes, links and held ends belong together."""
+"""How nodes, links and points belong together: what a path and a graph of links both answer."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
-from dropper_jax.model.line import Line
-from dropper_jax.sea import Sea
+from dropper_jax.model.shares import Part
 
 
 class Ends(NamedTuple):
-    """Held ends of a line: positions and velocities, (3,) [m], [m/s]; `end` is None where the end is free."""
+    """Held points, in the order of `Geometry.held_points`: places (held, 3) [m], velocities [m/s] (None: at rest)."""
 
-    start: jax.Array
-    end: jax.Array | None
-    start_velocity: jax.Array | None = None
-    end_velocity: jax.Array | None = None
-
-
-Role = TypeVar("Role")
-
-
-class Geometry(Protocol):
-    """A model, less its motion; `dropper_jax.model.model.Model` is one."""
+    places: jax.Array
+    velocities: jax.Array | None = None
 
     @property
-    def line(self) -> Line: ...
+    def start(self) -> jax.Array:
+        """Where a single line begins (3,) [m]."""
+        return self.places[0]
 
     @property
-    def sea(self) -> Sea | None: ...
+    def end(self) -> jax.Array | None:
+        """Where a single line ends (3,) [m]; None where that end is free."""
+        return self.places[1] if self.places.shape[0] > 1 else None
+
+
+class Member(NamedTuple):
+    """One line: its name, its number of links and the numbers of the points where it begins and ends."""
+
+    name: str
+    links: int
+    start: int
+    end: int
+
+
+def named(line: str | int, names: Sequence[str]) -> int:
+    """The number of a line, by name or number."""
+    if line in names:
+        return names.index(line)
+    if isinstance(line, int) and 0 <= line < len(names):
+        return line
+    raise ValueError(f"line: {line!r} is unknown; allowed: {', '.join(names)} or 0 to {len(names) - 1}")
+
+
+class Geometry(ABC):
+    """Static, so that equal ones share compiled programs. Nodal fields are of the free nodes, `held` of held points.
+
+    `members` are the lines; `held` says whether points stay or follow a prescribed motion: of a graph all points, of a
+    path its two ends.
+    """
+
+    members: tuple[Member, ...]
+    held: tuple[bool, ...]
 
     @property
-    def end_held(self) -> bool: ...
+    def links(self) -> int:
+        return sum(m.links for m in self.members)
 
     @property
-    def free_nodes(self) -> int: ...
+    def ends(self) -> int:
+        """Number of held points."""
+        return sum(self.held)
+
+    @cached_property
+    def held_points(self) -> np.ndarray:
+        """Numbers of the held points, in the order of `Ends`."""
+        return np.flatnonzero(np.array(self.held))
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """The links of each line."""
+        ends = np.cumsum([0, *(m.links for m in self.members)])
+        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+    @cached_property
+    def before(self) -> np.ndarray:
+        """The link before each node inside a line; the one after it is the next."""
+        return np.concatenate([np.arange(s.start, s.stop - 1) for s in self.spans]).astype(int)
 
     @property
-    def node_mass(self) -> jax.Array: ...
+    @abstractmethod
+    def free(self) -> int:
+        """Number of free nodes."""
 
-    def having(self, slot: type[Role]) -> tuple[Role, ...]: ...
+    @property
+    @abstractmethod
+    def paths(self) -> tuple[np.ndarray, ...]:
+        """Numbers of each line's nodes (links + 1,), both ends included; those of held ones are no free node's."""
 
-    def node(self, line: str | int, j: int) -> int: ...
+    @abstractmethod
+    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
+        """A nodal field on the nodes of all lines, line after line, both ends of each included (n + lines, ...)."""
 
-    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array: ...
+    @abstractmethod
+    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+        """Differences of a nodal field over the links (n, ...); held points without values count as zero."""
 
-    def links(self, r: jax.Array, ends: Ends) -> jax.Array: ...
+    @abstractmethod
+    def gather(self, pull: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free, ...) of what links pull (n, ...): + on their first node, - on their last."""
 
-    def differences(self, free: jax.Array, ends: Ends | None, rates: bool = False) -> jax.Array: ...
+    @abstractmethod
+    def held_pull(self, pull: jax.Array) -> jax.Array:
+        """The same on the held points (held, ...)."""
+
+    @abstractmethod
+    def shared(self, value: jax.Array) -> jax.Array:
+        """What links hold or carry (n,), on the free nodes (free,) that it goes to."""
+
+    @abstractmethod
+    def parts(self) -> tuple[Part, ...]:
+        """The same of water forces, as shares (see `effects.wetting`)."""
+
+    @abstractmethod
+    def link_length(self, length: jax.Array) -> jax.Array:
+        """Length of the links at each free node (free,) [m]."""
+
+    def without(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
+        """Values of the held points, zero where None, beside a nodal field `like`."""
+        return jnp.zeros((self.ends, *like.shape[1:]), like.dtype) if value is None else value
+
+    def node(self, line: str | int, j: int) -> int:
+        """Number among the free nodes of node j of a line, from 0, its first point.
+
+        Raises:
+            ValueError: no such line or node, or a node that is held.
+        """
+        numbers = self.paths[named(line, [m.name for m in self.members])]
+        if not 0 <= j < len(numbers):
+            raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
+        if not 0 <= numbers[j] < self.free:
+            raise ValueError(f"node: {j} of line {line!r} is held; allowed: a node that moves")
+        return int(numbers[j])

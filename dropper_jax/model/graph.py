@@ -9,37 +9,42 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.model.geometry import Geometry, Member
+from dropper_jax.model.shares import Part
 
-class Member(NamedTuple):
-    """One line of a system: its name, its number of links and the numbers of the points where it begins and ends."""
 
-    name: str
-    links: int
-    start: int
-    end: int
+class LinkEnd(Part):
+    """One end of all links: rows are links, node by node sums are gathers over the graph."""
+
+    def __init__(self, graph: Graph, last: bool) -> None:
+        self.graph, self.last, self.share = graph, last, 0.5
+        node = graph.last if last else graph.first
+        self._node = np.minimum(node, max(graph.free - 1, 0))  # held nodes take any value: nothing is collected there
+
+    def take(self, per_link: jax.Array) -> jax.Array:
+        return per_link
+
+    def at(self, nodal: jax.Array) -> jax.Array:
+        return nodal[self._node]
+
+    def collect(self, rows: jax.Array) -> jax.Array:
+        return self.graph.from_last(rows) if self.last else self.graph.from_first(rows)
 
 
 @dataclass(frozen=True)
-class Graph:
-    """Static; equal graphs share compiled programs.
+class Graph(Geometry):
+    """Lines joined at points; each link's mass, weight and forces go in halves to its two ends (lumped, as in MoorDyn).
 
-    Attributes:
-        members: the lines.
-        held: per point, whether it stays or follows a prescribed motion.
+    Nothing here ends freely: a free end is a free point.
     """
 
     members: tuple[Member, ...]
     held: tuple[bool, ...]
-
-    @property
-    def links(self) -> int:
-        return sum(m.links for m in self.members)
 
     @cached_property
     def inner(self) -> int:
@@ -50,10 +55,6 @@ class Graph:
     def free_points(self) -> np.ndarray:
         """Numbers of the free points, in the order of their nodes."""
         return np.flatnonzero(~np.array(self.held))
-
-    @cached_property
-    def held_points(self) -> np.ndarray:
-        return np.flatnonzero(np.array(self.held))
 
     @property
     def free(self) -> int:
@@ -88,17 +89,6 @@ class Graph:
         """Last node of each link (n,) among all nodes."""
         return np.concatenate([path[1:] for path in self.paths])
 
-    @cached_property
-    def spans(self) -> tuple[slice, ...]:
-        """The links of each line."""
-        ends = np.cumsum([0, *(m.links for m in self.members)])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
-
-    @cached_property
-    def before(self) -> np.ndarray:
-        """The link before each inner node (inner,); the one after it is the next."""
-        return np.concatenate([np.arange(s.start, s.stop - 1) for s in self.spans]).astype(int)
-
     def _incident(self, node_of_link: np.ndarray) -> np.ndarray:
         """Links (free points, most) that have the free point on that side; `links` where there are fewer."""
         lists = [np.flatnonzero(node_of_link == self.inner + p) for p in range(len(self.free_points))]
@@ -120,12 +110,12 @@ class Graph:
 
     def everywhere(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         """A nodal field on all nodes; held points without values count as zero."""
-        if held is None:
-            held = jnp.zeros((len(self.held_points), *free.shape[1:]), free.dtype)
-        return jnp.concatenate([free, held])
+        return jnp.concatenate([free, self.without(held, free)])
+
+    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
+        return self.everywhere(free, held)[np.concatenate(self.paths)]
 
     def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
-        """Differences of a nodal field over the links (n, ...)."""
         field = self.everywhere(free, held)
         return field[self.last] - field[self.first]
 
@@ -146,10 +136,24 @@ class Graph:
         return jnp.concatenate([inner, self._at_points(value, self.arriving)]) if len(self.free_points) else inner
 
     def gather(self, pull: jax.Array) -> jax.Array:
-        """Sum on the free nodes of what links pull: + on their first node, - on their last."""
         return self.from_first(pull) - self.from_last(pull)
 
+    def held_pull(self, pull: jax.Array) -> jax.Array:
+        rows = []
+        for node in self.point_node[self.held_points]:
+            leaving, arriving = np.flatnonzero(self.first == node), np.flatnonzero(self.last == node)
+            rows.append(jnp.sum(pull[leaving], axis=0) - jnp.sum(pull[arriving], axis=0))
+        return jnp.stack(rows) if rows else jnp.zeros((0, 3), pull.dtype)
+
     def shared(self, value: jax.Array) -> jax.Array:
-        """Half of each link's value on either end, summed on the free nodes."""
         half = 0.5 * value
         return self.from_first(half) + self.from_last(half)
+
+    def parts(self) -> tuple[Part, ...]:
+        return LinkEnd(self, last=True), LinkEnd(self, last=False)
+
+    def link_length(self, length: jax.Array) -> jax.Array:
+        """The mean over the links that meet there."""
+        one = jnp.ones_like(length)
+        links, count = (self.from_first(x) + self.from_last(x) for x in (length, one))
+        return links / jnp.maximum(count, 1.0)

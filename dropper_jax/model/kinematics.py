@@ -8,8 +8,9 @@ from typing import Any, Protocol
 import jax
 
 from dropper_jax.base.numerics import cross, safe_norm
-from dropper_jax.model.geometry import Ends, Geometry
+from dropper_jax.model.geometry import Ends
 from dropper_jax.model.line import Line
+from dropper_jax.model.view import ModelView
 from dropper_jax.sea import Water
 
 #: What an effect freezes over a step: any tree of arrays.
@@ -35,7 +36,7 @@ class Kinematics:
 
     def __init__(
         self,
-        model: Geometry,
+        model: ModelView,
         r: jax.Array,
         v: jax.Array,
         t: jax.Array,
@@ -83,12 +84,12 @@ class Kinematics:
     @cached_property
     def links(self) -> jax.Array:
         """Link vectors (n, 3) [m]."""
-        return self.model.differences(self.r, self.ends)
+        return self.model.links(self.r, self.ends)
 
     @cached_property
     def link_velocities(self) -> jax.Array:
         """Rates of the link vectors (n, 3) [m/s]."""
-        return self.model.differences(self.v, self.ends, rates=True)
+        return self.model.rates(self.v, self.ends)
 
     @cached_property
     def tangents(self) -> jax.Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import jax
@@ -11,6 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.model.failures import Failures
+from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.shares import Part, PathPart
 
 
@@ -25,15 +25,17 @@ class Point:
 
 @component
 class Line:
-    """A path of n links between two points; node j = 1..n is the far node of link j.
+    """The links of all lines, line after line, in arrays (n,); `geometry` says how they join.
 
-    Point-mass links carry `mass[j]` on node j. Compound links (`centre_of_mass` given) are rods with their centre
-    of mass at y from their first node and inertia I about it; with J = I + m y^2 each has the constant nodal mass
+    Point-mass links carry their mass on nodes, as the geometry shares it. Compound links (`centre_of_mass` given) are
+    rods with their centre of mass at y from their first node and inertia I about it; with J = I + m y^2 each has the
+    constant nodal mass
     `M11 = m - 2 m y/L + J/L^2, M12 = m y/L - J/L^2, M22 = J/L^2` (times the 3x3 unit matrix; no spin).
     """
 
     length: jax.Array = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
     mass: jax.Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
+    geometry: Geometry = option("how nodes, links and points belong together")
     centre_of_mass: jax.Array | None = parameter(
         "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
     )
@@ -46,8 +48,6 @@ class Line:
     axial: AxialLaw = Rigid()
     failures: Failures | None = None
     name: str = option("name", type=str, default="line")
-    start: int = option("index of the first point", type=int, default=0)
-    end: int = option("index of the last point", type=int, default=1)
 
     @property
     def links(self) -> int:
@@ -68,50 +68,43 @@ class Line:
         return self.inertia + self.mass * self.centre_of_mass**2
 
     def blocks(self) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """M11, M12, M22 of every link, each (n,) [kg]."""
-        if not self.compound:
-            zero = jnp.zeros_like(self.mass)
-            return zero, zero, self.mass
+        """M11, M12, M22 of every compound link, each (n,) [kg]."""
         ratio = self.centre_of_mass / self.length
         turn = self.second_moment / self.length**2
         return self.mass * (1 - 2 * ratio) + turn, self.mass * ratio - turn, turn
 
-    def node_share(self, per_link: jax.Array, free: int) -> jax.Array:
+    def node_share(self, per_link: jax.Array) -> jax.Array:
         """What acts in the links' centres of mass, shared to the free nodes (free,)."""
         if not self.compound:
-            return per_link[:free]
+            return self.geometry.shared(per_link)
         ratio = self.centre_of_mass / self.length
-        far, near = per_link * ratio, per_link * (1 - ratio)
-        near = jnp.concatenate([near[1:], jnp.zeros_like(near[:1])])
-        return (far + near)[:free]
+        return self._at_nodes(per_link * (1 - ratio), per_link * ratio)
 
-    def node_mass(self, free: int) -> jax.Array:
+    def _at_nodes(self, near: jax.Array, far: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free,) of what compound links have at their near and far ends (n,)."""
+        return (far + jnp.concatenate([near[1:], jnp.zeros_like(near[:1])]))[: self.geometry.free]
+
+    @property
+    def node_mass(self) -> jax.Array:
         """Diagonal of the mass matrix on the free nodes (free,) [kg]."""
+        if not self.compound:
+            return self.geometry.shared(self.mass)
         first, _, last = self.blocks()
-        if not self.compound:
-            return last[:free]
-        return (last + jnp.concatenate([first[1:], jnp.zeros_like(first[:1])]))[:free]
+        return self._at_nodes(first, last)
 
-    def parts(self, free: int) -> Iterator[Part]:
+    def parts(self) -> tuple[Part, ...]:
         """Which share of the links' water forces acts on which free node (see `effects.wetting`)."""
-        # the far ends of the links and, where links are compound, their near ends
         if not self.compound:
-            yield PathPart(1.0, 0, free)
-            return
-        ratio = self.centre_of_mass / self.length
-        yield PathPart(ratio[:free], 0, free)
+            return self.geometry.parts()
+        ratio, free = self.centre_of_mass / self.length, self.geometry.free
         near = PathPart(1.0, 1, free)
-        yield replace(near, share=near.take(1.0 - ratio))
+        return PathPart(ratio[:free], 0, free), replace(near, share=near.take(1.0 - ratio))
 
-    def inertia_force(self, a: jax.Array, start: jax.Array | None, end: jax.Array | None, held: bool) -> jax.Array:
-        """M a on the free nodes (free, 3) for nodal accelerations a and those of the ends (None: at rest)."""
-        diagonal = self.node_mass(a.shape[0])[:, None] * a
-        if not self.compound:
-            return diagonal
+    def inertia_force(self, a: jax.Array, ends: jax.Array | None) -> jax.Array:
+        """M a on the free nodes (free, 3) of compound links, for accelerations of nodes and ends (None: 0)."""
         _, coupling, _ = self.blocks()
-        zero = jnp.zeros_like(a[:1])
-        before = jnp.concatenate([zero if start is None else start[None], a[:-1]])
-        after = jnp.concatenate([a[1:], zero if end is None or not held else end[None]])
-        free = a.shape[0]
+        held, zero, free = self.geometry.without(ends, a), jnp.zeros_like(a[:1]), a.shape[0]
+        before = jnp.concatenate([held[:1], a[:-1]])
+        after = jnp.concatenate([a[1:], held[1:] if held.shape[0] > 1 else zero])
         next_coupling = jnp.concatenate([coupling[1:], jnp.zeros_like(coupling[:1])])[:free]
-        return diagonal + coupling[:free, None] * before + next_coupling[:, None] * after
+        return self.node_mass[:, None] * a + coupling[:free, None] * before + next_coupling[:, None] * after

@@ -3,33 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
 from dropper_jax.model.effect import Effect, Law
-from dropper_jax.model.geometry import Ends
+from dropper_jax.model.geometry import Ends, Geometry
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
-from dropper_jax.model.path import gather_links, link_differences, stack_nodes
-from dropper_jax.model.slots import AddedMass, Displacement, Force, Potential, Prepared, Stateful
+from dropper_jax.model.slots import AddedMass, Displacement, Force, PointMass, Potential, Prepared, Stateful
 from dropper_jax.sea import Sea
 
 Role = TypeVar("Role")
-
-
-def named(line: str | int, names: Sequence[str]) -> int:
-    """The number of a line, by name or number."""
-    if line in names:
-        return names.index(line)
-    if isinstance(line, int) and 0 <= line < len(names):
-        return line
-    raise ValueError(f"line: {line!r} is unknown; allowed: {', '.join(names)} or 0 to {len(names) - 1}")
 
 
 #: The name under which moving ends work.
@@ -50,17 +39,17 @@ class Model:
         return self.lines[0]
 
     @property
-    def branched(self) -> bool:
-        """Whether it is a system of lines (`dropper_jax.model.lines.System`)."""
-        return False
-
-    @property
-    def end_held(self) -> bool:
-        return self.points[self.line.end].kind == "fixed"
+    def geometry(self) -> Geometry:
+        return self.line.geometry
 
     @property
     def free_nodes(self) -> int:
-        return self.line.links - (1 if self.end_held else 0)
+        return self.geometry.free
+
+    @property
+    def end_held(self) -> bool:
+        """Whether the second end of a single line is held too."""
+        return self.geometry.ends == 2
 
     @property
     def moving(self) -> bool:
@@ -106,17 +95,20 @@ class Model:
         shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 
-    def _ends(self, time: jax.Array) -> Ends:
-        end = self._position(self.line.end, time) if self.end_held else None
-        return Ends(self._position(self.line.start, time), end)
+    def _places(self, time: jax.Array) -> jax.Array:
+        held = [self._position(int(i), time) for i in self.geometry.held_points]
+        return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
 
     def ends(self, t: jax.Array) -> Ends:
-        """Positions and velocities of the held ends at time t."""
+        """Places and velocities of the held points at time t."""
         if not self.moving:
-            return self._ends(t)
+            return Ends(self._places(t))
         t = jnp.asarray(t, self.dtype)
-        position, velocity = jax.jvp(lambda time: self._ends(time)[:2], (t,), (jnp.ones_like(t),))
-        return Ends(*position, *velocity)
+        return Ends(*jax.jvp(self._places, (t,), (jnp.ones_like(t),)))
+
+    def end_acceleration(self, t: jax.Array) -> jax.Array:
+        """Accelerations (held, 3) [m/s^2] of moving ends at time t."""
+        return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
     def kinematics(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None, **more: Any) -> Kinematics:
         """One instant of the line; `ends` where they are known already."""
@@ -129,69 +121,46 @@ class Model:
 
     def links(self, r: jax.Array, ends: Ends) -> jax.Array:
         """Link vectors (n, 3) [m]."""
-        return self.differences(r, ends)
+        return self.geometry.differences(r, ends.places)
 
-    def differences(self, free: jax.Array, ends: Ends | None, rates: bool = False) -> jax.Array:
-        """Differences over the links (n, 3) of places, or of velocities (`rates`); without ends they are zero."""
-        if ends is None:
-            return link_differences(free, None, None, self.end_held)
-        start, end = (ends.start_velocity, ends.end_velocity) if rates else (ends.start, ends.end)
-        return link_differences(free, start, end, self.end_held)
+    def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
+        """Rates of the link vectors (n, 3) [m/s]; without ends these rest."""
+        return self.geometry.differences(v, None if ends is None else ends.velocities)
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
-        """All nodes of the line (n + 1, 3), both ends included; with `rates` their velocities."""
-        if not rates:
-            return stack_nodes(r, ends.start, ends.end)
-        still = jnp.zeros(3, r.dtype)
-        start = still if ends.start_velocity is None else ends.start_velocity
-        end = still if ends.end_velocity is None else ends.end_velocity
-        return stack_nodes(r, start, end if self.end_held else None)
+        """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
+        held = self.geometry.without(ends.velocities, r) if rates else ends.places
+        return self.geometry.nodes(r, held)
 
     def gather(self, pull: jax.Array) -> jax.Array:
         """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
-        return gather_links(pull, self.end_held)
+        return self.geometry.gather(pull)
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j of a line (see `Kinematics.node`)."""
-        numbers = self.node_numbers(line)
-        if not 0 <= j < len(numbers):
-            raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
-        if not 0 <= numbers[j] < self.free_nodes:
-            raise ValueError(f"node: {j} of line {line!r} is held; allowed: a node that moves")
-        return int(numbers[j])
-
-    def node_numbers(self, line: str | int) -> np.ndarray:
-        """Numbers of a line's nodes, both ends included; those of held ones are no free node's."""
-        named(line, [self.line.name])
-        return np.arange(-1, self.line.links)
+        return self.geometry.node(line, j)
 
     @property
     def node_length(self) -> jax.Array:
         """Length that belongs to each free node (nodes,) [m]; sizes residuals."""
-        return self.line.length[: self.free_nodes]
+        return self.geometry.link_length(self.line.length)
 
     @property
     def node_mass(self) -> jax.Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
-        return self.line.node_mass(self.free_nodes)
+        return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
 
-    def own_inertia(self, a: jax.Array, ends: Ends | None = None) -> jax.Array:
-        """M a on the free nodes (nodes, 3) [N]; `ends` holds the accelerations of the ends (None: at rest)."""
-        start, end = (None, None) if ends is None else (ends.start, ends.end)
-        return self.line.inertia_force(a, start, end, self.end_held)
-
-    def end_power(self, pull: jax.Array, rates: Ends) -> jax.Array:
-        """Power [W] that moving ends put into link forces `pull` (n, 3) [N] they hold."""
-        power = -jnp.sum(pull[0] * rates.start_velocity)
-        return power + jnp.sum(pull[-1] * rates.end_velocity) if self.end_held else power
+    def own_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+        """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
+        return self.line.inertia_force(a, ends) if self.line.compound else self.node_mass[:, None] * a
 
     def end_powers(self, pull: jax.Array, rates: Ends) -> dict[str, jax.Array]:
-        """The same by name; empty where the ends rest."""
-        return {MOVING_ENDS: self.end_power(pull, rates)} if self.moving else {}
+        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty where the ends rest."""
+        return {MOVING_ENDS: -jnp.sum(self.geometry.held_pull(pull) * rates.velocities)} if self.moving else {}
 
     def pull(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
-        return gather_links(tension[:, None] * direction, self.end_held)
+        return self.gather(tension[:, None] * direction)
 
     def force(self, k: Kinematics) -> jax.Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
@@ -201,8 +170,8 @@ class Model:
         """Forces (nodes, 3) [N] whose work is booked, by effect."""
         return {e.name: e.force(k) for e in self.working}
 
-    def inertia(self, k: Kinematics, a: jax.Array, ends: Ends | None = None) -> jax.Array:
-        """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` holds those of the ends."""
+    def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+        """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` (held, 3) are the ends' own."""
         own = self.own_inertia(a, ends)
         return sum((e.inertia(k, a) for e in self.having(AddedMass)), own)
 
@@ -238,12 +207,12 @@ class Model:
 
     def _end_kinetic(self, k: Kinematics) -> jax.Array:
         first, coupling, last = self.line.blocks()
-        ends = k.ends
-        extra = 0.5 * first[0] * jnp.sum(ends.start_velocity**2)
-        extra = extra + coupling[0] * jnp.sum(ends.start_velocity * k.v[0]) if k.free else extra
-        if self.end_held:
-            extra = extra + 0.5 * last[-1] * jnp.sum(ends.end_velocity**2)
-            extra = extra + coupling[-1] * jnp.sum(ends.end_velocity * k.v[-1])
+        held = k.ends.velocities
+        extra = 0.5 * first[0] * jnp.sum(held[0] ** 2)
+        extra = extra + coupling[0] * jnp.sum(held[0] * k.v[0]) if k.free else extra
+        if held.shape[0] > 1:
+            extra = extra + 0.5 * last[-1] * jnp.sum(held[1] ** 2)
+            extra = extra + coupling[-1] * jnp.sum(held[1] * k.v[-1])
         return extra
 
     def potential_energy(self, k: Kinematics) -> jax.Array:

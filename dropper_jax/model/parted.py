@@ -36,5 +36,5 @@ def as_parted(model: Model, parted: Parted | None) -> Model:
         return model
     line = model.line
     gone = jnp.any(parted.link[:, None] == jnp.arange(line.links), axis=0)
-    axial = dataclasses.replace(line.axial, intact=1.0 - gone.astype(model.dtype))
+    axial = line.axial.parted(1.0 - gone.astype(model.dtype))
     return dataclasses.replace(model, lines=(dataclasses.replace(line, axial=axial),))

@@ -1,29 +1,78 @@
-"""One line between two points as a path of nodes: differences over its links, sums at its nodes."""
+"""One line between two points as a path of nodes, each link's mass and forces on its far one.
+
+Node j = 1..n is the far node of link j; free nodes are 1..n, or 1..n - 1 where the end is held.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.model.geometry import Geometry, Member
+from dropper_jax.model.shares import Part, PathPart
 
 
-def stack_nodes(free: jax.Array, start: jax.Array, end: jax.Array | None) -> jax.Array:
-    """All nodes of a line (n + 1, 3) from its free nodes and held ends."""
-    rows = [start[None], free] if end is None else [start[None], free, end[None]]
-    return jnp.concatenate(rows)
+def link_differences(free: jax.Array, held: jax.Array | None, ends: int) -> jax.Array:
+    """Differences over the links (n, ...) of a nodal field, `ends` of whose ends are held; without values at zero."""
+    if held is None:
+        held = jnp.zeros((ends, *free.shape[1:]), free.dtype)
+    if ends == 1:
+        return free - jnp.concatenate([held, free[:-1]])
+    return jnp.concatenate([free, held[1:]]) - jnp.concatenate([held[:1], free])
 
 
-def link_differences(free: jax.Array, start: jax.Array | None, end: jax.Array | None, held: bool) -> jax.Array:
-    """Differences over the links (n, ...) of a nodal field; a held end without a value counts as zero."""
-    zero = jnp.zeros_like(free[:1])
-    head = zero if start is None else start[None]
-    if not held:
-        return free - jnp.concatenate([head, free[:-1]])
-    tail = zero if end is None else end[None]
-    return jnp.concatenate([free, tail]) - jnp.concatenate([head, free])
-
-
-def gather_links(pull: jax.Array, held: bool) -> jax.Array:
+def gather_links(pull: jax.Array, ends: int) -> jax.Array:
     """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
-    if held:
+    if ends == 2:
         return pull[1:] - pull[:-1]
     return jnp.concatenate([pull[1:], jnp.zeros_like(pull[:1])]) - pull
+
+
+@dataclass(frozen=True)
+class Path(Geometry):
+    """A single line from a held point.
+
+    Attributes:
+        members: the one line.
+        held: whether its two points are held; the first is.
+    """
+
+    members: tuple[Member]
+    held: tuple[bool, bool] = (True, True)
+
+    @property
+    def held_points(self) -> np.ndarray:
+        member = self.members[0]
+        return np.array([member.start, member.end])[list(self.held)]
+
+    @property
+    def free(self) -> int:
+        return self.links + 1 - self.ends
+
+    @property
+    def paths(self) -> tuple[np.ndarray, ...]:
+        return (np.arange(-1, self.links),)
+
+    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
+        return jnp.concatenate([held[:1], free, held[1:]])
+
+    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
+        return link_differences(free, held, self.ends)
+
+    def gather(self, pull: jax.Array) -> jax.Array:
+        return gather_links(pull, self.ends)
+
+    def held_pull(self, pull: jax.Array) -> jax.Array:
+        return jnp.stack([pull[0], -pull[-1]][: self.ends])
+
+    def shared(self, value: jax.Array) -> jax.Array:
+        return value[: self.free]
+
+    def parts(self) -> tuple[Part, ...]:
+        return (PathPart(1.0, 0, self.free),)
+
+    def link_length(self, length: jax.Array) -> jax.Array:
+        return length[: self.free]

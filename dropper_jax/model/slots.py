@@ -6,8 +6,8 @@ from typing import Protocol, runtime_checkable
 
 import jax
 
-from dropper_jax.model.geometry import Geometry
 from dropper_jax.model.kinematics import Frozen, Kinematics
+from dropper_jax.model.view import ModelView
 
 
 @runtime_checkable
@@ -64,7 +64,7 @@ class Stateful(Protocol):
 
     name: str
 
-    def begin(self, model: Geometry) -> Frozen:
+    def begin(self, model: ModelView) -> Frozen:
         """`own` at the beginning of a run."""
 
     def entered(self, own: Frozen) -> Stateful:
@@ -91,7 +91,7 @@ class Displacement(Protocol):
 class PointMass(Protocol):
     """Constant mass at points of a system of lines."""
 
-    def point_mass(self, model: Geometry) -> jax.Array:
+    def point_mass(self, model: ModelView) -> jax.Array:
         """Mass that it adds to the free nodes, (nodes,) [kg]."""
 
 
@@ -99,7 +99,7 @@ class PointMass(Protocol):
 class ContactArea(Protocol):
     """Something at points that lies on the bed."""
 
-    def contact_area(self, model: Geometry) -> jax.Array:
+    def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area that it adds to the free nodes, (nodes,) [m^2]."""
 
 

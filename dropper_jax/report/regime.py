@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model import Model
+from dropper_jax.model import Graph, Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
 
@@ -59,5 +59,5 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Far nodes of the links that are looked at, and the links: of one line all but a held end, of a system all."""
     nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
-    kept = np.arange(len(nodes) if model.branched else model.free_nodes)
+    kept = np.arange(len(nodes) if isinstance(model.geometry, Graph) else model.free_nodes)
     return nodes[kept], kept

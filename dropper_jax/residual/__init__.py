@@ -4,7 +4,7 @@ from dropper_jax.residual.newton import damped_newton, newton, newton_until, ref
 from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, StepProblem, node_blocks
 from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, couples_inertia, point_masses_only
 from dropper_jax.residual.solver import Solver
-from dropper_jax.residual.unknowns import Unknowns
+from dropper_jax.residual.unknowns import Unknowns, add
 
 __all__ = [
     "CondensedParts",
@@ -15,6 +15,7 @@ __all__ = [
     "Solver",
     "StepProblem",
     "Unknowns",
+    "add",
     "couples_inertia",
     "damped_newton",
     "newton",

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import jax
 
 from dropper_jax.base.read import read_number
-from dropper_jax.model import AddedMass, Model, State
+from dropper_jax.model import AddedMass, Graph, Model, State
 from dropper_jax.residual.problem import StepProblem
 
 
@@ -79,7 +79,7 @@ class Implicit(Integrator, ABC):
         return self.equations(model.entered(s.own), s, h)
 
     def refuse(self, model: Model) -> str | None:
-        if model.branched and not self.networkable:
+        if isinstance(model.geometry, Graph) and not self.networkable:
             return "it runs single lines only; use energy_momentum, theta_midpoint, rk2, rk4 or semi_implicit_euler"
         if model.line.failures is not None and not self.networkable:
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"

@@ -4,65 +4,49 @@ from __future__ import annotations
 
 import numpy as np
 
-from dropper_jax.axial import LAWS, AxialLaw, Tabulated
+from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
 from dropper_jax.axial.force_table import stacked
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model import Graph, Line, Lines, Member, Model, Point, System
+from dropper_jax.model import Geometry, Graph, Line, Member, Model, Path, Point
 from dropper_jax.run.failures import make_failures
-from dropper_jax.scene import LineSpec, PointSpec, SceneData
+from dropper_jax.scene import LineSpec, PointSpec, SceneData, joined
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.static_pose import Equilibrium, equilibrium, nodal_loads
 
 
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
-    """The model of a scene as it stands, its growth left out."""
+    """The model of a scene as it stands, its growth left out; bodies and buoys become effects of their own."""
     index = {point.name: i for i, point in enumerate(scene.points)}
-    if scene.branched:
-        return _system(scene).cast(dtype or scene.run.dtype)
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
-    lines = tuple(_line(line, index, scene) for line in scene.lines)
-    effects = tuple(EFFECTS[name].build(values, scene) for name, values in scene.effects.items())
+    effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
     sea = None if scene.sea is None else make_sea(scene.sea, line_reach(scene))
-    return Model(points=points, lines=lines, effects=effects, sea=sea).cast(dtype or scene.run.dtype)
+    model = Model(points, (_line(scene, index),), (*effects, *_bodies(scene, index)), sea)
+    return model.cast(dtype or scene.run.dtype)
 
 
-def _line(line: LineSpec, index: dict[str, int], scene: SceneData) -> Line:
+def _line(scene: SceneData, index: dict[str, int]) -> Line:
+    line = scene.line
     return Line(
         length=line.length,
         mass=line.mass,
         centre_of_mass=line.centre_of_mass,
         inertia=line.inertia,
         diameter=displaced_diameter(line, scene),
-        axial=_axial(line),
+        geometry=_geometry(scene, index),
+        axial=_axial(scene.lines),
         failures=make_failures(scene),
-        name=line.name,
-        start=index[line.start],
-        end=index[line.end],
+        name="line" if scene.branched else line.name,
     )
 
 
-def _system(scene: SceneData) -> System:
-    """Lines joined at points; bodies and buoys become effects of their own."""
-    index = {point.name: i for i, point in enumerate(scene.points)}
+def _geometry(scene: SceneData, index: dict[str, int]) -> Geometry:
     members = tuple(Member(n.name, n.links, index[n.start], index[n.end]) for n in scene.lines)
-    graph = Graph(members, tuple(p.kind == "fixed" for p in scene.points))
-    line = scene.line
-    lines = Lines(
-        length=line.length,
-        mass=line.mass,
-        diameter=displaced_diameter(line, scene),
-        axial=_axial(line),
-        failures=make_failures(scene),
-        graph=graph,
-    )
-    effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
-    points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
-    sea = None if scene.sea is None else make_sea(scene.sea, line_reach(scene))
-    return System(points=points, lines=(lines,), effects=(*effects, *_bodies(scene, index)), sea=sea)
+    held = tuple(p.kind == "fixed" for p in scene.points)
+    return Graph(members, held) if scene.branched else Path(members, (True, held[members[0].end]))
 
 
 def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
@@ -91,7 +75,17 @@ def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     return found
 
 
-def _axial(line: LineSpec) -> AxialLaw:
+def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
+    """The law of all links; where lines differ, groups of them."""
+    names = tuple(dict.fromkeys(line.axial_law for line in lines))
+    if len(names) == 1:
+        return _law(joined(lines))
+    of = np.concatenate([[names.index(line.axial_law)] * line.links for line in lines])
+    laws = tuple(_law(joined(tuple(line for line in lines if line.axial_law == name))) for name in names)
+    return Groups(laws, tuple(tuple(np.flatnonzero(of == i).tolist()) for i in range(len(names))))
+
+
+def _law(line: LineSpec) -> AxialLaw:
     if line.rigid:
         return LAWS["rigid"]()
     if line.tables is not None:

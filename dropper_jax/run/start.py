@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Displacement, Model, State, System, state
+from dropper_jax.model import Displacement, Model, State, state
 from dropper_jax.scene import StartSpec
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
@@ -34,7 +34,7 @@ def from_angles(
 
     def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
         links = model.line.length[:, None] * link_directions(p, a, zero)
-        return model.points[model.line.start].position + jnp.cumsum(links, axis=0)
+        return model.points[model.geometry.members[0].start].position + jnp.cumsum(links, axis=0)
 
     angles = jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype)
     rates = jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype)
@@ -42,22 +42,22 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
-def between_points(model: System) -> State:
+def between_points(model: Model) -> State:
     """At rest with all points where the scene puts them and the lines settled between them.
 
     Raises:
         SceneError: the lines do not settle.
     """
-    graph = replace(model.graph, held=(True,) * len(model.points))
+    graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
     effects = tuple(e for e in model.effects if e.name not in carried and not isinstance(e, Displacement))
-    held = replace(model, lines=(replace(model.line, graph=graph),), effects=effects)
+    held = replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
     pose = equilibrium(held)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
-    if not len(model.graph.free_points):
+    if not len(model.geometry.free_points):
         return state(model, pose.state.r, tension=pose.state.tension)
-    places = jnp.stack([model.points[int(i)].position for i in model.graph.free_points])
+    places = jnp.stack([model.points[int(i)].position for i in model.geometry.free_points])
     return state(model, jnp.concatenate([pose.state.r, places]), tension=pose.state.tension)
 
 

@@ -3,7 +3,7 @@
 from dropper_jax.scene.data import SceneData, is_branched, point_named
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.growth import GrowthSpec, grown
-from dropper_jax.scene.line import LineSpec
+from dropper_jax.scene.line import LineSpec, joined
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_places, line_slices, whole_lines
@@ -24,6 +24,7 @@ __all__ = [
     "grown",
     "held_loads",
     "is_branched",
+    "joined",
     "line_places",
     "line_slices",
     "point_named",

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.components import Components, components, dot, inverse_rows
-from dropper_jax.model import Model, gather_links, link_differences
+from dropper_jax.model import Model, Path, gather_links, link_differences
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
@@ -67,12 +67,12 @@ def _eliminate(inverse: Inverse, pull: Components, gradient: Components, complia
 
 
 def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
-    held = rows.x.shape[0] < rows.y.shape[0]
+    ends = rows.y.shape[0] - rows.x.shape[0] + 1
     loose = _times(f.inverse, components(rows.x))
-    moved = tuple(link_differences(c, None, None, held) for c in loose)
+    moved = tuple(link_differences(c, None, ends) for c in loose)
     b = rows.y - dot(f.gradient, moved)
     y = tridiagonal_solve(f.lower, f.diagonal, f.upper, b[:, None])[:, 0]
-    back = _times(f.inverse, tuple(gather_links(y * p, held) for p in f.pull))
+    back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.pull))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
 
@@ -83,7 +83,7 @@ class Condensed:
     name: str = "condensed"
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        if model.branched:
+        if not isinstance(model.geometry, Path):
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense or banded"

@@ -4,8 +4,9 @@ in one batched block-tridiagonal elimination, then the points where lines join.
     node rows:  A dx + D'(G D dx + p dy) = r_x,    link rows:  g . D dx + c dy = r_y
 
 D takes differences over links. With `dy = (r_y - g . D dx)/c` a link is a 3x3 stiffness `S = G - p g'/c` between its
-nodes. Unknowns of node-local laws (seabed friction) go the same way, softened by `SOFT` where the law holds its node:
-there the matrix is approximate, and Newton still ends at the exact solution.
+nodes. Rigid links have c = 0; they are given a compliance far below that of their nodes, so that the matrix is nearly
+theirs and Newton ends at the exact solution. Unknowns of node-local laws (seabed friction) go the same way, softened by
+`SOFT` where the law holds its node: there too the matrix is approximate.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from dropper_jax.solvers.layout import LineRows, line_rows, point_matrix
 
 #: Compliance of a held node's friction relative to its inertia.
 SOFT = 1e-8
+#: Compliance of a rigid link in the matrix, relative to that of its nodes, in rounding errors to this power.
+RIGID_POWER = 0.5
 
 
 class LawBlocks(NamedTuple):
@@ -70,7 +73,7 @@ class Network:
     name: str = "network"
 
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
-        if not model.branched:
+        if not isinstance(model.geometry, Graph):
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"
@@ -98,7 +101,9 @@ class Network:
 
         turn, gradient = jax.vmap(along, out_axes=-1)(axes)
         _, (pull, compliance) = jax.jvp(lambda y: problem.link_rows(links, y), (u.y,), (jnp.ones_like(u.y),))
-        return NetworkParts(node, turn, pull, gradient, compliance, law), problem.model.graph
+        if not problem.model.line.axial.elastic:
+            compliance = jnp.where(compliance == 0.0, -_softness(problem.model, node, u.y), compliance)
+        return NetworkParts(node, turn, pull, gradient, compliance, law), problem.model.geometry
 
     def apply(self, factor: tuple[NetworkParts, Graph], rows: Unknowns) -> Unknowns:
         return _solve(*factor, rows)
@@ -106,6 +111,16 @@ class Network:
     def apply_transposed(self, factor: tuple[NetworkParts, Graph], rows: Unknowns) -> Unknowns:
         parts, graph = factor
         return _solve(parts.transposed(), graph, rows)
+
+
+def _softness(model: Model, node: jax.Array, tension: jax.Array) -> jax.Array:
+    """A compliance (n,) [m/N] that is small beside what inertia and tension let the nodes of each link move."""
+    stiffness = jnp.max(jnp.abs(jnp.diagonal(node, axis1=-2, axis2=-1)), axis=-1)
+    held = jnp.zeros(model.geometry.ends, node.dtype)
+    around = jnp.concatenate([stiffness, held])[jnp.stack([model.geometry.first, model.geometry.last])]
+    own = jnp.sum(around, axis=0) + jnp.abs(tension) / model.line.length
+    least = jnp.finfo(node.dtype).eps * jnp.max(own)
+    return jnp.finfo(node.dtype).eps ** RIGID_POWER / (own + least)
 
 
 def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:

@@ -20,7 +20,7 @@ import numpy as np
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model import Effect, Kinematics, State, System
+from dropper_jax.model import Effect, Kinematics, Model, State
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.system import force_scale
 
@@ -44,13 +44,13 @@ class LaidOut(Effect):
         return -jnp.minimum(self.grip, slides)[:, None] * u
 
 
-def laid_out(model: System, s: State, mu: jax.Array) -> tuple[System, float]:
+def laid_out(model: Model, s: State, mu: jax.Array) -> tuple[Model, float]:
     """The model of a static pose with friction on the inner nodes of all lines, and what rounding leaves of its rows.
 
     The latter is in `force_scale`, as `system_tolerance` is.
     """
-    graph, length = model.graph, np.asarray(model.line.length, float)
-    ends = np.asarray(model.ends(s.t).start, float)
+    graph, length = model.geometry, np.asarray(model.line.length, float)
+    ends = np.asarray(model.ends(s.t).places, float)
     field = np.asarray(graph.everywhere(s.r, jnp.asarray(ends)), float)
     place, grip = np.zeros((graph.free, 2)), np.zeros(graph.free)
     stiffness = np.asarray(model.line.axial.EA, float) / length
@@ -62,7 +62,7 @@ def laid_out(model: System, s: State, mu: jax.Array) -> tuple[System, float]:
         along = np.cumsum(length[span])[:-1, None]
         place[path[1:-1]] = start + along * (end - start) / across
         grip[path[1:-1]] = GRIP * stiffness[span][:-1]
-    grip = np.minimum(grip, GRAVITY_SCALE * float(mu) * np.asarray(model.line.node_mass(graph.free)) / GIVE)
+    grip = np.minimum(grip, GRAVITY_SCALE * float(mu) * np.asarray(model.line.node_mass) / GIVE)
     rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * np.max(grip) * (np.max(np.abs(field)) + np.max(length))
     held = LaidOut(place=jnp.asarray(place), grip=jnp.asarray(grip), mu=jnp.asarray(mu))
     return replace(model, effects=(*model.effects, held)), rounding / float(force_scale(model))

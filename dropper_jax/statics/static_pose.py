@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Law, Model, State, state
+from dropper_jax.model import Graph, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics.catenary import catenary_guess
@@ -29,7 +29,15 @@ from dropper_jax.statics.rest_problem import (
     static_tolerance,
 )
 from dropper_jax.statics.stability import leave, stable
-from dropper_jax.statics.system import find_rest, find_softened, guess, system_tolerance, unsettled
+from dropper_jax.statics.system import (
+    find_rest,
+    find_softened,
+    guess,
+    springy,
+    system_tolerance,
+    tighten,
+    unsettled,
+)
 
 #: Smallest share of the loads that continuation tries to add before it gives up.
 SMALLEST_INCREMENT = 1.0 / 1024
@@ -87,7 +95,7 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
     """
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
-    if model.branched:
+    if isinstance(model.geometry, Graph):
         return _of_system(full, model, loads, t)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
@@ -103,6 +111,7 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
 
 
 def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
+    rigid, model = model.line, model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
     if not residual <= tolerance:
@@ -111,10 +120,16 @@ def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilib
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     friction = full.effect("seabed_friction")
     if not message and friction is not None and friction.statics == "outward":
-        held, rounding = laid_out(model, s, friction.kinetic)
+        model, rounding = laid_out(model, s, friction.kinetic)
         tolerance = max(tolerance, rounding)
-        s, residual = find_rest(held, s, loads, tolerance)
-        message = "" if residual <= tolerance else unsettled(held, s, loads, residual)
+        s, residual = find_rest(model, s, loads, tolerance)
+        message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+    if not message and model.line is not rigid:
+        s, residual = tighten(replace(model, lines=(rigid,)), s, loads)
+        residual = float(residual)
+        message = (
+            "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
+        )
     return _result(full, s, residual, message)
 
 

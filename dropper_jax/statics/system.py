@@ -17,9 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Kinematics, State, System, state
-from dropper_jax.residual import GRAVITY_SCALE, StepProblem, Unknowns
+from dropper_jax.model import Kinematics, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, StepProblem, Unknowns, add
 from dropper_jax.solvers.dense import Dense
 from dropper_jax.solvers.network import Network
 
@@ -37,6 +38,8 @@ OVERSHOOT = 0.5
 SMALLEST = 1e-9
 #: Shares of the axial stiffness that poses are found with on the way to a stiff one.
 SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
+#: Stretch of the springs that stand for rigid links, and the corrections from their pose to that of rigid ones.
+GIVE, TIGHTENING = 1e-4, 12
 #: Factors on kappa after a whole, a good and a short step.
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
@@ -44,7 +47,7 @@ FALL, KEEP, RISE = 0.2, 0.7, 4.0
 class RestProblem(StepProblem):
     """Unknowns: x = r - (last round's r), y = T, at rest at the state's time."""
 
-    def __init__(self, model: System, s: State, loads: jax.Array, kappa: jax.Array) -> None:
+    def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
         self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
@@ -74,7 +77,7 @@ class RestProblem(StepProblem):
         return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
 
 
-def system_tolerance(model: System) -> float:
+def system_tolerance(model: Model) -> float:
     """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
     line = model.line
     stiffness = float(jnp.max(line.axial.EA / line.length))
@@ -86,13 +89,13 @@ def system_tolerance(model: System) -> float:
     return max(1e-10, rounding / float(force_scale(model)))
 
 
-def force_scale(model: System) -> jax.Array:
+def force_scale(model: Model) -> jax.Array:
     """What a residual force is measured against, a scalar [N]: the mean weight of a link."""
     return GRAVITY_SCALE * jnp.mean(model.line.mass)
 
 
 @kept()
-def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
     x = jnp.zeros_like(s.r)
@@ -102,7 +105,7 @@ def _unbalanced(model: System, s: State, loads: jax.Array) -> tuple[jax.Array, j
 
 @kept()
 def _round(
-    model: System, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
+    model: Model, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
     problem = RestProblem(model, s, loads, kappa)
@@ -124,11 +127,11 @@ def _round(
     return state(model, r, tension=tension, t=s.t), jnp.max(jnp.abs(after)) / force_scale(model), share
 
 
-def guess(model: System, t: float = 0.0) -> State:
+def guess(model: Model, t: float = 0.0) -> State:
     """Every line straight between its points, where the scene puts these."""
-    graph = model.graph
+    graph = model.geometry
     places = np.array([np.asarray(p.position, float) for p in model.points])
-    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).start, float)
+    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).places, float)
     places[graph.held_points] = moved
     r = np.zeros((graph.free, 3))
     length = np.asarray(model.line.length, float)
@@ -142,7 +145,7 @@ def guess(model: System, t: float = 0.0) -> State:
     return state(model, jnp.asarray(r), t=t)
 
 
-def find_rest(model: System, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
     length, scale = float(jnp.mean(model.line.length)), float(force_scale(model))
     rows, tension = _unbalanced(model, s, loads)
@@ -164,20 +167,48 @@ def find_rest(model: System, s: State, loads: jax.Array, tolerance: float) -> tu
     return best
 
 
-def find_softened(model: System, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The pose by way of softer lines: where slack links tauten one after another, stiff ones cut every step short.
 
     A weightless line of 200 links in a current is found in seconds this way, and not in `ROUNDS` rounds without.
     """
-    line, residual = model.line, np.inf
+    residual = np.inf
     for share in SOFTENING:
-        values = {name: getattr(line.axial, name, None) for name in ("EA", "force", "slope")}
-        soft = replace(line.axial, **{name: share * value for name, value in values.items() if value is not None})
-        s, residual = find_rest(replace(model, lines=(replace(line, axial=soft),)), s, loads, tolerance)
+        s, residual = find_rest(with_axial(model, model.line.axial.softened(share)), s, loads, tolerance)
     return s, residual
 
 
-def unsettled(model: System, s: State, loads: jax.Array, residual: float) -> str:
+def with_axial(model: Model, axial: AxialLaw) -> Model:
+    """The model with another law of its links."""
+    return replace(model, lines=(replace(model.line, axial=axial),))
+
+
+def springy(model: Model) -> Model:
+    """The model with stiff springs in place of rigid links: they stretch by about `GIVE` of their length."""
+    weight = force_scale(model) * model.line.links / GIVE
+    return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
+
+
+@kept()
+def tighten(model: Model, s: State, loads: jax.Array) -> tuple[State, jax.Array]:
+    """The pose of rigid links next to that of springs, and its largest scaled row (forces, and elongations by length).
+
+    Newton on places and tensions together: tensions of rigid links are unknowns.
+    """
+    scale = force_scale(model)
+    problem = RestProblem(model, s, loads, SMALLEST * scale / jnp.mean(model.line.length))
+    solver = Dense() if model.reach > 0 else Network()
+
+    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+        return add(u, solver.apply(solver.factor(problem, u), problem.residual(u)), -1.0), None
+
+    u, _ = jax.lax.scan(correct, Unknowns(jnp.zeros_like(s.r), s.tension), None, length=TIGHTENING)
+    rows = problem.residual(u)
+    size = jnp.maximum(jnp.max(jnp.abs(rows.x)) / scale, jnp.max(jnp.abs(rows.y) / model.line.length))
+    return state(model, s.r + u.x, tension=u.y, t=s.t), size
+
+
+def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:
     """Which node is farthest from balance in a pose that was not found, and why."""
     rows = np.asarray(_unbalanced(model, s, loads)[0])
     node = int(np.argmax(np.max(np.abs(rows), axis=1)))
@@ -191,9 +222,9 @@ def unsettled(model: System, s: State, loads: jax.Array, residual: float) -> str
     )
 
 
-def name_of(model: System, node: int) -> str:
+def name_of(model: Model, node: int) -> str:
     """A free node in words: its point, or its line and number."""
-    graph = model.graph
+    graph = model.geometry
     if node >= graph.inner:
         return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
     for member, path in zip(graph.members, graph.paths, strict=True):

@@ -7,7 +7,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
-from dropper_jax.model import Model
+from dropper_jax.model import Graph, Model
 from dropper_jax.residual import Explicit, Implicit, Integrator
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import Stepper
@@ -45,7 +45,7 @@ def make_stepper(
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     chosen = _choose(model, scheme) if solver == "auto" else solver
-    if model.branched:
+    if isinstance(model.geometry, Graph):
         settings = {"iterations": SYSTEM_ITERATIONS, "until_converged": True, **settings}
         return Stepper(scheme, chosen, chosen, settings.pop("iterations"), **settings)
     iterations = settings.pop("iterations", None)
@@ -86,7 +86,7 @@ def _choose(model: Model, scheme: Implicit) -> str:
 
 
 def _exact(model: Model, scheme: Implicit) -> str:
-    if model.branched:
+    if isinstance(model.geometry, Graph):
         return "dense" if SOLVERS["network"].refuse(model, scheme) else "network"
     if SOLVERS["banded"].refuse(model, scheme) is not None or SOLVERS["dense"].size(model) <= SMALL:
         return "dense"

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model import Frozen, Model, Parted, State, as_parted, state
+from dropper_jax.model import Frozen, Graph, Model, Parted, State, as_parted, state
 from dropper_jax.residual import CondensedParts, StepProblem, Unknowns
 from dropper_jax.solvers import SOLVERS
 
@@ -28,19 +29,29 @@ class Observed(NamedTuple):
 class ProjectionProblem(StepProblem):
     """Smallest change x of the velocities (in the mass metric) that stops rigid links from stretching.
 
-    M x - G' y = 0,    d/L . (rate of the links) = 0
+    M x - G' y = 0,    d/L . (rate of the links) = 0  (y = 0 of links that stretch)
     """
 
     def __init__(self, model: Model, s: State) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
         self.ends = model.ends(s.t)
         self.pull = model.links(s.r, self.ends) / model.line.length[:, None]
+        self.rigid = model.line.axial.rigid(model.line.links)
 
     def residual(self, u: Unknowns) -> Unknowns:
-        model, ends = self.model, self.ends
-        rate = model.differences(self.s.v + u.x, ends, rates=True)
-        inertia = model.own_inertia(u.x)
-        return Unknowns(inertia - model.pull(u.y, self.pull), jnp.sum(self.pull * rate, axis=-1))
+        pull, rows = self.link_rows(self.link_vectors(u.x), u.y)
+        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), rows)
+
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        return self.model.own_inertia(x), ()
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        """Rates of the links, for the network solver."""
+        return self.model.rates(self.s.v + x, self.ends)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        rows = jnp.sum(self.pull * d, axis=-1)
+        return y[:, None] * self.pull, rows if self.rigid.all() else jnp.where(self.rigid, rows, -y)
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         return self.model.node_mass
@@ -58,7 +69,9 @@ def consistent_velocity(model: Model, s: State) -> jax.Array:
         return s.v
     problem = ProjectionProblem(model, s)
     u = Unknowns(jnp.zeros_like(s.r), jnp.zeros_like(s.tension))
-    solver = SOLVERS["banded" if model.line.compound else "condensed"]
+    solver = SOLVERS[
+        "network" if isinstance(model.geometry, Graph) else "banded" if model.line.compound else "condensed"
+    ]
     return s.v - solver.apply(solver.factor(problem, u), problem.residual(u)).x
 
 
@@ -75,8 +88,9 @@ def observe(
     s = replace(state(model, r), v=v, t=t)
     ends = model.ends(t)
     k = model.instant(r, v, t, ends)
-    length = model.line.length
-    closure = jnp.zeros((), r.dtype) if model.line.axial.elastic else jnp.max(jnp.abs(safe_norm(k.links) - length))
+    line = model.line
+    rigid = np.flatnonzero(line.axial.rigid(line.links))
+    closure = jnp.max(jnp.abs(safe_norm(k.links) - line.length)[rigid], initial=0.0)
     return Observed(
         positions=k.nodes,
         velocities=model.nodes(consistent_velocity(model, s), ends, rates=True),

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model import Ends, Model
+from dropper_jax.model import Model
 
 
 def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -27,7 +27,7 @@ def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arra
     if line.axial.elastic:
         return line.axial.tension(k.links, k.link_velocities, line.length)
     zero = jnp.zeros((r.size,), r.dtype)
-    turning = _end_accelerations(model, t)
+    turning = model.end_acceleration(t) if model.moving else None
 
     def inertia(a: jax.Array) -> jax.Array:
         return model.inertia(k, a.reshape(r.shape), turning).ravel()
@@ -38,17 +38,8 @@ def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arra
     def stretching(tension: jax.Array) -> jax.Array:
         force = (model.force(k) + model.pull(tension, pull)).ravel() - inertia(zero)
         a = jnp.linalg.solve(mass, force).reshape(r.shape)
-        bend = model.links(a, turning)
+        bend = model.geometry.differences(a, turning)
         return jnp.sum(pull * bend, axis=-1) + jnp.sum(k.link_velocities**2, axis=-1) / line.length
 
     none = jnp.zeros(line.links, r.dtype)
     return jnp.linalg.solve(jax.jacfwd(stretching)(none), -stretching(none))
-
-
-def _end_accelerations(model: Model, t: jax.Array) -> Ends:
-    """Accelerations (3,) [m/s^2] of the held ends, in place of their positions."""
-    still = jnp.zeros(3, model.dtype)
-    if not model.moving:
-        return Ends(still, still if model.end_held else None)
-    found = jax.jvp(lambda time: model.ends(time)[2:], (t,), (jnp.ones_like(t),))[1]
-    return Ends(found[0], found[1] if model.end_held else None)

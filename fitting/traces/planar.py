@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Model, State, link_differences
+from dropper_jax.model import Model, State
 from dropper_jax.run.start import from_angles
 
 #: Newton iterations of the closure; from 0.1 rad off four leave rounding (convergence is quadratic).
@@ -98,8 +98,8 @@ def to_state(model: Model, theta: jax.Array, omega: jax.Array) -> State:
 def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Angles and rates (n,) of free nodes (nodes, 3); velocities along the links (a midpoint scheme's) do not count."""
     ends = model.ends(jnp.zeros((), model.dtype))
-    link = link_differences(r, ends.start, ends.end, model.end_held)
-    rate = link_differences(v, None, None, model.end_held)
+    link = model.links(r, ends)
+    rate = model.rates(v, None)
     theta = jnp.arctan2(-link[:, 2], link[:, 0])
     omega = (-rate[:, 2] * link[:, 0] + link[:, 2] * rate[:, 0]) / (link[:, 0] ** 2 + link[:, 2] ** 2)
     return theta, omega

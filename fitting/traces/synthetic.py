@@ -11,7 +11,6 @@ import numpy as np
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress
-from dropper_jax.model import stack_nodes
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.stepping.integrate import integrate
 from fitting.traces.trace import Convention, Trace
@@ -65,7 +64,7 @@ def simulate_truth(
         raise SceneError("synthetic: the run of the truth failed; allowed: a scene that runs, a finer step")
     ends = model.ends(0.0)
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
-    place = jax.vmap(lambda r: stack_nodes(r, ends.start, ends.end if model.end_held else None))
+    place = jax.vmap(lambda r: model.nodes(r, ends))
     return Motion(np.arange(frames + 1) / rate, np.asarray(place(free)))
 
 

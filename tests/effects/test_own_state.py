@@ -10,7 +10,6 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS, Effect, register
-from dropper_jax.model import gather_links
 
 MASS, LENGTH, GRAVITY, EA = 1.0, 2.0, 9.81, 1.0e5
 #: Slow beside the mass: what accelerates it changes the strain by `m L E2/eta^2` of it, 1e-4.
@@ -35,7 +34,7 @@ class Creep(Effect):
         return replace(self, strain=own)
 
     def force(self, k):
-        return -gather_links((k.line.axial.EA * self.strain)[:, None] * k.tangents, k.model.end_held)
+        return -k.model.gather((k.line.axial.EA * self.strain)[:, None] * k.tangents)
 
     def advance(self, before, after, tension, h):
         pull = tension - after.line.axial.EA * self.strain
@@ -151,9 +150,9 @@ def test_nodes_are_found_through_their_line():
     k = chain.kinematics(jnp.zeros((chain.free_nodes, 3)), jnp.zeros((chain.free_nodes, 3)), 0.0)
     assert k.node(0, 1) == k.node(chain.line.name, 1) == 0
     system, start = dj.build("paper-case-1")
-    for i, member in enumerate(system.graph.members):
+    for i, member in enumerate(system.geometry.members):
         inner = system.node(member.name, 1)
-        assert inner == system.node(i, 1) == system.graph.paths[i][1]
+        assert inner == system.node(i, 1) == system.geometry.paths[i][1]
     with pytest.raises(ValueError, match="line: 'nowhere' is unknown"):
         system.node("nowhere", 1)
     with pytest.raises(ValueError, match="node: 0 of line 0 is held"):

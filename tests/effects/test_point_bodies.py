@@ -22,7 +22,7 @@ def body(one_line):
         scene["sea"] = {"depth": 50.0, "density": RHO}
         scene["start"] = {"kind": "points"}
         model, s = dj.build(scene)
-        end = model.graph.point_node[1]
+        end = model.geometry.point_node[1]
         k = model.kinematics(s.r, s.v.at[end, 0].set(v), s.t)
         return model, model.kinematics(k.r, k.v, k.t, prepared=model.prepare(k)), end
 

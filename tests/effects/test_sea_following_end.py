@@ -16,5 +16,5 @@ def test_an_end_that_follows_the_sea_moves_with_the_water_at_the_surface(hanging
     place, t = jnp.zeros((1, 3)), jnp.array(5.0)
     ends = model.ends(t)
     np.testing.assert_allclose(ends.start[2], model.sea.elevation(place, t)[0], atol=1e-12)
-    np.testing.assert_allclose(ends.start_velocity, model.sea.at(place, t).velocity[0], atol=1e-12)
+    np.testing.assert_allclose(ends.velocities[0], model.sea.at(place, t).velocity[0], atol=1e-12)
     assert np.all(np.asarray(model.ends(jnp.array(0.0)).start) == 0.0)

@@ -76,7 +76,7 @@ def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloadi
     s = replace(s, work=jnp.zeros(0))  # no energy balance here
     grip = mu * mass * G  # friction per metre [N/m]
     stepper = make_stepper(model)
-    end = model.graph.point_node[1]
+    end = model.geometry.point_node[1]
     rise = 40.0
 
     def run(model, s):
@@ -121,7 +121,7 @@ def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags
     scene = on_the_bed(one_line, links, length, kind, seabed_friction={"kinetic": mu}, end_motion=motion)
     scene["point"][0]["kind"] = "free"
     model = build_model(load_scene(scene))
-    path = model.graph.paths[0][:-1]  # from the free end on
+    path = model.geometry.paths[0][:-1]  # from the free end on
     weight = np.asarray(model.node_mass)[path] * G
     tension = mu * np.cumsum(weight)
     r = np.zeros((links, 3))

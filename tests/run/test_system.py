@@ -10,7 +10,7 @@ import pytest
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
-from dropper_jax.model import Graph, Lines, Member, Point, System, state
+from dropper_jax.model import Graph, Line, Member, Model, Point, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import simulate
@@ -21,25 +21,25 @@ from dropper_jax.stepping.choose import make_stepper
 PLACES = [(0, 0, 0), (6, 0, 0), (3, 5, 0), (3, 1, -1.0), (3, 2, -1.0)]
 
 
-def net(members: tuple[Member, ...], held: tuple[bool, ...], places: list) -> tuple[System, np.random.Generator]:
+def net(members: tuple[Member, ...], held: tuple[bool, ...], places: list) -> tuple[Model, np.random.Generator]:
     rng = np.random.default_rng(1)
     graph = Graph(members, held)
     n = graph.links
-    lines = Lines(
+    line = Line(
         length=np.ones(n),
         mass=0.5 + rng.random(n),
         axial=Rope(EA=np.full(n, 1e4), damping=np.full(n, 10.0)),
-        graph=graph,
+        geometry=graph,
     )
     points = [
         Point(position=np.array(p, float), name=str(i), kind="fixed" if h else "free")
         for i, (p, h) in enumerate(zip(places, held, strict=True))
     ]
-    model = System(points=tuple(points), lines=(lines,), effects=(Weight(), LinearDamping(b_l=0.3)))
+    model = Model(points=tuple(points), lines=(line,), effects=(Weight(), LinearDamping(b_l=0.3)))
     return model.cast(jnp.float64), rng
 
 
-def star() -> tuple[System, np.random.Generator]:
+def star() -> tuple[Model, np.random.Generator]:
     """Three held points, two free ones, a cycle, a line of one link, lines of unequal lengths."""
     members = (
         Member("a", 5, 0, 3),
@@ -51,7 +51,7 @@ def star() -> tuple[System, np.random.Generator]:
     return net(members, (True, True, True, False, False), PLACES)
 
 
-def ladder(rungs: int) -> tuple[System, np.random.Generator]:
+def ladder(rungs: int) -> tuple[Model, np.random.Generator]:
     """A backbone with a looped dropper in every bay: enough points for the banded matrix of points."""
     members, places = [], [(2.0 * i, 0.0, 0.0) for i in range(rungs + 2)]
     for i in range(rungs + 1):
@@ -165,7 +165,7 @@ def test_points_of_a_vessel_move_together():
     ends = build_model(scene).ends(2.0)
     # a quarter of a period: the full amplitude, at rest
     shift = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [1.0, 0.0, 0.5]])
-    np.testing.assert_allclose(ends.start, np.array(list(places.values())) + shift, atol=1e-12)
-    np.testing.assert_allclose(ends.start_velocity, 0.0, atol=1e-12)
+    np.testing.assert_allclose(ends.places, np.array(list(places.values())) + shift, atol=1e-12)
+    np.testing.assert_allclose(ends.velocities, 0.0, atol=1e-12)
     with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a held point"):
         load_scene({**table, "effects": {"weight": {}, "end_motion": {**motion, "also": ["stren"]}}})

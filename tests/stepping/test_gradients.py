@@ -32,7 +32,7 @@ PARAMETERS = {
 
 def model_of(p):
     points = (MODEL.points[0], Point(p["end"], "right", "fixed"))
-    line = Line(p["length"], p["mass"], start=0, end=1)
+    line = Line(p["length"], p["mass"], geometry=MODEL.geometry)
     return Model(points, (line,), (Weight(jnp.asarray(9.81)), LinearDamping(p["b_l"]), QuadraticDamping(p["b_q"])))
 
 

@@ -77,7 +77,7 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
     """
     lengths, masses = np.asarray(model.line.length), np.asarray(model.line.mass)
     gravity = float(model.effects[0].gravity)
-    start = np.asarray(model.points[model.line.start].position)
+    start = np.asarray(model.points[model.geometry.members[0].start].position)
     body = ""
     for i in reversed(range(len(lengths))):
         place = f"{lengths[i - 1]:.17g} 0 0" if i else " ".join(f"{x:.17g}" for x in start)
@@ -90,7 +90,7 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
     closing = ""
     if model.end_held:
         stiff = f'solref="{STIFFNESS * dt:g} 1" solimp="0.999999 0.999999 0.001"' if hard else ""
-        end = " ".join(f"{x:.17g}" for x in np.asarray(model.points[model.line.end].position))
+        end = " ".join(f"{x:.17g}" for x in np.asarray(model.points[model.geometry.members[0].end].position))
         closing = f'<equality><connect site1="node{len(lengths) - 1}" site2="held" {stiff}/></equality>'
         body += f'<site name="held" pos="{end}"/>'
     return (

@@ -1,0 +1,109 @@
+"""Laws side by side: rigid links, ropes, springs and tables in one system, each for links of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.axial.law import AxialLaw
+from dropper_jax.base.fields import component, option
+
+
+@component
+class Groups(AxialLaw):
+    """What holds of a link is what its own law says; a scene whose lines share a law has that law alone.
+
+    Attributes:
+        laws: one per group.
+        members: numbers of the links of each group; every link is in one of them.
+    """
+
+    laws: tuple[AxialLaw, ...]
+    members: tuple[tuple[int, ...], ...] = option("links of each group")
+
+    @property
+    def elastic(self) -> bool:
+        return all(law.elastic for law in self.laws)
+
+    @property
+    def condensable(self) -> bool:
+        return all(law.condensable for law in self.laws)
+
+    @property
+    def intact(self) -> jax.Array | None:
+        if all(law.intact is None for law in self.laws):
+            return None
+        kept = [jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each()]
+        return self._together(kept)
+
+    @property
+    def EA(self) -> jax.Array:
+        """Axial stiffness (n,) [N]; of groups that all stretch."""
+        return self._together([jnp.broadcast_to(law.EA, len(m)) for law, m in self._each()])
+
+    def _each(self) -> Iterator[tuple[AxialLaw, np.ndarray]]:
+        return zip(self.laws, map(np.array, self.members), strict=True)
+
+    def _together(self, found: list[jax.Array]) -> jax.Array:
+        """Values of the groups in the order of the links."""
+        return jnp.concatenate(found)[np.argsort(np.concatenate(self.members))]
+
+    def _changed(self, change: Callable[[AxialLaw, np.ndarray], AxialLaw]) -> Groups:
+        return replace(self, laws=tuple(change(law, m) for law, m in self._each()))
+
+    def rigid(self, links: int) -> np.ndarray:
+        found = np.zeros(links, bool)
+        for law, m in self._each():
+            found[m] = law.rigid(len(m))
+        return found
+
+    def springs(self, EA: jax.Array) -> AxialLaw:
+        return self._changed(lambda law, m: law.springs(EA[m]))
+
+    def softened(self, share: float) -> AxialLaw:
+        return self._changed(lambda law, _: law.softened(share))
+
+    def parted(self, intact: jax.Array) -> AxialLaw:
+        return self._changed(lambda law, m: law.parted(intact[m]))
+
+    @property
+    def work_names(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for law in self.laws for name in law.work_names))
+
+    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
+        return self._together([law.residual(d0[m], d1[m], tension[m], length[m], h) for law, m in self._each()])
+
+    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
+        return self._together([law.gradient(d1[m], length[m]) for law, m in self._each()])
+
+    def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
+        return self._together([law.compliance(length[m], h) for law, m in self._each()])
+
+    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+        return self._together([law.direction(d0[m], d1[m], mean[m], length[m]) for law, m in self._each()])
+
+    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+        """Of groups that all stretch."""
+        return self._together([law.tension(d[m], rate[m], length[m]) for law, m in self._each()])
+
+    def instant(
+        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
+    ) -> jax.Array:
+        """Of groups that all stretch."""
+        return self._together([law.instant(d[m], rate[m], tension[m], length[m], since) for law, m in self._each()])
+
+    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+        return sum(law.energy(d[m], length[m]) for law, m in self._each())
+
+    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        return self._added([law.works(d0[m], d1[m], length[m], h) for law, m in self._each()])
+
+    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
+        return self._added([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
+
+    def _added(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
+        return {name: sum(table[name] for table in tables if name in table) for name in self.work_names}

@@ -17,6 +17,8 @@ Linear = Callable[[Unknowns], Unknowns]
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 #: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
+#: Least corrections of a step: in float32 a guess may be within the tolerance of rounding, and a line stand still.
+LEAST = {"float32": 2}
 #: Most preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton does.
 REFINEMENTS = 200
 
@@ -42,10 +44,12 @@ def newton_until(
     """
     scale = problem.row_scale()
     rows = problem.residual(u)
+    least = LEAST.get(str(u.x.dtype), 0)
 
     def unfinished(carry: tuple[Any, ...]) -> jax.Array:
         _, _, size, count = carry
-        return (size > limit) & (count < most)  # a NaN compares false: iterating cannot mend it
+        # a NaN compares false: iterating cannot mend it
+        return ((size > limit) & (count < most)) | (count < least) if least else (size > limit) & (count < most)
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         u, rows, _, count = carry

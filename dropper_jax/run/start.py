@@ -51,14 +51,15 @@ def between_points(model: Model) -> State:
     graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
     effects = tuple(e for e in model.effects if e.name not in carried and not isinstance(e, Displacement))
+    places = [model.points[int(i)].position for i in model.geometry.free_points]
+    if not graph.free:
+        return state(model, jnp.stack(places))
     held = replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
     pose = equilibrium(held)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
-    if not len(model.geometry.free_points):
-        return state(model, pose.state.r, tension=pose.state.tension)
-    places = jnp.stack([model.points[int(i)].position for i in model.geometry.free_points])
-    return state(model, jnp.concatenate([pose.state.r, places]), tension=pose.state.tension)
+    r = jnp.concatenate([pose.state.r, jnp.stack(places)]) if places else pose.state.r
+    return state(model, r, tension=pose.state.tension)
 
 
 def initial_state(model: Model, start: StartSpec) -> State:

@@ -1,4 +1,4 @@
-"""Systems of 3x3 blocks: products, and block-tridiagonal solves by cyclic reduction. Elementwise work, batched.
+"""Systems of small blocks: products, and block-tridiagonal solves by cyclic reduction. Elementwise work, batched.
 
 Cyclic reduction eliminates every other row at once, so that m rows take log2(m) rounds of whole-array work; a scan over
 rows would take m rounds of a few tiny kernels each. No pivoting: meant for matrices like inertia plus stiffness.
@@ -21,11 +21,22 @@ def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
 
 def inverse(m: jax.Array) -> jax.Array:
     """Inverses of blocks (..., k, k)."""
-    return inverse3(m) if m.shape[-1] == 3 else jnp.linalg.inv(m)
+    if m.shape[-1] == 3:
+        return inverse3(m)
+    return _inverse_bordered(m) if m.shape[-1] == 4 else jnp.linalg.inv(m)
+
+
+def _inverse_bordered(m: jax.Array) -> jax.Array:
+    """Inverses of blocks (..., 4, 4) of three forces and a constraint: the places first, then the tension."""
+    inner = inverse3(m[..., :3, :3])
+    right, below = multiply(inner, m[..., :3, 3:]), multiply(m[..., 3:, :3], inner)
+    last = 1.0 / (m[..., 3:, 3:] - multiply(m[..., 3:, :3], right))
+    top = jnp.concatenate([inner + right * last * below, -right * last], axis=-1)
+    return jnp.concatenate([top, jnp.concatenate([-last * below, last], axis=-1)], axis=-2)
 
 
 def _product(a: jax.Array, b: jax.Array) -> jax.Array:
-    return multiply(a, b) if a.shape[-1] == 3 else a @ b
+    return multiply(a, b) if a.shape[-1] <= 4 else a @ b
 
 
 def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:

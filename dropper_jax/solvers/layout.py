@@ -47,7 +47,7 @@ class PointMatrix:
     """Blocks of `width` points, `blocks` of them, in an order of small bandwidth.
 
     Attributes:
-        order: slot of each free point.
+        order: slot of each free point, and of what stands beside them.
         entry: where each contribution goes among the flattened (blocks, 3, width, width) entries, for those kept.
         kept: numbers of the contributions that lie between free points.
         unused: slots without a point.
@@ -94,17 +94,24 @@ def line_rows(graph: Graph) -> LineRows:
 
 
 @lru_cache(maxsize=64)
-def point_matrix(graph: Graph) -> PointMatrix:
+def point_matrix(graph: Graph, tensions: bool = False) -> PointMatrix:
+    """Of the free points; with `tensions` also of the last link of each line, which counts as a point after them."""
     rows = line_rows(graph)
-    count = len(graph.free_points)
+    points = len(graph.free_points)
+    count = points + len(graph.members) * tensions
     number = np.full(len(graph.held), count)
-    number[graph.free_points] = np.arange(count)
+    number[graph.free_points] = np.arange(points)
     short = [i for i, m in enumerate(graph.members) if m.links == 1]
-    ends = np.array([[number[graph.members[i].start], number[graph.members[i].end]] for i in short], int).reshape(-1, 2)
-    own = np.arange(count)
-    # contributions in the order of `network.point_values`: own blocks, direct links both ways, lines (ss, se, es, ee)
-    row = np.concatenate([own, ends[:, 0], ends[:, 1], rows.start, rows.start, rows.end, rows.end]).astype(int)
-    column = np.concatenate([own, ends[:, 1], ends[:, 0], rows.start, rows.end, rows.start, rows.end]).astype(int)
+    start, end = (number[[getattr(m, key) for m in graph.members]] for key in ("start", "end"))
+    long = [i for i, m in enumerate(graph.members) if m.links > 1]
+    a, b = start[long], end[long]
+    own, last = np.arange(count), np.arange(points, count)
+    beside = [start, last, end, last] if tensions else []
+    # contributions in the order in which solvers list them: own blocks, direct links both ways, lines (ss, se, es, ee),
+    # last links (sy, ys, ey, ye)
+    row = np.concatenate([own, start[short], end[short], a, a, b, b, *beside]).astype(int)
+    turned = [last, start, last, end] if tensions else []
+    column = np.concatenate([own, end[short], start[short], a, b, a, b, *turned]).astype(int)
     kept = np.flatnonzero((row < count) & (column < count))
     row, column = row[kept], column[kept]
     order, width = _order(row, column, count)
@@ -120,8 +127,8 @@ def point_matrix(graph: Graph) -> PointMatrix:
         kept=kept,
         unused=np.arange(count, blocks * width),
         direct=np.array([graph.spans[i].start for i in short], int),
-        start_lines=np.flatnonzero(rows.start < count),
-        end_lines=np.flatnonzero(rows.end < count),
+        start_lines=np.flatnonzero(rows.start < points),
+        end_lines=np.flatnonzero(rows.end < points),
     )
 
 

@@ -4,9 +4,9 @@ in one batched block-tridiagonal elimination, then the points where lines join.
     node rows:  A dx + D'(G D dx + p dy) = r_x,    link rows:  g . D dx + c dy = r_y
 
 D takes differences over links. With `dy = (r_y - g . D dx)/c` a link is a 3x3 stiffness `S = G - p g'/c` between its
-nodes. Rigid links have c = 0; they are given a compliance far below that of their nodes, so that the matrix is nearly
-theirs and Newton ends at the exact solution. Unknowns of node-local laws (seabed friction) go the same way, softened by
-`SOFT` where the law holds its node: there too the matrix is approximate.
+nodes; where some links are rigid (c = 0) tensions stay unknowns, see `saddle`. Unknowns of node-local laws (seabed
+friction) go before all others, softened by `SOFT` where the law holds its node: there the matrix is approximate, and
+Newton still ends at the exact solution.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from dropper_jax.model import Graph, Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.blocks import multiply, solve_tridiagonal
 from dropper_jax.solvers.layout import LineRows, line_rows, point_matrix
+from dropper_jax.solvers.points import solve_points
+from dropper_jax.solvers.saddle import LinkParts, solve_saddle
 
 #: Compliance of a held node's friction relative to its inertia.
 SOFT = 1e-8
-#: Compliance of a rigid link in the matrix, relative to that of its nodes, in rounding errors to this power.
-RIGID_POWER = 0.5
 
 
 class LawBlocks(NamedTuple):
@@ -39,21 +39,18 @@ class LawBlocks(NamedTuple):
 
 @dataclass(frozen=True)
 class NetworkParts:
-    """The Jacobian in pieces: A (free, 3, 3), G (n, 3, 3), p and g (n, 3), c (n,), and the law's blocks or None."""
+    """The Jacobian in pieces: A (free, 3, 3), the links', and the law's blocks or None; whether all links stretch."""
 
     node: jax.Array
-    turn: jax.Array
-    pull: jax.Array
-    gradient: jax.Array
-    compliance: jax.Array
+    links: LinkParts
     law: LawBlocks | None
+    elastic: bool
 
     def transposed(self) -> NetworkParts:
         flip = lambda a: jnp.swapaxes(a, -1, -2)  # noqa: E731
         law = None if self.law is None else LawBlocks(flip(self.law.place), flip(self.law.force), flip(self.law.own))
-        return replace(
-            self, node=flip(self.node), turn=flip(self.turn), pull=self.gradient, gradient=self.pull, law=law
-        )
+        turn, pull, gradient, compliance = self.links
+        return replace(self, node=flip(self.node), links=LinkParts(flip(turn), gradient, pull, compliance), law=law)
 
 
 def _column(x: jax.Array) -> jax.Array:
@@ -101,9 +98,8 @@ class Network:
 
         turn, gradient = jax.vmap(along, out_axes=-1)(axes)
         _, (pull, compliance) = jax.jvp(lambda y: problem.link_rows(links, y), (u.y,), (jnp.ones_like(u.y),))
-        if not problem.model.line.axial.elastic:
-            compliance = jnp.where(compliance == 0.0, -_softness(problem.model, node, u.y), compliance)
-        return NetworkParts(node, turn, pull, gradient, compliance, law), problem.model.geometry
+        parts = NetworkParts(node, LinkParts(turn, pull, gradient, compliance), law, problem.model.line.axial.elastic)
+        return parts, problem.model.geometry
 
     def apply(self, factor: tuple[NetworkParts, Graph], rows: Unknowns) -> Unknowns:
         return _solve(*factor, rows)
@@ -111,16 +107,6 @@ class Network:
     def apply_transposed(self, factor: tuple[NetworkParts, Graph], rows: Unknowns) -> Unknowns:
         parts, graph = factor
         return _solve(parts.transposed(), graph, rows)
-
-
-def _softness(model: Model, node: jax.Array, tension: jax.Array) -> jax.Array:
-    """A compliance (n,) [m/N] that is small beside what inertia and tension let the nodes of each link move."""
-    stiffness = jnp.max(jnp.abs(jnp.diagonal(node, axis1=-2, axis2=-1)), axis=-1)
-    held = jnp.zeros(model.geometry.ends, node.dtype)
-    around = jnp.concatenate([stiffness, held])[jnp.stack([model.geometry.first, model.geometry.last])]
-    own = jnp.sum(around, axis=0) + jnp.abs(tension) / model.line.length
-    least = jnp.finfo(node.dtype).eps * jnp.max(own)
-    return jnp.finfo(node.dtype).eps ** RIGID_POWER / (own + least)
 
 
 def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:
@@ -146,14 +132,25 @@ def _solve(parts: NetworkParts, graph: Graph, rows: Unknowns) -> Unknowns:
         back = multiply(parts.law.force, own)
         node = node - multiply(back, parts.law.place)
         rhs = rhs - multiply(back, _column(rows.z[0]))[..., 0]
-    ratio = parts.pull / parts.compliance[:, None]
-    stiffness = parts.turn - _column(ratio) * parts.gradient[:, None, :]
-    x = _solve_nodes(graph, node, stiffness, rhs + graph.gather(ratio * rows.y[:, None]))
-    y = (rows.y - jnp.sum(parts.gradient * graph.differences(x, None), axis=-1)) / parts.compliance
+    if parts.elastic:
+        x, y = _solve_stretching(graph, node, parts.links, rhs, rows.y)
+    else:
+        x, y = solve_saddle(graph, node, parts.links, rhs, rows.y)
     if parts.law is None:
         return Unknowns(x, y)
     z = multiply(own, _column(rows.z[0] - multiply(parts.law.place, _column(x))[..., 0]))[..., 0]
     return Unknowns(x, y, (z,))
+
+
+def _solve_stretching(
+    graph: Graph, node: jax.Array, links: LinkParts, force: jax.Array, stretch: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Moves (free, 3) and tensions (n,): these eliminated first."""
+    turn, pull, gradient, compliance = links
+    ratio = pull / compliance[:, None]
+    stiffness = turn - _column(ratio) * gradient[:, None, :]
+    x = _solve_nodes(graph, node, stiffness, force + graph.gather(ratio * stretch[:, None]))
+    return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
 
 
 def _solve_nodes(graph: Graph, node: jax.Array, stiffness: jax.Array, rhs: jax.Array) -> jax.Array:
@@ -194,25 +191,15 @@ def _solve_points(
 ) -> jax.Array:
     """Moves of the free points (points, 3), the lines between them being eliminated."""
     table = point_matrix(graph)
-    blocks, width = table.blocks, table.width
     direct = -stiffness[table.direct]
     values = [diagonal, direct, direct]
-    load = jnp.zeros((blocks * width, 3), rhs.dtype).at[table.order].set(rhs)
+    load = rhs
     if rows.nodes.size:
         first, last = stiffness[rows.first_link], stiffness[rows.last_link]
         near, far = found[:, 0], found[np.arange(len(rows.last_row)), rows.last_row]
         pushed, pulled = multiply(first, near), multiply(last, far)  # loads and couplings on start and end
         values += [-pushed[..., 1:4], -pushed[..., 4:], -pulled[..., 1:4], -pulled[..., 4:]]
         at_start, at_end = table.start_lines, table.end_lines
-        load = load.at[table.order[rows.start[at_start]]].add(pushed[at_start, :, 0])
-        load = load.at[table.order[rows.end[at_end]]].add(pulled[at_end, :, 0])
-    entries = jnp.zeros((blocks * 3 * width * width, 3, 3), rhs.dtype)
-    entries = entries.at[table.entry].add(jnp.concatenate(values)[table.kept])
-    if len(table.unused):
-        block, slot = table.unused // width, table.unused % width
-        empty = ((block * 3 + 1) * width + slot) * width + slot
-        entries = entries.at[empty].set(jnp.eye(3, dtype=rhs.dtype))
-    matrix = entries.reshape(blocks, 3, width, width, 3, 3).transpose(1, 0, 2, 4, 3, 5)
-    matrix = matrix.reshape(3, 1, blocks, 3 * width, 3 * width)
-    answer = solve_tridiagonal(*matrix, load.reshape(1, blocks, 3 * width, 1))
-    return answer.reshape(-1, 3)[table.order]
+        load = load.at[rows.start[at_start]].add(pushed[at_start, :, 0])
+        load = load.at[rows.end[at_end]].add(pulled[at_end, :, 0])
+    return solve_points(table, values, load)

@@ -93,6 +93,9 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
     Raises:
         SceneError: where nothing gives the line a shape (no weight).
     """
+    if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # stiff links' balance would drown in rounding
+        exact = equilibrium(model.cast(jnp.float64), loads, t)
+        return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
     if isinstance(model.geometry, Graph):

@@ -1,0 +1,239 @@
+"""Laws side by side in one system: rigid links, ropes and tables, against closed forms and against one law for all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+import dropper_jax as dj
+from dropper_jax.axial import Elastic, Groups, Rigid, Rope
+from dropper_jax.residual import Unknowns
+from dropper_jax.run.build import build_model
+from dropper_jax.solvers import SOLVERS
+
+SCENE = "rigid-dropper-longline"
+DROPPER = 8.0  # [m]
+
+
+def with_dropper(**values) -> dj.Scene:
+    """The packaged scene with another type of dropper."""
+    table = dj.load_scene(SCENE).as_written()
+    kind = next(kind for kind in table["line_type"] if kind["name"] == "dropper")
+    kind.update(values)
+    return dj.Scene.from_dict(table)
+
+
+def bare(lines: list[dict], points: list[dict], **more) -> dict:
+    """A system under weight alone."""
+    return {
+        "run": {"dt": 0.002, "duration": 1.0},
+        "point": points,
+        "line": lines,
+        "effects": {"weight": {"gravity": 9.81}},
+        **more,
+    }
+
+
+def rope(name: str, start: str, end: str, links: int, length: float, **axial) -> dict:
+    law = axial or {"law": "rope", "EA": 1e5, "damping": 50.0}
+    each = {"links": links, "length": length / links, "mass": 0.3}
+    return {"name": name, "from": start, "to": end, "nodes": "shared", "axial": law, **each}
+
+
+def point(name: str, *position: float, kind: str = "fixed", **more) -> dict:
+    return {"name": name, "position": list(position), "kind": kind, **more}
+
+
+def test_each_link_answers_by_its_own_law():
+    rng = np.random.default_rng(1)
+    members = ((0, 3, 4), (1, 2), (5,))
+    laws = (Rope(EA=np.array([1e3, 2e3, 3e3])), Rigid(), Elastic(EA=np.array([4e3]), damping=np.array([7.0])))
+    groups = Groups(laws, members)
+    d0, d1, tension, length = rng.normal(size=(6, 3)), rng.normal(size=(6, 3)), rng.normal(size=6), np.ones(6)
+    rows = groups.residual(d0, d1, tension, length, 0.1)
+    pairs = list(zip(laws, members, strict=True))
+    for law, group in pairs:
+        own = list(group)
+        np.testing.assert_array_equal(
+            rows[jnp.array(own)], law.residual(d0[own], d1[own], tension[own], length[own], 0.1)
+        )
+    np.testing.assert_array_equal(groups.rigid(6), [False, True, True, False, False, False])
+    assert not groups.elastic
+    assert set(groups.work_names) == {"axial_ringing", "internal_damping"}
+    np.testing.assert_allclose(
+        groups.energy(d1, length), sum(law.energy(d1[list(m)], length[list(m)]) for law, m in pairs), rtol=1e-14
+    )
+
+
+def test_a_rigid_dropper_rests_where_one_of_stiff_links_does():
+    rigid, stiff = (dj.equilibrium(scene) for scene in (SCENE, with_dropper(law="rope", EA=2e7)))
+    assert (rigid.status, stiff.status) == ("ok", "ok")
+    assert np.max(stiff.tension[-16:]) / 2e7 < 1e-5  # what the stiff one stretches
+    np.testing.assert_allclose(rigid.positions, stiff.positions, atol=1e-4 * DROPPER)
+    np.testing.assert_allclose(rigid.tension, stiff.tension, rtol=1e-5)
+    links = np.diff(rigid.positions[-17:], axis=0)
+    np.testing.assert_allclose(np.linalg.norm(links, axis=1), 0.5, rtol=1e-12)
+
+
+def test_a_rigid_dropper_moves_in_waves_as_one_of_stiff_links_does():
+    rigid, stiff = (dj.simulate(scene, duration=5.0) for scene in (SCENE, with_dropper(law="rope", EA=2e7)))
+    assert (rigid.status, stiff.status) == ("ok", "ok")
+    assert np.max(np.ptp(rigid.positions, axis=0)) > 0.2  # it does move
+    np.testing.assert_allclose(rigid.positions, stiff.positions, atol=1e-3 * DROPPER)
+    assert rigid.max_closure_error < 1e-9
+    np.testing.assert_allclose(rigid.tension, stiff.tension, atol=2e-3 * stiff.tension.max())
+
+
+def test_many_rigid_lines_of_every_length_are_solved_as_by_the_whole_jacobian():
+    """Lines of one link, of many, loops at one point, ends held and free, more points than one block holds."""
+    rng = np.random.default_rng(3)
+    points = [point("left", 0.0, 0.0, 0.0), point("right", 30.0, 0.0, 0.0)]
+    names = ["left", *(f"p{i}" for i in range(14)), "right"]
+    points += [point(f"p{i}", 2.0 * i + 2.0, 0.2 * i, -1.0, kind="free") for i in range(14)]
+    kinds = ({"law": "rope", "EA": 1e5}, {"law": "rigid"})
+    lines = [rope(f"bay{i}", a, b, 1 + i % 3, 2.4, **kinds[i % 2]) for i, (a, b) in enumerate(pairwise(names))]
+    lines += [rope(f"drop{i}", f"p{i}", f"p{i + 1}", 1 + i % 5, 5.0, law="rigid") for i in range(13)]
+    lines.append(rope("loop", "p3", "p3", 6, 3.0, law="rigid"))
+    points.append(point("end", 4.0, 0.0, -9.0, kind="free", mass=3.0))
+    lines.append(rope("tail", "p0", "end", 12, 6.0, law="rigid"))
+    model = build_model(dj.load_scene(bare(lines, points)))
+    shape = (model.free_nodes, 3)
+    s = dj.state(model, rng.normal(size=shape), 0.1 * rng.normal(size=shape), rng.normal(size=model.line.links) + 50.0)
+    scheme = dj.make_stepper(model).integrator
+
+    @partial(jax.jit, static_argnums=(0, 1))
+    def solved(name: str, apply: str) -> Unknowns:
+        problem = scheme.problem(model, s, jnp.asarray(0.01))
+        rows = jax.tree.map(lambda x: jnp.sin(37.0 * jnp.arange(1.0, x.size + 1)).reshape(x.shape), problem.guess())
+        return getattr(SOLVERS[name], apply)(SOLVERS[name].factor(problem, problem.guess()), rows)
+
+    for apply in ("apply", "apply_transposed"):
+        network, dense = solved("network", apply), solved("dense", apply)
+        np.testing.assert_allclose(network.x, dense.x, atol=1e-8 * np.max(np.abs(dense.x)))
+        np.testing.assert_allclose(network.y, dense.y, atol=1e-8 * np.max(np.abs(dense.y)))
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_pendulum_in_a_system_of_lines_swings_with_the_period_of_the_elliptic_integral(dtype):
+    length, turn = 2.0, np.pi / 2  # from the horizontal
+    table = bare(
+        [rope("arm", "pivot", "bob", 1, length, law="rigid")],
+        [point("pivot", 0.0, 0.0, 0.0), point("bob", length, 0.0, 0.0, kind="free", mass=5.0)],
+        start={"kind": "points"},
+    )
+    quarter = float(ellipk(np.sin(turn / 2) ** 2)) * np.sqrt(length / 9.81)
+    run = dj.simulate(table, dt=quarter / 500, duration=quarter, dtype=dtype)
+    assert run.status == "ok"
+    bob = run.positions[-1, 1]
+    np.testing.assert_allclose(bob, [0.0, 0.0, -length], atol=2e-4)
+    if dtype == "float64":  # float32 has its rounding over the square of the step
+        np.testing.assert_allclose(run.tension[-1, 0], 3 * (5.0 + 0.15) * 9.81, rtol=1e-3)  # m g + m v^2 / L
+
+
+def test_energy_is_kept_where_rigid_links_hang_from_ropes():
+    table = bare(
+        [
+            rope("spring", "left", "top", 3, 3.0, law="rope", EA=2e3),
+            rope("other", "right", "top", 3, 3.0),
+            rope("drop", "top", "end", 4, 2.0, law="rigid"),
+        ],
+        [
+            point("left", 0.0, 0.0, 0.0),
+            point("right", 3.0, 0.0, 0.0),
+            point("top", 1.5, 0.3, -1.5, kind="free"),
+            point("end", 2.0, 0.3, -3.2, kind="free", mass=2.0),
+        ],
+        start={"kind": "points"},
+    )
+    run = dj.simulate(table, duration=2.0)
+    assert run.status == "ok"
+    assert np.max(np.ptp(run.positions, axis=0)) > 0.3
+    assert run.energy_drift < 1e-8 * run.energy_scale
+    assert run.max_closure_error < 1e-9
+
+
+def test_rigid_triangles_hold_more_than_they_need_to():
+    """More constraints than motions: two rigid lines between the same points share the load in halves."""
+    table = bare(
+        [
+            rope("one", "top", "load", 1, 1.0, law="rigid"),
+            rope("two", "top", "load", 1, 1.0, law="rigid"),
+            rope("side", "side", "load", 4, 2.1),
+        ],
+        [
+            point("top", 0.0, 0.0, 0.0),
+            point("side", 2.0, 0.0, -1.0),
+            point("load", 0.0, 0.0, -1.0, kind="free", mass=10.0),
+        ],
+    )
+    pose = dj.equilibrium(table)
+    assert pose.status == "ok"
+    np.testing.assert_allclose(pose.tension[0], pose.tension[1], rtol=1e-6)
+    assert pose.tension[0] > 0.5 * 10.0 * 9.81
+    assert dj.simulate(table, duration=0.2).status == "ok"
+
+
+def test_a_table_beside_ropes_is_a_rope_where_it_is_straight():
+    def scene(**axial) -> dict:
+        return bare(
+            [rope("near", "left", "low", 4, 2.2), rope("far", "low", "right", 4, 2.2, **axial)],
+            [point("left", 0.0, 0.0, 0.0), point("right", 3.0, 0.0, 0.0), point("low", 1.5, 0.0, -1.0, kind="free")],
+        )
+
+    ropes = dj.equilibrium(scene())
+    mixed = scene(law="tabulated", strain=[0.0, 0.1], tension=[0.0, 1e4])
+    assert isinstance(build_model(dj.load_scene(mixed)).line.axial, Groups)
+    np.testing.assert_allclose(dj.equilibrium(mixed).positions, ropes.positions, atol=1e-9)
+
+
+def test_derivatives_of_a_run_agree_forward_reverse_and_with_differences():
+    table = bare(
+        [rope("spring", "left", "top", 2, 2.0), rope("drop", "top", "end", 2, 1.0, law="rigid")],
+        [
+            point("left", 0.0, 0.0, 0.0),
+            point("top", 1.5, 0.3, -1.0, kind="free"),
+            point("end", 2.0, 0.3, -1.7, kind="free", mass=2.0),
+        ],
+        start={"kind": "points"},
+    )
+    model, start = dj.build(table)
+    stepper, line = dj.make_stepper(model), model.line
+
+    def end(share: jax.Array) -> jax.Array:
+        heavier = line.mass * jnp.where(line.axial.rigid(line.links), share, 1.0)
+        changed = replace(model, lines=(replace(line, mass=heavier),))
+        s, _ = dj.integrate(stepper, changed, start, 0.01, 15)
+        return jnp.sum(s.r[:, 2] ** 2) + 1e-3 * jnp.sum(s.tension)
+
+    at = jnp.asarray(1.0)
+    forward = jax.jit(lambda x: jax.jvp(end, (x,), (jnp.ones_like(x),))[1])(at)
+    reverse = jax.jit(jax.grad(end))(at)
+    value = jax.jit(end)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-8)
+    np.testing.assert_allclose(forward, (value(at + 1e-4) - value(at - 1e-4)) / 2e-4, rtol=1e-5)
+
+
+def test_schemes_that_need_stretch_say_so():
+    with pytest.raises(dj.SceneError, match="generalized_alpha.*links are rigid"):
+        dj.simulate(SCENE, duration=0.1, integrator="generalized_alpha")
+    with pytest.raises(dj.SceneError, match="rk4.*links are rigid"):
+        dj.simulate(SCENE, duration=0.1, integrator="rk4")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"EA": 1e5}, "line_type.1.EA: not used by law 'rigid', which takes no stiffness and no damping"),
+        ({"damping_ratio": 0.1}, "line_type.1.damping_ratio: not used by law 'rigid'"),
+    ],
+)
+def test_a_rigid_type_takes_no_stiffness(values, message):
+    with pytest.raises(dj.SceneError, match=message):
+        with_dropper(**values)

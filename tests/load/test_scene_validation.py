@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import DAMPING, scene_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.run.build import build_model
+from dropper_jax.run.build import build_model, equilibrium
 
 LOOP = {
     "description": "a loop of four links",
@@ -170,12 +170,20 @@ def test_nan_inside_a_list_is_refused_with_its_place(path):
     assert refusal(table).startswith(f"{path}: nan is not finite")
 
 
-def test_rigid_lines_are_refused_in_a_system():
+def test_rigid_lines_make_a_system_in_which_each_keeps_its_length():
     table = copy.deepcopy(LOOP)
     table["line"].append({**table["line"][0], "name": "other"})
-    message = refusal(table)
-    assert message.startswith("line.0.axial.law: 'rigid'")
-    assert "rope, elastic" in message
+    pose = equilibrium(table)
+    assert pose.status == "ok"
+    one, other = np.split(pose.positions, 2)
+    np.testing.assert_allclose(one, other, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(one, axis=0), axis=1), table["line"][0]["length"], rtol=1e-9)
+
+
+def test_a_rigid_line_in_a_system_must_reach_its_ends():
+    table = copy.deepcopy(LOOP)
+    table["line"].append({**table["line"][0], "name": "other", "length": 0.01})
+    assert refusal(table).startswith("line.1.length: the links are")
 
 
 def test_a_point_without_a_line_is_refused():
@@ -221,6 +229,7 @@ EXPECTED = {
     "edulis-longline",
     "edulis-tide",
     "platform-longline",
+    "rigid-dropper-longline",
     "dropper-farm",
     "conical-pendulum",
     "conical-pendulum-damped",

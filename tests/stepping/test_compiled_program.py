@@ -3,7 +3,7 @@
 `golden/operation_counts.json` holds the counts per JAX version, since versions trace the same code differently; other
 versions check the claims that need no numbers. After a change of a step that is meant, write it again:
 
-    python -m tests.test_compiled_program
+    python tests/stepping/test_compiled_program.py
 """
 
 import json

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, number, output_file
+from dropper_jax.cli.options import add_json, add_quiet, number, output_file
 from dropper_jax.cli.output import listing, print_json, print_line, progress
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=number, help="frames per second, where the file is wrong")
     parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="take the video from here [s]")
     parser.add_argument("--end", type=number, metavar="T", help="take the video to here [s]")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_quiet(parser)
     add_json(parser)
 
 

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, progress, table
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
         if wanted not in known:
             raise SceneError(f"--cases: {wanted!r} is unknown; {nearest(wanted, known)}")
     cases = [case for case in cases if not args.cases or case.name in args.cases]
-    say = progress(args.quiet) or (lambda fraction, text: None)
+    say = progress(args.quiet) or silent
     rows = []
     for i, case in enumerate(cases):
         say(i / len(cases), case.name)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
 from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, output_folder, read_scene
-from dropper_jax.cli.output import listing, print_json, print_line, progress, table
+from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
 
 if TYPE_CHECKING:
     from dropper_jax.run.solution import Solution
@@ -67,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
     solution = simulate(scene, progress=progress(args.quiet))
-    for warning in solution.warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(solution.warnings)
     if out:
         solution.save(out)
     if tables:

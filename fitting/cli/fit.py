@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet, add_set, number, output_folder, read_scene
-from dropper_jax.cli.output import listing, print_json, print_line, progress, table
+from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress, table
 
 if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
@@ -78,16 +78,12 @@ def run(args: argparse.Namespace) -> int:
         compare_models=args.compare_models,
         progress=progress(args.quiet),
     )
-    for warning in result.warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(result.warnings)
     if folder:
         from fitting.report.report import write_report
 
         write_report(result, folder)
-    if args.json:
-        print_json(result.to_json())
-    else:
-        print(text(result))
+    print_result(args.json, result.to_json(), text(result))
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
     return OK if result.status == "ok" else FAILED

@@ -9,7 +9,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, read_scene
-from dropper_jax.cli.output import print_json, print_line, progress
+from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.sensitivity import Global, Local, Study
@@ -74,8 +74,7 @@ def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str]
     from fitting.sensitivity.tables import global_text, local_text
 
     message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
-    for warning in warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(warnings)
     if args.json:
         head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
         error = {"error": message} if message else {}

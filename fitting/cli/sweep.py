@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, read_scene
-from dropper_jax.cli.output import failure_object, listing, print_json, print_line, progress
+from dropper_jax.cli.output import (
+    failure_object,
+    listing,
+    print_json,
+    print_line,
+    print_result,
+    print_warnings,
+    progress,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,8 +76,7 @@ def run(args: argparse.Namespace) -> int:
             print_json(failure_object("interrupted", str(error)))
         return FAILED
     warnings = result.fallbacks.warnings()
-    for warning in warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
         "schema": 1,
@@ -87,10 +94,7 @@ def run(args: argparse.Namespace) -> int:
         "vmapped": sorted(result.fallbacks.operations),
         "warnings": warnings,
     }
-    if args.json:
-        print_json(found)
-    else:
-        print(text(found))
+    print_result(args.json, found, text(found))
     return OK
 
 

@@ -142,8 +142,7 @@ def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarr
     """Energy that left unaccounted since the start (k,) [J]: energies of the raw velocities, less all counted work."""
 
     def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
-        k = model.kinematics(r, v, time)
-        k = model.kinematics(r, v, time, k.ends, prepared=model.prepare(k))
+        k = model.instant(r, v, time)
         return model.kinetic_energy(k) + model.potential_energy(k)
 
     wide = lambda x: jnp.asarray(np.asarray(x, float), model.dtype)  # noqa: E731

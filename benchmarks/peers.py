@@ -26,10 +26,11 @@ from machine import describe
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.files import atomic_write
+from dropper_jax.plots import style
 from dropper_jax.run.build import build
 from dropper_jax.run.solution import jsonable
 from dropper_jax.study.peers import peer_rows
-from dropper_jax.study.pictures import peers as picture
+from dropper_jax.study.pictures import marks, title
 from dropper_jax.study.reference import reference
 from dropper_jax.study.schemes import Scheme, runnable
 from dropper_jax.study.work_precision import measure
@@ -134,6 +135,28 @@ def _ratio(row: dict[str, Any], ours: list[dict[str, Any]]) -> dict[str, Any] | 
         "peer": f"{row['label']}, dt {row['dt']:.4g} s",
         "ours": f"{best['label']}, dt {best['dt']:.4g} s",
     }
+
+
+@style.look()
+def picture(result: dict[str, Any], path: Path) -> Path:
+    """RMS position error against wall time per simulated second, ours filled, the others open, log-log."""
+    figure = style.new_figure(9.0, 5.8)
+    axes = figure.subplots()
+    # below this the reference's own error is compared; a run at its own step even shows none
+    floor = result["reference"]["error_estimate_rad"]
+    rows = [row for row in result["rows"] if row["status"] == "ok" and row["rms_angle_error_rad"] > floor]
+    for i, label in enumerate(dict.fromkeys(row["label"] for row in rows)):
+        part = sorted((r for r in rows if r["label"] == label), key=lambda r: r["dt"])
+        look = marks(i)
+        if part[0].get("peer"):
+            look.update(mfc="white", ls="--")
+        x, y = ([r[key] for r in part] for key in ("wall_s_per_simulated_s", "rms_position_error_m"))
+        axes.plot(x, y, label=label, lw=1.0, **look)
+    axes.set(xscale="log", yscale="log", xlabel="wall time per simulated second [s], one thread")
+    axes.set_ylabel("RMS position error [m]")
+    figure.legend(loc="outside right center", fontsize=8)
+    title(figure, f"{result['scene']}: the same motion by other simulators, {result['reference']['horizon_s']:g} s")
+    return style.save(figure, path)
 
 
 def main() -> int:

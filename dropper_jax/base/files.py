@@ -8,6 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+from dropper_jax.base.errors import SceneError
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file in UTF-8.
+
+    Raises:
+        SceneError: it is not there, or is no such text.
+    """
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
 
 def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], object]) -> Path:
     """Write a file under a temporary name in its folder, then rename it.

@@ -216,9 +216,9 @@ def _needed(field: dataclasses.Field) -> str:
     return field.metadata["meaning"] + (f", {words}" if words else "")
 
 
-def count(meaning: str, **kwargs: Any) -> Any:
-    """Declare a whole number of at least 1."""
-    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": 1}, **kwargs)
+def count(meaning: str, low: int = 1, **kwargs: Any) -> Any:
+    """Declare a whole number of at least `low`."""
+    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": low}, **kwargs)
 
 
 def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_quiet, add_scene, number, output_file, read_scene
-from dropper_jax.cli.output import done_object, print_json, print_line, progress, table
+from dropper_jax.cli.output import done_object, print_line, print_result, progress, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -39,10 +39,7 @@ def run(args: argparse.Namespace) -> int:
     found = report(read_scene(args), args)
     if plot:
         draw(found, plot)
-    if args.json:
-        print_json(done_object(**found))
-    else:
-        print(text(found))
+    print_result(args.json, done_object(**found), text(found))
     return OK
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
+from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, table
 
 help = "operations, bytes and microseconds per step, with and without each effect"
 
@@ -33,10 +33,9 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.costs(found, plot)
-    if args.json:
-        print_json({**(failure_object("not_converged", error) if error else done_object()), **found})
-    else:
-        print(text(found))
+    print_result(
+        args.json, {**(failure_object("not_converged", error) if error else done_object()), **found}, text(found)
+    )
     return OK if proved else FAILED
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,12 @@ def add_set(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
 
 
+def add_run_values(parser: argparse.ArgumentParser, keys: Sequence[str]) -> None:
+    """An option for each of these keys of `[run]`; `read_scene` puts their values into the scene."""
+    for key in keys:
+        parser.add_argument(f"--{key.replace('_', '-')}", **RUN_VALUES[key])
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """--json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
@@ -39,10 +46,10 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def read_scene(args: argparse.Namespace, more: dict[str, Any] | None = None) -> Scene:
-    """The scene with `--set` and `more` values by path; JAX is imported once the file is there and is TOML."""
+def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scene:
+    """The scene with `--set` and options for keys of `[run]`; JAX is imported once the file is there and is TOML."""
     values = assignments(args.set)
-    values.update({path: value for path, value in (more or {}).items() if value is not None})
+    values.update({f"run.{key}": getattr(args, key) for key in run_values if getattr(args, key) is not None})
     found, name = find_scene(args.scene)
 
     from dropper_jax.effects import register_installed
@@ -122,3 +129,18 @@ def whole_number(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")
     return int(text)
+
+
+#: Options that stand for a value of `[run]`, by its key.
+RUN_VALUES: dict[str, dict[str, Any]] = {
+    "integrator": {"help": "time integration scheme"},
+    "solver": {"help": "linear solver: auto, dense, banded, condensed or network"},
+    "dt": {"type": number, "help": "time step [s]"},
+    "duration": {"type": number, "help": "simulated time [s]"},
+    "dtype": {"help": "float64 or float32"},
+    "gamma": {"type": number, "help": "weight of the new time in the theta schemes, 0 to 1"},
+    "rho_infinity": {
+        "type": number,
+        "help": "what a step of generalized_alpha leaves of the fastest vibrations, 0 to 1",
+    },
+}

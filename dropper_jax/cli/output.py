@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from dropper_jax.base.json_values import SCHEMA, jsonable
@@ -20,9 +20,23 @@ def print_json(found: dict[str, Any]) -> None:
     print(json.dumps(jsonable(found), allow_nan=False), flush=True)
 
 
+def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
+    """What came of a command: its JSON object, or a text for people."""
+    if as_json:
+        print_json(found)
+    else:
+        print(text)
+
+
 def print_line(text: str) -> None:
     """A line for people, on standard error."""
     print(text, file=sys.stderr, flush=True)
+
+
+def print_warnings(warnings: Iterable[str]) -> None:
+    """A line for each, on standard error."""
+    for warning in warnings:
+        print_line(f"warning: {warning}")
 
 
 def failure_object(status: str, message: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, number, output_folder, read_run
-from dropper_jax.cli.output import print_json, print_line
+from dropper_jax.cli.output import print_line, print_result
 from dropper_jax.report.settings import Settings
 
 if TYPE_CHECKING:
@@ -54,10 +54,7 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"report: {written}")
     if vtk:
         print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), vtk, args.every)}")
-    if args.json:
-        print_json(found)
-    else:
-        print(markdown(found, [{} for _ in solutions]))
+    print_result(args.json, found, markdown(found, [{} for _ in solutions]))
     for failure in failures:
         print_line(f"error: {failure}")
     return FAILED if failures else OK

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
-from dropper_jax.cli.options import add_quiet, add_scene, number, output_file, output_folder, read_scene
-from dropper_jax.cli.output import listing, print_json, print_line, progress, table
+from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, output_folder, read_scene
+from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
 
 if TYPE_CHECKING:
     from dropper_jax.run.solution import Solution
@@ -35,15 +35,7 @@ WATER_PICTURES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--integrator", help="time integration scheme")
-    parser.add_argument("--solver", help="linear solver: auto, dense, banded, condensed or network")
-    parser.add_argument("--dt", type=number, help="time step [s]")
-    parser.add_argument("--duration", type=number, help="simulated time [s]")
-    parser.add_argument("--dtype", help="float64 or float32")
-    parser.add_argument("--gamma", type=number, help="weight of the new time in the theta schemes, 0 to 1")
-    parser.add_argument(
-        "--rho-infinity", type=number, help="what a step of generalized_alpha leaves of the fastest vibrations, 0 to 1"
-    )
+    add_run_values(parser, OVERRIDES)
     parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
     parser.add_argument(
         "--tables",
@@ -60,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     film = output_file(args.animate, "--animate", (".gif", ".mp4"))
     plot = _plot_target(args.plot)
     tables = output_folder(args.tables, "--tables")
-    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+    scene = read_scene(args, OVERRIDES)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import netcdf_packages
@@ -75,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
     solution = simulate(scene, progress=progress(args.quiet))
-    for warning in solution.warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(solution.warnings)
     if out:
         solution.save(out)
     if tables:

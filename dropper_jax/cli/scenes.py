@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_json, add_set, assignments, number, output_file
-from dropper_jax.cli.output import done_object, listing, print_json, print_line
+from dropper_jax.cli.output import done_object, listing, print_json, print_result, print_warnings
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.packaged import is_packaged, packaged_scene, scene_names
 
@@ -37,10 +37,11 @@ def run(args: argparse.Namespace) -> int:
         if given:
             raise SceneError(f"{option}: needs a scene; allowed: dropper scenes SCENE {option} ...")
     found = {scene: packaged_scene(scene)["description"] for scene in scene_names()}
-    if args.json:
-        print_json(done_object(scenes=[{"name": scene, "description": text} for scene, text in found.items()]))
-    else:
-        print(listing(list(found.items())))
+    print_result(
+        args.json,
+        done_object(scenes=[{"name": scene, "description": text} for scene, text in found.items()]),
+        listing(list(found.items())),
+    )
     return OK
 
 
@@ -80,10 +81,6 @@ def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
     from dropper_jax.moordyn.writing.writer import write_moordyn
 
     lost = write_moordyn(scene, file, dt=args.dt)
-    for line in lost:
-        print_line(f"warning: {line}")
-    if args.json:
-        print_json(done_object(name=scene.name, file=str(file), not_represented=lost))
-    else:
-        print(f"ok: {file}")
+    print_warnings(lost)
+    print_result(args.json, done_object(name=scene.name, file=str(file), not_represented=lost), f"ok: {file}")
     return OK

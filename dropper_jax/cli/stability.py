@@ -6,9 +6,10 @@ import argparse
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, progress, table
+from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, progress, table
 
 help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes"
 
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
         if wanted not in known:
             raise SceneError(f"--cases: {wanted!r} is unknown; {nearest(wanted, known)}")
     cases = [case for case in cases if not args.cases or case.name in args.cases]
-    say = progress(args.quiet) or (lambda fraction, text: None)
+    say = progress(args.quiet) or silent
     rows = []
     for i, case in enumerate(cases):
         say(i / len(cases), case.name)
@@ -44,10 +45,9 @@ def report(rows: list[dict[str, Any]], as_json: bool) -> int:
     error = f"beyond their limits: {', '.join(missed)}" if missed else None
     if error:
         print_line(f"error: {error}")
-    if as_json:
-        print_json({**(failure_object("not_converged", error) if error else done_object()), "cases": rows})
-    else:
-        print(text(rows))
+    print_result(
+        as_json, {**(failure_object("not_converged", error) if error else done_object()), "cases": rows}, text(rows)
+    )
     return FAILED if missed else OK
 
 

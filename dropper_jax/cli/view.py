@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_json, output_file, read_run
-from dropper_jax.cli.output import done_object, print_json
+from dropper_jax.cli.output import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
 
@@ -26,8 +26,9 @@ def run(args: argparse.Namespace) -> int:
 
     write_view(solution, out)
     size = out.stat().st_size
-    if args.json:
-        print_json(done_object(page=str(out), bytes=size, scene=solution.scene.name))
-    else:
-        print(f"ok: {out}, {size / 1e6:.2f} MB, {solution.scene.name} from {solution.t[0]:g} to {solution.t[-1]:g} s")
+    print_result(
+        args.json,
+        done_object(page=str(out), bytes=size, scene=solution.scene.name),
+        f"ok: {out}, {size / 1e6:.2f} MB, {solution.scene.name} from {solution.t[0]:g} to {solution.t[-1]:g} s",
+    )
     return OK

@@ -1,4 +1,4 @@
-"""What the points and a single line of a scene must agree on."""
+"""What a single line of a scene must agree with."""
 
 from __future__ import annotations
 
@@ -6,15 +6,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import refuse
-from dropper_jax.load.checks_system import check_ends
+from dropper_jax.load.checks_system import check_ends, check_span
 from dropper_jax.scene import LineSpec, PointSpec, point_named
-
-
-def check_points(points: tuple[PointSpec, ...]) -> None:
-    names = [point.name for point in points]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise refuse(f"point.{i}.name", name, "is used twice", "a name of its own")
 
 
 def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
@@ -33,12 +26,7 @@ def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) ->
         raise refuse(f"{path}.links", line.links, "leaves nothing free between two held ends", "a whole number >= 2")
     if not line.rigid:
         return
-    distance = float(np.linalg.norm(end.position - start.position))
-    if line.total <= distance:
-        raise SceneError(
-            f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
-            f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
-        )
+    distance = check_span(line, path, start, end)
     longest = float(np.max(line.length))
     others = line.total - longest + distance
     if longest >= others:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.surroundings import bed_height
-from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData
+from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData, point_named
 
 #: How far below the bed a point may be for rounding [m].
 ROUNDING = 1e-9
+
+
+def check_names(section: str, items: Sequence[PointSpec | LineSpec | BuoySpec]) -> None:
+    """Every item of a section has a name of its own."""
+    names = [item.name for item in items]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise refuse(f"{section}.{i}.name", name, "is used twice", "a name of its own")
 
 
 def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
@@ -30,15 +40,14 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
 def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> None:
     """Unique names, elastic lines of one law, every point hung from a fixed one, buoys on free points."""
     check_ends(lines, points)
-    for label, items in (("line", lines), ("buoy", buoys)):
-        names = [item.name for item in items]
-        for i, name in enumerate(names):
-            if name in names[:i]:
-                raise refuse(f"{label}.{i}.name", name, "is used twice", "a name of its own")
+    check_names("line", lines)
+    check_names("buoy", buoys)
     for i, line in enumerate(lines):
         path = f"line.{i}"
         if line.rigid:
-            _check_rigid(line, path, points)
+            start, end = point_named(points, line.start), point_named(points, line.end)
+            if start.kind == end.kind == "fixed":
+                check_span(line, path, start, end)
         if line.centre_of_mass is not None:
             raise SceneError(f"{path}.centre_of_mass: compound links are for single lines; allowed: leave it out")
         if line.start == line.end and line.links < 2:
@@ -56,15 +65,15 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
             raise refuse(f"buoy.{i}.point", buoy.point, "is a fixed point", "a point of kind 'free'")
 
 
-def _check_rigid(line: LineSpec, path: str, points: tuple[PointSpec, ...]) -> None:
-    """A rigid line shorter than its ends' distance is named for that first."""
-    start, end = (next(p for p in points if p.name == name) for name in (line.start, line.end))
+def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> float:
+    """The distance [m] of two held ends, which rigid links must be able to span."""
     distance = float(np.linalg.norm(end.position - start.position))
-    if start.kind == end.kind == "fixed" and line.total <= distance:
+    if line.total <= distance:
         raise SceneError(
             f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
             f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
         )
+    return distance
 
 
 def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> None:

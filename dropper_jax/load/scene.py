@@ -12,8 +12,8 @@ from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_li
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_growth import check_growth
-from dropper_jax.load.checks_line import check_line, check_points
-from dropper_jax.load.checks_system import check_bed, check_system, check_system_effects
+from dropper_jax.load.checks_line import check_line
+from dropper_jax.load.checks_system import check_bed, check_names, check_system, check_system_effects
 from dropper_jax.load.checks_water import check_water
 from dropper_jax.load.given_pose import check_pose, given_pose
 from dropper_jax.load.line_types import expand
@@ -58,7 +58,7 @@ class Scene(SceneData):
         points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
         lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
         buoys = tuple(BuoySpec.read(item, f"buoy.{i}") for i, item in enumerate(_list(table, "buoy")))
-        check_points(points)
+        check_names("point", points)
         branched = is_branched(points, lines, buoys)
         if branched:
             check_system(points, lines, buoys)

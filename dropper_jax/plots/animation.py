@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from PIL import Image
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.progress import Progress
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
 
@@ -31,8 +32,6 @@ TRACE = 10
 SURFACE_POINTS = 80
 
 SUFFIXES = (".gif", ".mp4")
-
-Progress = Callable[[float, str], None]
 
 
 @style.styled

@@ -16,6 +16,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
+from dropper_jax.scene.nodes import point_nodes
 
 #: Nodes further out than this many sizes of the first pose belong to a run that has blown up.
 FARTHEST = 100.0
@@ -137,10 +138,7 @@ def _lines(solution: Solution) -> dict[str, Any]:
         single = {"lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
         wet = getattr(solution.scene, "sea", None) is not None
         return {**single, "surface": partial(elevations, solution.scene)} if wet else single
-    scene, node = solution.scene, {}
-    for spec, line in zip(scene.lines, solution.lines, strict=True):
-        node.setdefault(spec.start, line.nodes.start)
-        node.setdefault(spec.end, line.nodes.stop - 1)
+    scene, node = solution.scene, point_nodes(solution.scene)
     return {
         "lines": solution.lines,
         "scene": scene,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from contextlib import ContextDecorator
 from pathlib import Path
 from typing import Any
 
@@ -54,13 +55,18 @@ RC = {
 }
 
 
+def look() -> ContextDecorator:
+    """This style for as long as the context lasts, or as a decorator, for each call."""
+    return matplotlib.style.context(["default", RC])
+
+
 def styled(draw: Callable[..., Path]) -> Callable[..., Path]:
     """Give `draw` the readable part of a solution and this style; the caller's settings are restored afterwards."""
 
     @functools.wraps(draw)
+    @look()
     def wrapper(solution: Solution, *args: Any, **kwargs: Any) -> Path:
-        with matplotlib.style.context(["default", RC]):
-            return draw(readable(solution), *args, **kwargs)
+        return draw(readable(solution), *args, **kwargs)
 
     return wrapper
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -32,14 +32,14 @@ LOW = 0.35
 def _drawn(draw: Callable[..., Path]) -> Callable[..., Path]:
     """Give `draw` the readable run and its sea, in the common style."""
 
+    @wraps(draw)
+    @style.look()
     def wrapper(solution: Solution, path: str | Path, **kwargs: Any) -> Path:
         sea = build_model(solution.scene, "float64").sea
         if sea is None:
             raise ValueError(f"solution: scene {solution.scene.name!r} has no [sea]; allowed: a scene with water")
-        with matplotlib.style.context(["default", style.RC]):
-            return draw(readable(solution), sea, path, **kwargs)
+        return draw(readable(solution), sea, path, **kwargs)
 
-    wrapper.__doc__, wrapper.__name__ = draw.__doc__, draw.__name__
     return wrapper
 
 

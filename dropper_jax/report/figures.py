@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,16 +21,7 @@ MOST = len(style.CYCLE)
 BAND, INNER = "#DCEBF5", "#56B4E9"
 
 
-def _styled(draw: Callable[..., Any]) -> Callable[..., Any]:
-    @functools.wraps(draw)
-    def wrapper(*args: Any) -> Any:
-        with matplotlib.style.context(["default", style.RC]):
-            return draw(*args)
-
-    return wrapper
-
-
-@_styled
+@style.look()
 def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
     """All pictures of a run that its sections call for, by name."""
     files = {"tension_range": _tension_range(part, found, folder)}
@@ -213,7 +201,7 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
 
 
-@_styled
+@style.look()
 def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
     """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
     names = list(extremes)

@@ -11,6 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.solution import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
+from dropper_jax.scene.nodes import point_nodes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,11 +61,7 @@ class Record:
 
     def point(self, name: str) -> np.ndarray:
         """Positions (k, 3) [m] of a point."""
-        for line, where in zip(self.scene.lines, self.lines, strict=True):
-            for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
-                if point == name:
-                    return self.positions[:, node]
-        raise KeyError(name)
+        return self.positions[:, point_nodes(self.scene)[name]]
 
     def nodes_at_tension(self, nodes: slice) -> np.ndarray:
         """Positions (q, m, 3) [m] of nodes at the times of the tensions: linear between the saved samples."""

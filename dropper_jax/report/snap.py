@@ -74,8 +74,8 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))
-            events += [{"at_m": float(s[j]), "slack_n": slack, "snap_n": snap, **e._asdict()} for e in own]
-        events.sort(key=lambda event: -event["peak"])
+            events += [_row(event, float(s[j]), slack, snap) for event in own]
+        events.sort(key=lambda event: -event["peak_n"])
         found.append(
             {
                 "line": where.name,
@@ -84,21 +84,21 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
                 "most_events": max(counts),
                 "slack_share": share,
                 "largest_share_slack": max(share),
-                "shown": [_named(event) for event in events[:LISTED]],
+                "shown": events[:LISTED],
                 "not_shown": max(len(events) - LISTED, 0),
             }
         )
     return found
 
 
-def _named(event: dict[str, float]) -> dict[str, float]:
+def _row(event: Snap, at: float, slack: float, snap: float) -> dict[str, float]:
     return {
-        "at_m": event["at_m"],
-        "slack_from_s": event["slack_from"],
-        "slack_to_s": event["slack_to"],
-        "threshold_passed_s": event["passed"],
-        "peak_n": event["peak"],
-        "peak_s": event["peak_at"],
-        "slack_n": event["slack_n"],
-        "snap_n": event["snap_n"],
+        "at_m": at,
+        "slack_from_s": event.slack_from,
+        "slack_to_s": event.slack_to,
+        "threshold_passed_s": event.passed,
+        "peak_n": event.peak,
+        "peak_s": event.peak_at,
+        "slack_n": slack,
+        "snap_n": snap,
     }

@@ -9,6 +9,7 @@ import numpy as np
 from dropper_jax.report.motion import node_arc
 from dropper_jax.report.record import Record
 from dropper_jax.scene import BuoySpec
+from dropper_jax.scene.nodes import point_nodes
 
 
 def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
@@ -36,7 +37,7 @@ def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
 
 
 def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
-    base = depth[:, _node(record, buoy.point)] + buoy.attachment
+    base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
     return {
         "buoy": buoy.name,
         "draught_m": {"min": float(base.min()), "mean": float(base.mean()), "max": float(base.max())},
@@ -45,15 +46,6 @@ def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
         "share_out_of_water": float(np.mean(base <= 0)),
         "longest_under_water_s": _longest(base >= buoy.height, record.t),
     }
-
-
-def _node(record: Record, point: str) -> int:
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
-        if spec.start == point:
-            return where.nodes.start
-        if spec.end == point:
-            return where.nodes.stop - 1
-    raise KeyError(point)
 
 
 def _longest(under: np.ndarray, t: np.ndarray) -> float:

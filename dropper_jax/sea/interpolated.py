@@ -10,7 +10,7 @@ Time is exact; space is interpolated by cubics (4 points each way). The error is
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import jax
 import jax.numpy as jnp
@@ -26,11 +26,13 @@ CUT = 2e-5
 
 
 @component
-class GridWaves:
-    """The same water as `waves`, from shapes on a grid; gradients go to the nodes, not to the sea's parameters.
+class GridWaves(Waves):
+    """The same water, from shapes on a grid; gradients go to the nodes, not to the sea's parameters.
+
+    What is asked for elsewhere comes from the components: gradients of the velocity are not interpolated, held points
+    may lie off the grid.
 
     Attributes:
-        waves: the components.
         origin, step: of the grid in s and z, (2,) [m].
         shapes: u and w of each shape on the grid, (ns, nz, 2 m).
         surface: elevation of each shape, (ns, m).
@@ -38,7 +40,6 @@ class GridWaves:
         error: largest error of velocity and of acceleration over their rms, (2,), measured at 400 places and times.
     """
 
-    waves: Waves = None
     origin: jax.Array = parameter("first grid point", unit="m", shape="table", default=None)
     step: jax.Array = parameter("grid step", unit="m", shape="table", default=None)
     shapes: jax.Array = parameter("velocities of the shapes", unit="m/s", shape="table", default=None)
@@ -46,40 +47,16 @@ class GridWaves:
     projection: jax.Array = parameter("components to shapes", unit="-", shape="table", default=None)
     error: jax.Array = parameter("relative error", unit="-", shape="table", default=None)
 
-    @property
-    def amplitude(self) -> jax.Array:
-        return self.waves.amplitude
-
-    @property
-    def omega(self) -> jax.Array:
-        return self.waves.omega
-
-    @property
-    def wave_number(self) -> jax.Array:
-        return self.waves.wave_number
-
-    def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
-        return self.waves.heights(z, elevation, depth)
-
-    def airy_velocity(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
-        """From the components: gradients of the velocity are not interpolated."""
-        return self.waves.airy_velocity(r, t, depth)
-
-    def excursion(self, place: jax.Array, t: jax.Array, *more: jax.Array) -> jax.Array:
-        """From the components: held points may lie off the grid."""
-        return self.waves.excursion(place, t, *more)
-
     def _amplitudes(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
         """c(t) and c'(t), (m,) each."""
-        waves = self.waves
-        angle = waves.phase - waves.omega * t
+        angle = self.phase - self.omega * t
         cos, sin = jnp.cos(angle), jnp.sin(angle)
-        both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([waves.omega * sin, -waves.omega * cos])])
+        both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([self.omega * sin, -self.omega * cos])])
         c, rate = both @ self.projection.T
         return c, rate
 
     def _along(self, x: jax.Array, y: jax.Array) -> jax.Array:
-        return x * jnp.cos(self.waves.direction) + y * jnp.sin(self.waves.direction)
+        return x * jnp.cos(self.direction) + y * jnp.sin(self.direction)
 
     def _locate(self, x: jax.Array, axis: int, count: int) -> tuple[jax.Array, jax.Array]:
         """First of the 4 grid points around x (n,) and their weights (n, 4); held outside the grid."""
@@ -94,7 +71,7 @@ class GridWaves:
 
     def elevation(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
         """Surface elevation (n,) [m]."""
-        return self.waves.rise(t)[0] * self._elevation(self._along(x, y), self._amplitudes(t)[0])
+        return self.rise(t)[0] * self._elevation(self._along(x, y), self._amplitudes(t)[0])
 
     def _vectors(self, s: jax.Array, z: jax.Array, c: jax.Array) -> jax.Array:
         """Sums over the shapes with amplitudes c (q, m) at s, z (n,): (q, n, 3)."""
@@ -107,16 +84,16 @@ class GridWaves:
         weight = wi[:, :, None] * wj[:, None, :]
         local = jnp.einsum("nijm,nij->nm", patch, weight).reshape(-1, 2, width // 2)
         level, rising = jnp.einsum("ndm,qm->dqn", local, c)
-        cos, sin = jnp.cos(self.waves.direction), jnp.sin(self.waves.direction)
+        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
     def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
         """The water at places r (n, 3) [m]."""
         s = self._along(r[:, 0], r[:, 1])
         c, change = self._amplitudes(t)
-        rise, rate = self.waves.rise(t)
+        rise, rate = self.rise(t)
         elevation = rise * self._elevation(s, c)
-        z = self.waves.heights(r[:, 2], elevation, depth)
+        z = self.heights(r[:, 2], elevation, depth)
         velocity, acceleration = self._vectors(s, z, jnp.stack([c, change]))
         return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
 
@@ -145,7 +122,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     points = count[0] * count[1]
     u, w = (left[i * points : (i + 1) * points].reshape(*count, rank) for i in range(2))
     made = GridWaves(
-        waves=waves,
+        **{f.name: getattr(waves, f.name) for f in fields(waves)},
         origin=jnp.asarray(origin),
         step=jnp.asarray(step),
         shapes=jnp.asarray(np.concatenate([u, w], axis=-1)),
@@ -153,7 +130,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
         projection=jnp.asarray(projection),
         error=jnp.zeros(2),
     )
-    return _measured(made, depth, asked, high)
+    return _measured(made, waves, depth, asked, high)
 
 
 def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -168,14 +145,14 @@ def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[n
     return surface, level, rising
 
 
-def _measured(made: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
+def _measured(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """The grid with its error, from 20 times at 20 places."""
     rng = np.random.default_rng(0)
     s, z = np.moveaxis(rng.uniform(low, high, (20, 20, 2)), -1, 0)
-    course = float(made.waves.direction)
+    course = float(waves.direction)
     places = jnp.asarray(np.stack([s * np.cos(course), s * np.sin(course), z], axis=-1))
-    steady = replace(made, waves=replace(made.waves, ramp=None))
-    exact, found = _motions(steady.waves, steady, places, jnp.asarray(rng.uniform(0.0, 1000.0, 20)), depth)
+    steady = (replace(one, ramp=None) for one in (waves, made))
+    exact, found = _motions(*steady, places, jnp.asarray(rng.uniform(0.0, 1000.0, 20)), depth)
     pairs = zip(exact[1:], found[1:], strict=True)
     return replace(made, error=jnp.stack([jnp.max(jnp.abs(a - b)) / jnp.sqrt(3 * jnp.mean(a**2)) for a, b in pairs]))
 

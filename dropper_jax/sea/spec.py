@@ -10,23 +10,13 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, plain, read_fields, read_table, refuse
+from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, refuse
+from dropper_jax.base.read import count as whole_number
 from dropper_jax.sea.current import KINDS
 from dropper_jax.sea.packaged import read_packaged
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.waves import STRETCHING
-
-
-def _count(meaning: str, low: int, default: int) -> Any:
-    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": low}, default=default)
-
-
-def _table(spec: Any, fields: tuple[str, ...] | None = None) -> dict[str, Any]:
-    """The given values as plain values, those of `fields` only where named."""
-    names = [f.name for f in dataclasses.fields(spec) if "kind" in f.metadata]
-    found = {name: plain(getattr(spec, name)) for name in names if fields is None or name in fields}
-    return {name: value for name, value in found.items() if value is not None}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,13 +43,13 @@ class WaveSpec:
     hs: float | None = parameter("significant wave height", unit="m", low=0.0, optional=True)
     tp: float | None = parameter("peak period", unit="s", low=0.0, open_low=True, optional=True)
     gamma: float = parameter("peak factor", unit="-", low=1.0, default=3.3)
-    count: int = _count("number of frequencies", 1, 200)
+    count: int = whole_number("number of frequencies", default=200)
     frequencies: str = option(
         "how they are chosen", choices=("equal_energy", "equal_frequency", "even"), default="equal_energy"
     )
     spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
-    directions: int = _count("directions per frequency", 1, 1)
-    seed: int = _count("seed of the phases", 0, 0)
+    directions: int = whole_number("directions per frequency", default=1)
+    seed: int = whole_number("seed of the phases", low=0, default=0)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> WaveSpec:
@@ -78,7 +68,7 @@ class WaveSpec:
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
-        return {"kind": self.kind, **_table(self, self.FIELDS[self.kind])}
+        return {key: value for key, value in as_table(self).items() if key in ("kind", *self.FIELDS[self.kind])}
 
 
 def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
@@ -128,7 +118,7 @@ class CurrentSpec:
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
-        return _table(self)
+        return as_table(self)
 
 
 def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> None:
@@ -171,7 +161,7 @@ class SeaSpec:
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
-        found = _table(self)
+        found = as_table(self)
         parts = {"waves": self.waves, "current": self.current}
         return {**found, **{key: part.table() for key, part in parts.items() if part is not None}}
 
@@ -179,7 +169,7 @@ class SeaSpec:
     def paths(cls) -> list[str]:
         """All keys of a sea, in the syntax of `--set`; whole waves and currents are tables."""
         sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec))
-        keys = [f"{name}.{f.name}" for name, spec in sections for f in dataclasses.fields(spec) if "kind" in f.metadata]
+        keys = [f"{name}.{key}" for name, spec in sections for key in field_keys(spec)]
         return [*keys, "sea.packaged", "sea.waves", "sea.current"]
 
 

@@ -41,15 +41,6 @@ def density(omega: np.ndarray, hs: float, tp: float, gamma: float = 3.3) -> np.n
     return hs**2 / 16 / np.sum(weight) * shape(np.asarray(omega) / peak, gamma) / peak
 
 
-def moment_ratios(gamma: float = 3.3) -> tuple[float, float]:
-    """Tz/Tp and T1/Tp of the uncut spectrum: `sqrt(m0/m2)` and `m0/m1`."""
-    x, weight = _table(gamma)
-    m0, m1, m2 = (np.sum(weight * x**n) for n in range(3))
-    # the tail x^-5 beyond the table adds a third and a half power of its end to m1 and m2
-    m1, m2 = m1 + HIGHEST**-3 / 3, m2 + HIGHEST**-2 / 2
-    return float(np.sqrt(m0 / m2)), float(m0 / m1)
-
-
 def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
     """Points x and energies per point of the shape, trapezoidal on a logarithmic grid."""
     x = np.geomspace(LOWEST, HIGHEST, TABLE)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
@@ -23,8 +23,6 @@ DTS = tuple(2.0**-k for k in range(5, 12))
 #: Longest span compared [s].
 LONGEST = 20.0
 
-Say = Callable[[float, str], None]
-
 
 def accuracy(
     scene: Scene,
@@ -32,7 +30,7 @@ def accuracy(
     dts: tuple[float, ...] = DTS,
     span: float | None = None,
     extras: bool = True,
-    say: Say | None = None,
+    say: Progress | None = None,
     peers: bool = False,
 ) -> dict[str, Any]:
     """Measure what accuracy costs on a scene.
@@ -47,7 +45,7 @@ def accuracy(
     Returns:
         rows, orders, advice, reference, refused, skipped, and the extras, as the command prints them.
     """
-    say = say or (lambda fraction, text: None)
+    say = say or silent
     model, s = build(scene, "float64")
     chosen, refused = runnable(default_schemes(model) if schemes is None else schemes, model)
     if not chosen:
@@ -75,7 +73,7 @@ def accuracy(
     return {**found, **(_extras(model, s, target, dts, say) if extras else {})}
 
 
-def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Say) -> dict[str, Any]:
+def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> dict[str, Any]:
     say(0.7, "numerical damping")
     damping = numerical_damping()
     say(0.85, "Euler's schemes")

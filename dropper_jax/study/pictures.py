@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -16,23 +13,14 @@ from dropper_jax.plots import style
 MARKERS = "osD^v<>PX*hp"
 
 
-def _styled(draw: Callable[..., Path]) -> Callable[..., Path]:
-    @functools.wraps(draw)
-    def wrapper(*args: Any, **kwargs: Any) -> Path:
-        with matplotlib.style.context(["default", style.RC]):
-            return draw(*args, **kwargs)
-
-    return wrapper
-
-
-def _look(index: int) -> dict[str, Any]:
+def marks(index: int) -> dict[str, Any]:
     """Colour, marker and dash of the series of that number, none alike."""
     colours = style.CYCLE
     dash = ("-", "--", ":")[index // len(colours) % 3]
     return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)], "ls": dash, "ms": 4}
 
 
-@_styled
+@style.look()
 def work_precision(report: dict[str, Any], path: str | Path) -> Path:
     """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
     figure = style.new_figure(12.0, 5.4)
@@ -63,14 +51,14 @@ def work_precision(report: dict[str, Any], path: str | Path) -> Path:
     handles, names = axes[1].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=5, fontsize=8)
     span = report["reference"]["horizon_s"]
-    _title(figure, f"{report['scene']}: accuracy against time, first {span:.3g} s")
+    title(figure, f"{report['scene']}: accuracy against time, first {span:.3g} s")
     return style.save(figure, path)
 
 
 def _series(axes: Axes, rows: list[dict[str, Any]], x: str, y: str, label: str, index: int) -> None:
     rows = sorted((r for r in rows if (r[y] or 0) > 0), key=lambda r: r["dt"])
     if rows:
-        axes.plot([r[x] for r in rows], [r[y] for r in rows], label=label, lw=1.0, **_look(index))
+        axes.plot([r[x] for r in rows], [r[y] for r in rows], label=label, lw=1.0, **marks(index))
 
 
 def _slopes(axes: Axes, rows: list[dict[str, Any]]) -> None:
@@ -86,7 +74,7 @@ def _slopes(axes: Axes, rows: list[dict[str, Any]]) -> None:
         )
 
 
-@_styled
+@style.look()
 def convergence(report: dict[str, Any], path: str | Path) -> Path:
     """RMS difference of each link's angles between a step and its half (thesis Fig. 5.4, C.1, C.2)."""
     found = report["convergence"]
@@ -101,18 +89,18 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
         axes.set_xlabel("step [s]")
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
-    _title(figure, f"{report['scene']}: each step against its half")
+    title(figure, f"{report['scene']}: each step against its half")
     return style.save(figure, path)
 
 
 def _links(axes: Axes, scheme: dict[str, Any], kind: str) -> None:
     values = scheme[kind]
-    axes.set_title(scheme["label"], loc="left")
+    axes.settitle(scheme["label"], loc="left")
     axes.set(xscale="log", yscale="log")
     if values is None:
         return
     for link in range(np.shape(values)[1]):
-        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=f"link {link + 1}", lw=1.0, **_look(link))
+        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=f"link {link + 1}", lw=1.0, **marks(link))
     for dt, status in zip(scheme["dts"], scheme["status"], strict=True):
         if status != "ok":
             axes.axvline(dt, color=style.ALERT, lw=0.8, ls=":")
@@ -120,7 +108,7 @@ def _links(axes: Axes, scheme: dict[str, Any], kind: str) -> None:
                           fontsize=7, color=style.ALERT)  # fmt: skip
 
 
-@_styled
+@style.look()
 def damping(report: dict[str, Any], path: str | Path) -> Path:
     """Equivalent linear damping of each scheme against the step, with what the thesis fitted; failures at the top."""
     found = report["numerical_damping"]
@@ -138,20 +126,20 @@ def damping(report: dict[str, Any], path: str | Path) -> Path:
     axes.set_yscale("symlog", linthresh=1e-6)
     axes.set_ylim(-1e-2, 1.0)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    _title(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)")
+    title(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)")
     return style.save(figure, path)
 
 
 def _damping_series(axes: Axes, rows: list[dict[str, Any]], label: str, index: int, count: int) -> None:
     good = [r for r in rows if r["status"] == "ok"]
     bad = [r for r in rows if r["status"] != "ok"]
-    look = _look(index)
+    look = marks(index)
     axes.plot([r["dt"] for r in good], [r["equivalent_linear_damping"] for r in good], label=label, lw=1.0, **look)
     height = 0.35 * 1.12 ** (index - count / 2)  # a row of crosses per scheme, so that none hides another
     axes.plot([r["dt"] for r in bad], [height] * len(bad), ls="", marker="x", ms=5, color=look["color"])
 
 
-@_styled
+@style.look()
 def costs(report: dict[str, Any], path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
@@ -167,52 +155,9 @@ def costs(report: dict[str, Any], path: str | Path) -> Path:
         axes.set_xlabel(label)
         axes.invert_yaxis() if key == "us_per_step" else None
         axes.grid(axis="y", visible=False)
-    _title(figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})")
+    title(figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})")
     return style.save(figure, path)
 
 
-def _title(figure: Any, text: str) -> None:
+def title(figure: Any, text: str) -> None:
     figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
-
-
-@_styled
-def peers(result: dict[str, Any], path: str | Path) -> Path:
-    """RMS position error against wall time per simulated second, ours filled, the others open, log-log."""
-    figure = style.new_figure(9.0, 5.8)
-    axes = figure.subplots()
-    # below this the reference's own error is compared; a run at its own step even shows none
-    floor = result["reference"]["error_estimate_rad"]
-    rows = [row for row in result["rows"] if row["status"] == "ok" and row["rms_angle_error_rad"] > floor]
-    for i, label in enumerate(dict.fromkeys(row["label"] for row in rows)):
-        part = sorted((r for r in rows if r["label"] == label), key=lambda r: r["dt"])
-        look = _look(i)
-        if part[0].get("peer"):
-            look.update(mfc="white", ls="--")
-        x, y = ([r[key] for r in part] for key in ("wall_s_per_simulated_s", "rms_position_error_m"))
-        axes.plot(x, y, label=label, lw=1.0, **look)
-    axes.set(xscale="log", yscale="log", xlabel="wall time per simulated second [s], one thread")
-    axes.set_ylabel("RMS position error [m]")
-    figure.legend(loc="outside right center", fontsize=8)
-    _title(figure, f"{result['scene']}: the same motion by other simulators, {result['reference']['horizon_s']:g} s")
-    return style.save(figure, path)
-
-
-@_styled
-def scaling(found: dict[str, Any], path: str | Path) -> Path:
-    """Microseconds per step against links, and link-steps per second against droppers at once, log-log."""
-    figure = style.new_figure(11.0, 4.6)
-    left, right = figure.subplots(1, 2)
-    for i, scheme in enumerate(dict.fromkeys(row["scheme"] for row in found["by_links"])):
-        rows = [row for row in found["by_links"] if row["scheme"] == scheme]
-        left.plot([r["links"] for r in rows], [r["us_per_step"] for r in rows], label=scheme, **_look(i))
-    left.set(xscale="log", yscale="log", xlabel="links", ylabel="microseconds per step")
-    left.legend()
-    kinds = dict.fromkeys((row["scheme"], row["devices"]) for row in found["by_batch"])
-    for i, (scheme, devices) in enumerate(kinds):
-        rows = [r for r in found["by_batch"] if (r["scheme"], r["devices"]) == (scheme, devices)]
-        label = f"{scheme}, {devices} device{'s' if devices > 1 else ''}"
-        right.plot([r["droppers"] for r in rows], [r["link_steps_per_s"] for r in rows], label=label, **_look(i))
-    right.set(xscale="log", yscale="log", xlabel="droppers of 7 links at once", ylabel="link-steps per second")
-    right.legend()
-    _title(figure, "scaling with links and with droppers at once")
-    return style.save(figure, path)

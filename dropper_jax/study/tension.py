@@ -21,9 +21,7 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
 
 
 def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    line, ends = model.line, model.ends(t)
-    k = model.kinematics(r, v, t, ends)
-    k = model.kinematics(r, v, t, ends, prepared=model.prepare(k))
+    line, k = model.line, model.instant(r, v, t)
     if line.axial.elastic:
         return line.axial.tension(k.links, k.link_velocities, line.length)
     zero = jnp.zeros((r.size,), r.dtype)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms, rms_angle, rms_position
@@ -43,7 +44,7 @@ def measure(
     dts: list[float],
     target: Reference,
     repeats: int = REPEATS,
-    say: Callable[[float, str], None] | None = None,
+    say: Progress = silent,
     pick: Callable[[list[float]], float] = statistics.median,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of all schemes and steps, and what was left out for its run time.
@@ -55,8 +56,7 @@ def measure(
     """
     rows, skipped = [], []
     for i, scheme in enumerate(schemes):
-        if say:
-            say(i / len(schemes), scheme.label)
+        say(i / len(schemes), scheme.label)
         found, left = _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, repeats, pick)
         rows += found
         skipped += left
@@ -142,8 +142,7 @@ def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarr
     """Energy that left unaccounted since the start (k,) [J]: energies of the raw velocities, less all counted work."""
 
     def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
-        k = model.kinematics(r, v, time)
-        k = model.kinematics(r, v, time, k.ends, prepared=model.prepare(k))
+        k = model.instant(r, v, time)
         return model.kinetic_energy(k) + model.potential_energy(k)
 
     wide = lambda x: jnp.asarray(np.asarray(x, float), model.dtype)  # noqa: E731

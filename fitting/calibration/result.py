@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.calibration.law import Law
@@ -111,8 +112,8 @@ class FitResult:
         return self.solution.problem.simulator.model_at(self.values)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values with the keys of the command line's JSON."""
-        u, bias = self.uncertainty, self.solution.step_bias
+        """Plain values with the keys of the command line's JSON; what is not finite is None."""
+        u = self.uncertainty
         rows = zip(self.parameters, self.values, u.std_error, u.low, u.high, u.at_bound, strict=True)
         found = {
             "schema": SCHEMA,
@@ -120,38 +121,31 @@ class FitResult:
             "method": self.method,
             "parameters": {
                 p.name: {
-                    "value": number(v),
-                    "std_error": number(s),
-                    "low": number(a),
-                    "high": number(b),
-                    "at_bound": bool(c),
+                    "value": v,
+                    "std_error": s,
+                    "low": a,
+                    "high": b,
+                    "at_bound": c,
                     "unit": p.unit,
                 }
                 for p, v, s, a, b, c in rows
             },
-            "correlation": [[number(x) for x in row] for row in u.correlation],
-            "rms_rad": number(self.rms),
-            "held_out_rms_rad": [number(h.rms) for h in self.held_out],
-            "chi2_per_dof": number(self.chi2_per_dof),
-            "noise_rad": number(self.noise),
-            "iterations": int(self.iterations),
-            "seconds": {key: number(value) for key, value in self.seconds.items()},
-            "window_s": number(self.windows.length),
-            "step_s": number(self.windows.dt / self.windows.substeps),
-            "step_bias_std_errors": None if bias is None else [number(x) for x in bias],
-            "gap_weight": number(self.solution.gap_weight),
-            "lyapunov_per_s": number(self.lyapunov),
-            "warnings": list(self.warnings),
+            "correlation": u.correlation,
+            "rms_rad": self.rms,
+            "held_out_rms_rad": [h.rms for h in self.held_out],
+            "chi2_per_dof": self.chi2_per_dof,
+            "noise_rad": self.noise,
+            "iterations": self.iterations,
+            "seconds": self.seconds,
+            "window_s": self.windows.length,
+            "step_s": self.windows.dt / self.windows.substeps,
+            "step_bias_std_errors": self.solution.step_bias,
+            "gap_weight": self.solution.gap_weight,
+            "lyapunov_per_s": self.lyapunov,
+            "warnings": self.warnings,
         }
         if self.comparison:
             found["comparison"] = [row.to_json() for row in self.comparison]
         if self.status != "ok":
             found["error"] = f"{self.status}: {self.message}"
-        return found
-
-
-def number(value: float | None) -> float | None:
-    """A number for JSON; what is not finite is null."""
-    if value is None or not np.isfinite(value):
-        return None
-    return float(value)
+        return jsonable(found)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import SET_HELP, add_json, number, read_scene
-from dropper_jax.cli.output import listing, print_json, print_line, progress, table
+from dropper_jax.cli.options import add_json, add_quiet, add_set, number, output_folder, read_scene
+from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress, table
 
 if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
@@ -23,7 +22,7 @@ METHODS = ("windows", "shooting", "gradient")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("traces", nargs="+", metavar="TRACES.csv", help="one CSV per run: t, theta_1..n")
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
+    add_set(parser)
     parser.add_argument(
         "--free", metavar="NAMES", help="parameters, such as b_l,line.0.inertia,release.time (default: damping)"
     )
@@ -46,14 +45,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--static-start", action="store_true", help="every run is let go at t = 0 as [start] says")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_quiet(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     spans = held_out_spans(args.held_out)
     free = None if args.free is None else args.free.split(",")
-    folder = _folder(args.report)
+    folder = output_folder(args.report, "--report")
+    if folder:
+        folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
     scene = read_scene(args)
 
@@ -77,16 +78,12 @@ def run(args: argparse.Namespace) -> int:
         compare_models=args.compare_models,
         progress=progress(args.quiet),
     )
-    for warning in result.warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(result.warnings)
     if folder:
         from fitting.report.report import write_report
 
         write_report(result, folder)
-    if args.json:
-        print_json(result.to_json())
-    else:
-        print(text(result))
+    print_result(args.json, result.to_json(), text(result))
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
     return OK if result.status == "ok" else FAILED
@@ -102,16 +99,6 @@ def held_out_spans(text: str | None) -> list[tuple[float, float]]:
             raise SceneError(f"--held-out: {part!r} is not lo:hi; allowed: spans in s such as 40:45,45:50") from None
         found.append((low, high))
     return found
-
-
-def _folder(text: str | None) -> Path | None:
-    if text is None:
-        return None
-    folder = Path(text)
-    if folder.exists() and not folder.is_dir():
-        raise SceneError(f"--report: {text!r} is a file; allowed: a folder")
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _check_numbers(args: argparse.Namespace) -> None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, number, output_file, read_scene
-from dropper_jax.cli.output import print_json, print_line, progress
+from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, read_scene
+from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.sensitivity import Global, Local, Study
@@ -38,14 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--samples", type=int, default=64, help="size of a global study (default: 64)")
     parser.add_argument("--seed", type=int, default=0, help="of a global study")
     parser.add_argument("--picture", metavar="FILE.png", help="tornado picture")
-    parser.add_argument("--integrator", help="time integration scheme")
-    parser.add_argument("--dt", type=number, help="time step [s]")
-    parser.add_argument("--duration", type=number, help="simulated time [s]")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_run_values(parser, OVERRIDES)
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+    scene = read_scene(args, OVERRIDES)
     picture = output_file(args.picture, "--picture", (".png",))
     if args.samples < 2:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
@@ -76,8 +74,7 @@ def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str]
     from fitting.sensitivity.tables import global_text, local_text
 
     message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
-    for warning in warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(warnings)
     if args.json:
         head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
         error = {"error": message} if message else {}

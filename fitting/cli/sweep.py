@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, number, read_scene
-from dropper_jax.cli.output import failure_object, listing, print_json, print_line, progress
+from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.output import (
+    failure_object,
+    listing,
+    print_json,
+    print_line,
+    print_result,
+    print_warnings,
+    progress,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,12 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--chunk", type=int, default=64, help="cases advanced together on a device (default: 64)")
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
-    parser.add_argument("--integrator", help="time integration scheme")
-    parser.add_argument("--solver", help="linear solver")
-    parser.add_argument("--dt", type=number, help="time step [s]")
-    parser.add_argument("--duration", type=number, help="simulated time [s]")
-    parser.add_argument("--dtype", help="float64 or float32")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_run_values(parser, OVERRIDES)
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -50,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     if not Path(args.out).parent.is_dir():
         raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
     use_cores(args.devices)
-    scene = read_scene(args, {f"run.{key}": getattr(args, key) for key in OVERRIDES})
+    scene = read_scene(args, OVERRIDES)
 
     from fitting.sweep import SweepStopped, sweep
 
@@ -72,8 +76,7 @@ def run(args: argparse.Namespace) -> int:
             print_json(failure_object("interrupted", str(error)))
         return FAILED
     warnings = result.fallbacks.warnings()
-    for warning in warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
         "schema": 1,
@@ -91,10 +94,7 @@ def run(args: argparse.Namespace) -> int:
         "vmapped": sorted(result.fallbacks.operations),
         "warnings": warnings,
     }
-    if args.json:
-        print_json(found)
-    else:
-        print(text(found))
+    print_result(args.json, found, text(found))
     return OK
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, number, output_file
-from dropper_jax.cli.output import listing, print_json, print_line, progress
+from dropper_jax.cli.options import add_json, add_quiet, number, output_file
+from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.tracking.track import Tracked
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=number, help="frames per second, where the file is wrong")
     parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="take the video from here [s]")
     parser.add_argument("--end", type=number, metavar="T", help="take the video to here [s]")
-    parser.add_argument("--quiet", action="store_true", help="no progress")
+    add_quiet(parser)
     add_json(parser)
 
 
@@ -85,17 +85,13 @@ def run(args: argparse.Namespace) -> int:
         end=args.end,
         progress=progress(args.quiet),
     )
-    for warning in tracked.warnings:
-        print_line(f"warning: {warning}")
+    print_warnings(tracked.warnings)
     write_trace(out, tracked.trace)
     if positions:
         write_positions(tracked, positions)
     if overlay:
         write_overlay(tracked, args.video, overlay)
-    if args.json:
-        print_json({**tracked.to_json(), "out": str(out)})
-    else:
-        print(text(tracked, out))
+    print_result(args.json, {**tracked.to_json(), "out": str(out)}, text(tracked, out))
     if tracked.status != "ok":
         print_line(f"error: {tracked.message}; what came before is in {out}")
     return OK if tracked.status == "ok" else FAILED

@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -56,9 +55,9 @@ def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str, **looks: Any) ->
 
 def _styled(draw: Callable[..., Figure]) -> Callable[..., Path]:
     @wraps(draw)
+    @style.look()
     def wrapper(result: FitResult, run: int, path: Path) -> Path:
-        with matplotlib.style.context(["default", style.RC]):
-            return style.save(draw(result, run), path)
+        return style.save(draw(result, run), path)
 
     return wrapper
 

@@ -11,6 +11,7 @@ from dropper_jax.base.files import atomic_write
 from fitting.calibration.result import FitResult
 from fitting.report.pictures import PICTURES, fitted
 from fitting.report.tables import comparison_rows, parameter_rows, summary
+from fitting.traces.trace import Trace
 
 #: The thesis' parts of a trace [s].
 PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
@@ -21,13 +22,16 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for run in range(len(result.traces)):
-        if not (result.windows.run == run).any():
-            continue
+    for run, _ in fitted_runs(result):
         for name, draw in PICTURES.items():
             files.append(draw(result, run, folder / f"{name}_{run + 1}.png"))
     files.append(atomic_write(folder / "report.md", report(result)))
     return files
+
+
+def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
+    """Number and trace of every run of which something was fitted."""
+    return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
 def report(result: FitResult) -> str:
@@ -51,9 +55,7 @@ def report(result: FitResult) -> str:
     ]
     if result.comparison:
         parts += ["## Damping laws", markdown(comparison_rows(result.comparison))]
-    for run, trace in enumerate(result.traces):
-        if not (result.windows.run == run).any():
-            continue
+    for run, trace in fitted_runs(result):
         parts.append(f"## {trace.name}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
     return "\n\n".join(parts) + "\n"
@@ -63,9 +65,7 @@ def part_rows(result: FitResult) -> list[tuple[str, ...]]:
     """RMS angle error of head, middle and tail of every run, per link and in all."""
     links = result.windows.theta.shape[2]
     rows = [("run", "part", *(f"link {j + 1}" for j in range(links)), "all")]
-    for run, trace in enumerate(result.traces):
-        if not (result.windows.run == run).any():
-            continue
+    for run, trace in fitted_runs(result):
         t, measured, simulated, _ = fitted(result, run)
         for name, low, high in PARTS:
             inside = (t >= low) & (t < high)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib.style
 import numpy as np
 
 from dropper_jax.plots import style
@@ -40,7 +39,7 @@ def _bars(
     errors: Sequence[np.ndarray] | None = None,
 ) -> Path:
     order = np.argsort(np.abs(values[0]))
-    with matplotlib.style.context(["default", style.RC]):
+    with style.look():
         figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
         axes = figure.subplots()
         height = 0.8 / len(values)

@@ -7,6 +7,7 @@ from typing import Any
 
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import read_lines
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.values import columns, number
 
@@ -104,10 +105,7 @@ def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
 
 def read_seafloor(path: Path) -> dict[str, list[float]]:
     """`bed_x`, `bed_y`, `bed_depth` of `[effects.seabed]` from a file of MoorDyn-C: sizes, x, y, then x y depth."""
-    try:
-        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    lines = [line.split() for line in read_lines(path) if line.strip()]
     try:
         x, y = sorted(float(w) for w in lines[1]), sorted(float(w) for w in lines[2])
         places = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import read_lines
 from dropper_jax.sea.readers import elevation_components
 
 FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", "current_profile.txt"
@@ -70,12 +71,8 @@ def _plain(found: dict[str, np.ndarray]) -> dict[str, list[float]]:
 
 def _rows(path: Path, least: int, skip: int) -> list[tuple[int, list[float]]]:
     """Rows of numbers with their line numbers."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     found = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(read_lines(path), start=1):
         if number <= skip or not line.strip():
             continue
         try:

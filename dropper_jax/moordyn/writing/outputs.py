@@ -12,6 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
 from dropper_jax.run.solution import LineSlice, Solution
+from dropper_jax.scene.nodes import point_nodes
 
 _END = re.compile(r"^(?P<end>FAIR|ANCH)TEN(?P<line>\d+)$")
 _LINE = re.compile(r"^L(?:INE)?(?P<line>\d+)N(?P<node>\d+|A|B)(?P<what>P[XYZ]|V[XYZ]|T|TEN)$")
@@ -92,7 +93,8 @@ def channel_values(solution: Solution, channel: str) -> tuple[np.ndarray, str]:
         number = int(found["point"])
         if not 1 <= number <= len(solution.scene.points):
             raise _refuse(channel, f"the scene has {len(solution.scene.points)} points")
-        return _axis(solution, _at_point(solution, number - 1), found["what"])
+        node = point_nodes(solution.scene)[solution.scene.points[number - 1].name]
+        return _axis(solution, node, found["what"])
     raise _refuse(channel, "is not among what a run has")
 
 
@@ -109,16 +111,6 @@ def _line(solution: Solution, channel: str, number: int) -> LineSlice:
 def _end_tension(solution: Solution, channel: str, number: int, last: bool) -> np.ndarray:
     where = _line(solution, channel, number).links
     return solution.tension[:, where.stop - 1 if last else where.start]
-
-
-def _at_point(solution: Solution, index: int) -> int:
-    """A node where the point is."""
-    name = solution.scene.points[index].name
-    for line, where in zip(solution.scene.lines, solution.lines, strict=True):
-        for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
-            if point == name:
-                return node
-    raise SceneError(f"point {name!r}: no line ends there")
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:

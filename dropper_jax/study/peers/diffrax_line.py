@@ -44,9 +44,7 @@ def refuse(model: Model, s: State) -> str | None:
 def derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
     """(r', v') of free nodes (nodes, 3): `m a = F + G' T`, with T from `d . d'' + |d'|^2 = 0`."""
     r, v = y
-    ends = model.ends(t)
-    k = model.kinematics(r, v, t, ends)
-    k = model.kinematics(r, v, t, ends, prepared=model.prepare(k))
+    k = model.instant(r, v, t)
     inverse = 1.0 / model.line.mass[: model.free_nodes]
     unit = k.links / model.line.length[:, None]
     free = model.force(k) * inverse[:, None]

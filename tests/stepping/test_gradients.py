@@ -11,7 +11,7 @@ from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
 from dropper_jax.effects import LinearDamping, QuadraticDamping, Weight
-from dropper_jax.model import Line, Model, Point, state
+from dropper_jax.model import Line, Member, Model, Path, Point, state
 
 DT = 0.005
 MODEL, START = dj.build("dropper-release-a")
@@ -32,7 +32,7 @@ PARAMETERS = {
 
 def model_of(p):
     points = (MODEL.points[0], Point(p["end"], "right", "fixed"))
-    line = Line(p["length"], p["mass"], geometry=MODEL.geometry)
+    line = Line(p["length"], p["mass"], Path((Member("line", p["length"].shape[-1], 0, 1),)))
     return Model(points, (line,), (Weight(jnp.asarray(9.81)), LinearDamping(p["b_l"]), QuadraticDamping(p["b_q"])))
 
 

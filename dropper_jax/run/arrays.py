@@ -91,7 +91,7 @@ def _law(line: LineSpec) -> AxialLaw:
     if line.tables is not None:
         strain, force, slope = stacked(line.tables)
         return Tabulated(EA=line.EA, damping=line.axial_damping, strain=strain, force=force, slope=slope)
-    return LAWS[line.axial_law](EA=line.EA, damping=line.axial_damping)
+    return LAWS[line.axial_law](EA=line.EA, damping=line.axial_damping, **line.constants)
 
 
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:

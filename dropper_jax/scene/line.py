@@ -52,6 +52,8 @@ class LineSpec:
     EA: np.ndarray | None = None
     axial_damping: np.ndarray | None = None
     tables: tuple[ForceTable, ...] | None = None
+    #: What else the law's class declares, per link.
+    constants: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     growth: GrowthSpec | None = None
 
     @classmethod
@@ -72,6 +74,7 @@ class LineSpec:
         values.update(_read_axial(axial, f"{path}.axial", count))
         spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
         values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
+        values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
         return cls(**values, growth=None if growth is None else GrowthSpec.read(growth, f"{path}.growth"))
 
     @property
@@ -95,6 +98,7 @@ class LineSpec:
         axial = {"law": self.axial_law, **stiffness}
         if self.axial_damping is not None:
             axial["damping"] = _one_or_all(self.axial_damping.tolist())
+        axial.update({key: _one_or_all(value.tolist()) for key, value in self.constants.items()})
         return {**found, "axial": axial}
 
 
@@ -111,6 +115,7 @@ def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
     damping = None
     if any(line.axial_damping is not None for line in lines):
         damping = np.concatenate([np.zeros(n.links) if n.axial_damping is None else n.axial_damping for n in lines])
+    keys = lines[0].constants if len({line.axial_law for line in lines}) == 1 else ()
     tables = None
     if all(line.tables is not None for line in lines):
         tables = tuple(table for line in lines for table in line.tables)
@@ -120,6 +125,7 @@ def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
         links=sum(line.links for line in lines),
         end=lines[-1].end,
         axial_damping=damping,
+        constants={key: np.concatenate([line.constants[key] for line in lines]) for key in keys},
         **{key: together(key) for key in arrays},
     )
 
@@ -139,7 +145,9 @@ def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
         stiffness = np.array([t.stiffness for t in tables])
         return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
     values = read_fields(LAWS[law], table, path, {"link": links})
-    return {"axial_law": law, "EA": values.get("EA"), "axial_damping": values.get("damping")}
+    stiffness, damping = values.pop("EA", None), values.pop("damping", None)
+    constants = {key: value for key, value in values.items() if value is not None}
+    return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "constants": constants}
 
 
 def _per_link(value: Plain, links: int) -> np.ndarray:

@@ -1,0 +1,146 @@
+"""Whether two checkouts step equally fast and compile equally fast: medians of interleaved pairs, processor time.
+
+    python benchmarks/same_speed.py OTHER_CHECKOUT [--pairs 7] [--cases NAME ...]
+
+Each checkout runs in a process of its own, one thread, on the same processor; the two take turns, so that a machine
+which slows down slows both. A row per case: microseconds per step of the other checkout and of this one, their ratio
+(median of the pairs' ratios, and the range of the middle half), and the same of compilation. Only public names are
+used, so that the other may be old.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parents[1]
+#: Cases: links of a dropper or a packaged scene, scheme, step [s], steps; `gradient` takes value and gradient.
+CASES: dict[str, dict[str, Any]] = {
+    "7 links": {"links": 7, "dt": 0.03, "steps": 4000},
+    "7 links, rattle": {"links": 7, "dt": 0.03, "steps": 8000, "integrator": "rattle"},
+    "18 links": {"links": 18, "dt": 0.03, "steps": 3000},
+    "18 links, rattle": {"links": 18, "dt": 0.03, "steps": 6000, "integrator": "rattle"},
+    "100 links": {"links": 100, "dt": 0.003, "steps": 1000},
+    "100 links, rattle": {"links": 100, "dt": 0.003, "steps": 2000, "integrator": "rattle"},
+    "1000 links": {"links": 1000, "dt": 0.0005, "steps": 100},
+    "lab dropper, gradient": {"scene": "dropper-release-a", "dt": 0.005, "steps": 1000, "gradient": True},
+    "lab dropper, rattle, gradient": {
+        "scene": "dropper-release-a", "dt": 0.005, "steps": 2000, "integrator": "rattle", "gradient": True,
+    },
+    "paper-case-1": {"scene": "paper-case-1", "dt": 0.02, "steps": 1000},
+    "paper-case-1, generalized_alpha": {
+        "scene": "paper-case-1", "dt": 0.01, "steps": 1000, "integrator": "generalized_alpha",
+    },
+    "edulis-longline": {"scene": "edulis-longline", "dt": 0.03, "steps": 100},
+}  # fmt: skip
+
+
+def dropper(links: int, dt: float) -> dict[str, Any]:
+    """A 17 m, 14 kg/m dropper with its ends 2.5 m apart, linear and quadratic damping."""
+    line = {"name": "line", "from": "left", "to": "right", "links": links}
+    return {
+        "run": {"dt": dt, "duration": 1.0},
+        "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [2.5, 0.0, 0.0]}],
+        "line": [line | {"length": 17.0 / links, "mass": 238.0 / links}],
+        "effects": {"weight": {}, "linear_damping": {"b_l": 0.5}, "quadratic_damping": {"b_q": 5.0}},
+    }
+
+
+def serve(case: dict[str, Any]) -> None:
+    """Answer each line of the input, `compile` or `run`, with processor time [s]."""
+    import jax
+    import jax.numpy as jnp
+
+    import dropper_jax as dj
+
+    model, start = dj.build(case.get("scene") or dropper(case["links"], case["dt"]))
+    if "links" in case:  # thrown out of its plane with 1 m/s in the middle
+        shape = jnp.sin(jnp.linspace(0.0, jnp.pi, model.free_nodes))
+        start = dj.state(model, start.r, jnp.zeros_like(start.r).at[:, 1].set(shape), start.tension)
+    stepper = dj.make_stepper(model, case.get("integrator", "energy_momentum"), track_work=False)
+    if hasattr(stepper.integrator, "begin"):
+        start = stepper.integrator.begin(model, start)
+
+    def run(model: Any, s: Any) -> Any:
+        return dj.integrate(stepper, model, s, case["dt"], case["steps"])[1].r[-1].sum()
+
+    compiled: Callable[..., Any] = None
+    for word in sys.stdin:
+        begun = time.process_time()
+        if word.strip() == "compile":
+            jax.clear_caches()
+            compiled = jax.jit(jax.value_and_grad(run) if case.get("gradient") else run).lower(model, start).compile()
+        else:
+            jax.block_until_ready(compiled(model, start))
+        print(time.process_time() - begun, flush=True)
+
+
+class Side:
+    """A checkout at work."""
+
+    def __init__(self, tree: Path, case: str) -> None:
+        flags = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+        environment = {**os.environ, "PYTHONPATH": str(tree), "XLA_FLAGS": flags}
+        call = [sys.executable, __file__, "--serve", case]
+        self.process = subprocess.Popen(
+            call, cwd=tree, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def ask(self, word: str) -> float:
+        given, answered = self.process.stdin, self.process.stdout
+        given.write(word + "\n")
+        given.flush()
+        return float(answered.readline())
+
+    def close(self) -> None:
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def pairs(other: Side, own: Side, word: str, count: int) -> tuple[float, float, list[float]]:
+    """Median times of both and the sorted ratios of the pairs; who begins changes from pair to pair."""
+    theirs, ours = [], []
+    for i in range(count):
+        for side, times in ((other, theirs), (own, ours))[:: 1 if i % 2 else -1]:
+            times.append(side.ask(word))
+    return statistics.median(theirs), statistics.median(ours), sorted(b / a for a, b in zip(theirs, ours, strict=True))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("other", nargs="?", type=Path)
+    parser.add_argument("--pairs", type=int, default=7)
+    parser.add_argument("--compilations", type=int, default=3)
+    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--serve", choices=list(CASES), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.serve:
+        serve(CASES[args.serve])
+        return
+    if args.other is None or not (args.other / "dropper_jax").is_dir():
+        parser.error("OTHER_CHECKOUT: a folder with dropper_jax/ is needed")
+    print(f"{'case':34s} {'us/step':>9s} {'now':>9s} {'ratio':>7s} {'middle half':>13s}   compile    now ratio")
+    for name in args.cases:
+        other, own = Side(args.other, name), Side(HERE, name)
+        built = pairs(other, own, "compile", args.compilations)
+        pairs(other, own, "run", 1)  # warm
+        ran = pairs(other, own, "run", args.pairs)
+        other.close()
+        own.close()
+        scale, ratios = 1e6 / CASES[name]["steps"], ran[2]
+        quarter = len(ratios) // 4
+        steps = f"{ran[0] * scale:9.2f} {ran[1] * scale:9.2f} {statistics.median(ratios):7.3f}"
+        spread = f"{ratios[quarter]:6.3f}-{ratios[-1 - quarter]:.3f}"
+        compiled = f"{built[0]:7.2f} {built[1]:6.2f} {statistics.median(built[2]):.3f}"
+        print(f"{name:34s} {steps} {spread}   {compiled}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

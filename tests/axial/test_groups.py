@@ -72,6 +72,7 @@ def test_each_link_answers_by_its_own_law():
     )
 
 
+@pytest.mark.slow
 def test_a_rigid_dropper_rests_where_one_of_stiff_links_does():
     rigid, stiff = (dj.equilibrium(scene) for scene in (SCENE, with_dropper(law="rope", EA=2e7)))
     assert (rigid.status, stiff.status) == ("ok", "ok")
@@ -82,6 +83,7 @@ def test_a_rigid_dropper_rests_where_one_of_stiff_links_does():
     np.testing.assert_allclose(np.linalg.norm(links, axis=1), 0.5, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_rigid_dropper_moves_in_waves_as_one_of_stiff_links_does():
     rigid, stiff = (dj.simulate(scene, duration=5.0) for scene in (SCENE, with_dropper(law="rope", EA=2e7)))
     assert (rigid.status, stiff.status) == ("ok", "ok")
@@ -137,6 +139,7 @@ def test_a_pendulum_in_a_system_of_lines_swings_with_the_period_of_the_elliptic_
         np.testing.assert_allclose(run.tension[-1, 0], 3 * (5.0 + 0.15) * 9.81, rtol=1e-3)  # m g + m v^2 / L
 
 
+@pytest.mark.slow
 def test_energy_is_kept_where_rigid_links_hang_from_ropes():
     table = bare(
         [
@@ -159,6 +162,7 @@ def test_energy_is_kept_where_rigid_links_hang_from_ropes():
     assert run.max_closure_error < 1e-9
 
 
+@pytest.mark.slow
 def test_rigid_triangles_hold_more_than_they_need_to():
     """More constraints than motions: two rigid lines between the same points share the load in halves."""
     table = bare(
@@ -193,6 +197,7 @@ def test_a_table_beside_ropes_is_a_rope_where_it_is_straight():
     np.testing.assert_allclose(dj.equilibrium(mixed).positions, ropes.positions, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_run_agree_forward_reverse_and_with_differences():
     table = bare(
         [rope("spring", "left", "top", 2, 2.0), rope("drop", "top", "end", 2, 1.0, law="rigid")],

@@ -174,6 +174,7 @@ KEYS = {
 }
 
 
+@pytest.mark.slow
 def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
     out, gif, plots = tmp_path / "run.npz", tmp_path / "film.gif", tmp_path / "plots"
     argv = ["run", SCENE, "--json", "--duration", "0.1", "--dt", "0.01", "--set", "effects.linear_damping.b_l=0.01"]
@@ -196,14 +197,15 @@ def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
 ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0", "--set", "line.0.axial.damping=0.05"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
     [
         [],
-        ["--integrator", "rattle", "--dt", "0.004"],
+        pytest.param(["--integrator", "rattle", "--dt", "0.004"], marks=pytest.mark.check),
         ["--integrator", "theta_midpoint", "--gamma", "0.6", "--solver", "dense"],
         ["--integrator", "rk4", "--dt", "0.001", *ELASTIC],
-        ["--dtype", "float32", "--set", "run.save_every=5"],
+        pytest.param(["--dtype", "float32", "--set", "run.save_every=5"], marks=pytest.mark.check),
     ],
 )
 def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, capsys, more):

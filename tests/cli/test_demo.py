@@ -45,6 +45,7 @@ def short(monkeypatch):
     return few
 
 
+@pytest.mark.slow
 def test_the_demo_ends_with_a_calibration_that_says_it_is_synthetic(short, tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path), "--json"]) == 0
     out, err = capsys.readouterr()

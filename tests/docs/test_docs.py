@@ -35,6 +35,7 @@ def run_page(page, folder, monkeypatch):
     return names
 
 
+@pytest.mark.slow
 def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypatch, registry, capsys):
     names = run_page("add-an-effect.md", tmp_path, monkeypatch)
     assert registry["shock_cord"] is names["ShockCord"]
@@ -44,6 +45,7 @@ def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypat
     assert names["model"].effects[1].name == "shock_cord"
 
 
+@pytest.mark.slow
 def test_the_scene_and_the_code_of_the_quick_start_run(tmp_path, monkeypatch):
     (tmp_path / "loop.toml").write_text(blocks("quick-start.md", "toml")[0])
     names = run_page("quick-start.md", tmp_path, monkeypatch)

@@ -136,6 +136,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(("scheme", "choice"), OTHERS, ids=[name for name, _ in OTHERS])
 def test_other_implicit_schemes_make_the_same_steps_under_the_loop_of_the_page(page, scheme, choice):
     stepper, model, s = begun(RIGID["drag"], scheme, **choice)

@@ -73,6 +73,7 @@ def closed_form(t):
     return MASS * GRAVITY / SPRING * (1.0 - np.exp(-SPRING * t / VISCOSITY))
 
 
+@pytest.mark.slow
 def test_creep_follows_its_closed_form_in_first_order(known):
     errors = []
     for dt in (0.02, 0.01):
@@ -95,6 +96,7 @@ def test_every_kind_of_scheme_carries_it(known, integrator):
     assert solution.own["creep"][-1, 0] == pytest.approx(closed_form(0.2), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_halved_step_advances_it_by_parts(known):
     model, s = dj.build(rope(links=2))
     s = replace(s, v=s.v.at[-1, 0].set(3.0), own={"creep": jnp.array([1e-3, 2e-3])})
@@ -113,7 +115,8 @@ def test_a_halved_step_advances_it_by_parts(known):
     assert np.max(np.abs(whole.own["creep"] - halved.own["creep"])) > 1e-9
 
 
-@pytest.mark.parametrize("checkpoint", [False, True])
+@pytest.mark.slow
+@pytest.mark.parametrize("checkpoint", [pytest.param(False, marks=pytest.mark.check), True])
 def test_derivatives_and_batches_go_through_it(known, checkpoint):
     model, start = dj.build(rope())
     stepper = dj.make_stepper(model)
@@ -145,6 +148,7 @@ def test_a_scene_without_such_effects_carries_nothing():
     assert start.own == {}
 
 
+@pytest.mark.slow
 def test_nodes_are_found_through_their_line():
     chain = dj.build("string")[0]
     k = chain.kinematics(jnp.zeros((chain.free_nodes, 3)), jnp.zeros((chain.free_nodes, 3)), 0.0)

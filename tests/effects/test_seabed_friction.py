@@ -46,6 +46,7 @@ def test_a_sliding_weight_stops_after_v2_over_2_mu_g(one_line):
     np.testing.assert_array_equal(path.r[stopped[0] + 1 :, -1, 0], path.r[stopped[0] + 1, -1, 0])  # and stays
 
 
+@pytest.mark.slow
 def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line):
     kind = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1, "cdn": 1.4, "cdt": 0.2}
     scene = on_the_bed(one_line, 6, 20.0, kind, seabed_friction={"kinetic": 0.5}, buoyancy={}, morison_drag={})
@@ -60,6 +61,7 @@ def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line
     np.testing.assert_allclose(across[late], np.broadcast_to(across[-1], across[late].shape), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloading(one_line):
     # T^2/(2 mu w EA): a bar in Coulomb friction; after slow unloading the outer half slips back, half the stretch stays
     mu, pull, mass, EA, length, links = 0.5, 1000.0, 10.0, 1e5, 40.0, 100
@@ -113,6 +115,7 @@ class Pull(Effect):
         return self.pull
 
 
+@pytest.mark.slow
 def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags(one_line):
     # every node slides one way throughout, so no switch moves: T = mu times the weight behind, in a steady state
     mu, speed, EA, mass, length, links = 0.5, 0.2, 1e5, 10.0, 8.0, 4

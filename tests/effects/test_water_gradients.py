@@ -7,6 +7,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import dropper_jax as dj
 from dropper_jax.sea.make import waves_on
@@ -33,6 +34,7 @@ SCENE = {
 }
 
 
+@pytest.mark.slow
 def test_gradients_agree_forward_reverse_and_with_differences_through_the_surface():
     model, state = dj.build(SCENE)
     stepper = dj.make_stepper(model, halvings=0, extra=0)

@@ -82,6 +82,7 @@ def test_a_static_pose_stays(one_line):
     assert np.max(np.abs(run.tension - run.tension[0])) < 1e-5
 
 
+@pytest.mark.slow
 def test_gradients_of_a_driven_line_agree_with_differences_forward_and_reverse(chain):
     effects = {"weight": {}, "end_motion": {"point": "right", "amplitude": [0.02, 0.0, 0.03], "period": 1.0}}
     nodes = [[0.0, 0.0, 0.0], [0.25, 0.0, -0.2], [0.5, 0.0, -0.2], [0.7, 0.0, 0.0]]

@@ -6,6 +6,7 @@ import pytest
 import dropper_jax as dj
 
 
+@pytest.mark.slow
 def test_it_converges_to_the_independent_solution_with_its_order(order):
     assert order("thesis_angles", (11, 12), gamma=0.51) == pytest.approx(1.0, abs=0.15)
 

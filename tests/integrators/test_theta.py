@@ -3,6 +3,7 @@
 import pytest
 
 
+@pytest.mark.slow
 def test_it_converges_to_the_independent_solution_with_its_order(order):
     assert order("theta", (10, 11, 12, 13), gamma=0.51) == pytest.approx(1.0, abs=0.15)
     assert order("theta", (13, 14, 15, 16), gamma=1.0) == pytest.approx(1.0, abs=0.2)

@@ -96,6 +96,7 @@ def test_tridiagonal_systems(rows):
         np.testing.assert_allclose(matrix @ one, rhs, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_runs_of_a_dropper_with_a_member_that_needs_smaller_steps():
     """A batch in which one member is halved and one fails does not touch the others."""
     model, start = dj.build("dropper-release-a")

@@ -1,6 +1,6 @@
 """Random scenes: valid ones run to an honest end, invalid ones are refused in one line.
 
-100 examples each by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
+30 examples each by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
 templates, so that few programs are compiled; everything else is drawn.
 """
 
@@ -22,12 +22,12 @@ from dropper_jax.run.build import build
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.work_precision import energy_loss
 
-EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "100"))
+EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "30"))
 #: The default examples are the same in every run; more of them are drawn anew.
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,
-    derandomize=EXAMPLES <= 100,
+    derandomize=EXAMPLES <= 30,
     database=None,
     suppress_health_check=list(HealthCheck),
 )
@@ -113,6 +113,7 @@ def chains(draw: st.DrawFn, links: int = 3) -> dict:
     }
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.one_of(loops(), chains()))
 def test_a_valid_scene_runs_to_an_honest_end(table: dict) -> None:

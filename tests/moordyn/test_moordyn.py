@@ -64,6 +64,7 @@ def statics_of_moordyn(path: Path) -> list[np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INPUTS)
 def test_static_tensions_are_those_of_moordyn_within_one_percent(name, deck):
     path = deck(name)
@@ -308,6 +309,7 @@ def test_a_mistake_is_named_with_file_and_line(old, new, line, words, deck, caps
     assert capsys.readouterr().err.startswith("error: ")
 
 
+@pytest.mark.slow
 def test_dropper_run_takes_a_moordyn_file_and_writes_its_channels(deck, tmp_path, capsys):
     path = deck(FLOAT.replace("FairTen1", "FairTen1\nAnchTen2\nL1N3T\nCon2px\nBody1px"))
     argv = ["run", str(path), "--dt", "0.05", "--duration", "0.5", "--tables", str(tmp_path / "tables"), "--quiet"]

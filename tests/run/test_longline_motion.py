@@ -19,7 +19,8 @@ from dropper_jax.stepping.integrate import integrate
 G = 9.81
 
 
-@pytest.mark.parametrize("law", ["rope", "damped_rope"])
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["rope", pytest.param("damped_rope", marks=pytest.mark.check)])
 def test_a_falling_chain_in_water_at_rest_never_gains_energy(one_line, law):
     kind = {
         "law": law,
@@ -73,6 +74,7 @@ def assert_differences_agree(value, slopes, size=1e-5):
         assert float((value(ahead) - value(behind)) / (2 * size)) == pytest.approx(float(slope), rel=1e-5), i
 
 
+@pytest.mark.check
 def test_gradients_of_the_mean_tension_of_a_driven_chain_agree_with_differences(one_line):
     model, s, stepper = driven_chain(one_line)
 
@@ -84,6 +86,7 @@ def test_gradients_of_the_mean_tension_of_a_driven_chain_agree_with_differences(
     assert_differences_agree(jax.jit(mean_tension), forward)
 
 
+@pytest.mark.slow
 def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences():
     scene = load_scene("paper-case-4")
     model, near = build_model(scene), equilibrium(scene).state

@@ -34,6 +34,7 @@ def test_growth_from_a_bare_rope_gives_mass_diameter_and_wet_weight():
     assert found.wet_weight[0] == pytest.approx(10.0 * (found.mass[0] - 1000.0 * np.pi / 4 * 0.12**2 * 2.0))
 
 
+@pytest.mark.slow
 def test_growth_over_depth_is_taken_where_the_links_hang():
     scene = with_growth(dj.load_scene(SCENE), [2.0, 6.0], [0.05, 0.01], 1300.0)
     # the links' middles hang at 2.5, 3.5, 4.5 and 5.5 m

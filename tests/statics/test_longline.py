@@ -49,6 +49,7 @@ def fairlead(one_line, links):
     return pull[0], pull[2] + 0.5 * CHAIN["mass"] * G * 75.0 / links  # the last half link hangs on the fairlead itself
 
 
+@pytest.mark.slow
 def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_line):
     exact = jonkman(75.0, CHAIN["mass"] * G, CHAIN["EA"], 60.0, 30.0)
     error = {links: np.max(np.abs(np.array(fairlead(one_line, links)) / exact - 1)) for links in (25, 100, 200)}
@@ -99,6 +100,7 @@ def in_a_current(one_line, links):
     return np.max(np.abs(pose.tension / tension - 1)), abs(np.max(pose.positions[:, 0]) / sag - 1)
 
 
+@pytest.mark.slow
 def test_weightless_line_in_a_current_is_a_catenary_of_constant_tension(one_line):
     # without axial drag the load is normal, 1/2 rho Cd D U^2 cos^2 per length: a catenary with a = T/q
     (coarse, sag), (fine, _) = in_a_current(one_line, 100), in_a_current(one_line, 200)

@@ -1,6 +1,7 @@
 """Static poses against closed forms, an independent root finder, the measured poses and the minimum of energy."""
 
 import csv
+from dataclasses import replace
 from importlib import resources
 
 import jax
@@ -208,9 +209,9 @@ def misfit(scene, node, target):
 @pytest.mark.parametrize(
     ("links", "expected", "column_of_a"),
     [
-        ("A first", (0.0139, 0.0092, 0.0164), 0.0059),
+        pytest.param("A first", (0.0139, 0.0092, 0.0164), 0.0059, marks=pytest.mark.check),
         ("B first", (0.0072, 0.0080, 0.0136), 0.0055),
-        ("compound", (0.0100, 0.0082, 0.0138), 0.0029),
+        pytest.param("compound", (0.0100, 0.0082, 0.0138), 0.0029, marks=pytest.mark.check),
     ],
 )
 def test_fitted_poses_miss_the_measured_angles_by_what_hand_made_fits_do(links, expected, column_of_a):
@@ -259,8 +260,7 @@ def test_settled_pose_has_the_derivatives_of_the_funicular_polygon(chain):
     model, near = dj.build(chain(length, mass, STATIC, right=[0.4, 0.0, 0.05]))
 
     def heights(length, span):
-        line = model.lines[0]
-        line = type(line)(length, line.mass, axial=line.axial, start=line.start, end=line.end)
+        line = replace(model.lines[0], length=length)
         end = jnp.stack([span[0], jnp.zeros(()), span[1]])
         points = (model.points[0], type(model.points[1])(end, model.points[1].name, "fixed"))
         return dj.settle(type(model)(points, (line,), model.effects), near).r[:, 2]

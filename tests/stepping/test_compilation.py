@@ -22,7 +22,7 @@ print(json.dumps([[run.status, run.positions.tolist(), run.tension[1:].tolist()]
 """
 
 
-@pytest.mark.slow
+@pytest.mark.check
 @pytest.mark.skipif(not os.environ.get("XLA_FLAGS"), reason="no quick flags here: tests run what users run")
 def test_programs_as_users_compile_them_give_the_same_motion(as_a_user):
     for run, (status, positions, tension) in zip(RUNS, as_a_user(AS_A_USER, json.dumps(RUNS)), strict=True):

@@ -159,6 +159,7 @@ def check_all_ways(function, step=5e-4):
         assert direction @ reverse == pytest.approx(expected, rel=1e-6, abs=1e-9), group
 
 
+@pytest.mark.check
 def test_gradients_under_vmap_are_those_of_each_member():
     stepper = dj.make_stepper(model_of(SMALL), iterations=24, halvings=0)
 
@@ -172,6 +173,7 @@ def test_gradients_under_vmap_are_those_of_each_member():
     np.testing.assert_allclose(jax.jit(jax.vmap(jax.jacfwd(one)))(b), alone, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_checkpointing_changes_no_derivative():
     stepper = dj.make_stepper(model_of(SMALL), halvings=0)
     plain, kept = (
@@ -180,12 +182,14 @@ def test_checkpointing_changes_no_derivative():
     np.testing.assert_allclose(plain, kept, rtol=1e-11, atol=1e-11 * np.abs(plain).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choice", [("rattle", "auto"), ("theta", "auto"), ("energy_momentum", "dense")])
 def test_other_schemes_and_solvers_have_equal_forward_and_reverse_derivatives_and_differences(choice):
     stepper = dj.make_stepper(model_of(SMALL), *choice, iterations=16, halvings=0)
     check_all_ways(partial(small_end, stepper))
 
 
+@pytest.mark.slow
 def test_derivatives_through_halved_steps_are_exact_in_both_modes():
     """A step that turns the links about once: the whole step fails and its two halves are chained."""
     stepper, dt = dj.make_stepper(model_of(SMALL), iterations=1, extra=0, halvings=4), 0.1
@@ -220,6 +224,7 @@ def test_steps_for_forward_mode_alone_have_its_derivatives_and_refuse_all_others
         jax.grad(forward)(0.2)
 
 
+@pytest.mark.check
 def test_reverse_mode_over_10_000_steps_needs_at_most_20_megabytes():
     stepper = dj.make_stepper(MODEL, track_work=False)
 

@@ -198,6 +198,7 @@ def test_schemes_without_parting_links_refuse():
         make_stepper(model, "rattle")
 
 
+@pytest.mark.slow
 def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(tmp_path):
     pytest.importorskip("zarr")
     scene = hanging(2, {"line": "line", "link": 2, "time": 0.5}, run={"dt": 0.01, "duration": 0.7})
@@ -214,6 +215,7 @@ def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(
     assert float(jax.jit(problem)(problem.values)) == pytest.approx(single.energy[-1], rel=1e-9)
 
 
+@pytest.mark.check
 def test_windows_of_a_study_go_on_with_what_has_parted():
     scene = hanging(2, {"line": "line", "link": 2, "load": 500.0}, run={"dt": 0.01, "duration": 1.0})
     problem = study(scene, "tension.2.max", ["effects.point_bodies.gravity"])

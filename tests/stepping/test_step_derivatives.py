@@ -87,11 +87,12 @@ CASES = {
     "rk2, rope": (line(**ROPE), "rk2", {}),
     "rk4, breaking system": (BREAKING, "rk4", {}),
 }
-LONG = ("energy_momentum", "energy_momentum, friction", "thesis_angles", *(name for name in CASES if "system" in name))
+#: What `make test` takes of them; `make check` takes all.
+OFTEN = ("energy_momentum", "energy_momentum, friction", "energy_momentum, system", "rattle", "theta")
 
 
 def cases(*names):
-    return [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in names]
+    return [pytest.param(name, marks=[pytest.mark.slow if name in OFTEN else pytest.mark.check]) for name in names]
 
 
 def begun(name):

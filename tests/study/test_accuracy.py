@@ -51,6 +51,7 @@ def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) 
     assert [item["scheme"] for item in found["refused"]] == ["rk4"]
 
 
+@pytest.mark.slow
 def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
     """The reference is a 16 times finer rk4, checked by extrapolated rk2."""
     changes = {"line.0.axial.law": "elastic", "line.0.axial.EA": 20.0, "line.0.axial.damping": 0.02}
@@ -61,6 +62,7 @@ def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
     assert abs(found["orders"]["rk4"] - 4.0) < 0.3
 
 
+@pytest.mark.slow
 def test_a_system_of_lines_is_measured_and_its_tensions_are_compared_at_one_time(one_line) -> None:
     """Tensions of generalised-alpha belong to two thirds of a step: compared elsewhere they were of first order."""
     kind = {"mass": 2.0, "diameter": 0.03, "law": "elastic", "EA": 4e3, "damping_ratio": 0.1}
@@ -125,7 +127,12 @@ def test_instant_tension_of_a_pendulum_is_weight_and_centripetal_force() -> None
     np.testing.assert_allclose(found, 9.81 * np.cos(0.7) + 2.0 * 1.5**2, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["dropper-release-b", "conical-pendulum", "double-pendulum-chaotic"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.check) for name in ("dropper-release-b", "double-pendulum-chaotic")]
+    + ["conical-pendulum"],
+)
 def test_estimated_error_is_within_a_factor_3_of_the_true_one(name: str) -> None:
     scene = load_scene(name).with_values({"run.duration": 1.0})
     choice = choose_step(scene, 1e-2)
@@ -138,6 +145,7 @@ def test_estimated_error_is_within_a_factor_3_of_the_true_one(name: str) -> None
     assert true / 3 <= choice.estimate <= 3 * true
 
 
+@pytest.mark.check
 def test_simulate_takes_a_tolerance_and_reports_the_estimate() -> None:
     solution = dj.simulate(SCENE, duration=0.5, tolerance=1e-3)
     assert solution.status == "ok"
@@ -145,6 +153,7 @@ def test_simulate_takes_a_tolerance_and_reports_the_estimate() -> None:
     assert len(set(np.round(np.diff(solution.t), 12))) == 1  # the step stays fixed
 
 
+@pytest.mark.check
 def test_unreachable_or_senseless_tolerances_are_refused() -> None:
     with pytest.raises(dj.SceneError, match="tolerance: -1"):
         choose_step(load_scene(SCENE), -1)

@@ -132,6 +132,7 @@ def test_runs_with_gaps_are_fitted_together(ready, motion, ten):
     assert np.all(result.uncertainty.std_error < alone)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(ready, motion):
     """Starts are eliminated anew at every point; Gauss-Newton's elimination leaves out the residuals' curvature."""
     prepared = ready(seen(motion, 0))
@@ -161,12 +162,21 @@ def test_nothing_of_what_is_held_out_touches_the_fit(ready, motion):
     assert not np.any((known >= 4.8 - 1e-6) & (known < 6.0 - 1e-6) | (known >= 8.4 - 1e-6))
 
 
-@pytest.mark.parametrize("settings", [{}, {"optimizer": "adam", "steps": 45}, {"loss": "spectrum", "horizon": (1.0,)}])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        pytest.param({"optimizer": "adam", "steps": 45}, marks=pytest.mark.check),
+        pytest.param({"loss": "spectrum", "horizon": (1.0,)}, marks=pytest.mark.check),
+    ],
+)
 def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, ten, settings):
     descent = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
     assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)
 
 
+@pytest.mark.check
 def test_the_law_that_made_the_traces_wins_the_comparison(ready):
     prepared = ready(seen(swing([1.2, 0.6], quadratic=0.0), 0))
     laws = {law.name: law for law in compare(prepared, ("none", "linear", "joint viscous", "linear + quadratic"))}
@@ -192,7 +202,8 @@ def test_bic_counts_the_same_samples_for_every_law(ready, motion):
     assert poor.bic - good.bic == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.parametrize("method", ["windows", "shooting"])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["windows", pytest.param("shooting", marks=pytest.mark.check)])
 def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(ready, motion, method):
     """A hundredth of the noise: the default step, of second order here, moves the estimate by many standard errors."""
     prepared = ready(seen(motion, 0, NOISE / 100))

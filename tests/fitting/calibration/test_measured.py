@@ -32,6 +32,7 @@ PUBLISHED = (0.0067, 0.0129)
 UNTIL, HELD_OUT = 36.668, [(36.668, 45.834), (45.834, 55.0)]
 
 
+@pytest.mark.check
 def test_the_measured_single_pendulum_is_predicted_better_than_by_its_published_parameters():
     """At most 0.6 of the published parameters' error, every damping coefficient held non-negative."""
     trace = read_trace(FILE)
@@ -49,6 +50,7 @@ def test_the_measured_single_pendulum_is_predicted_better_than_by_its_published_
     assert result["line.0.inertia.0"] == pytest.approx(1.09119e-4, rel=0.1)  # as published
 
 
+@pytest.mark.check
 def test_the_calibrated_double_pendulum_predicts_what_its_fit_has_not_seen():
     """The committed coefficients, simulated forwards only, the start of each held-out window found by differences.
 

@@ -63,6 +63,7 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
     code = main(
         ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--until", "16", "--held-out", "16:20",

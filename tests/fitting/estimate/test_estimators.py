@@ -53,6 +53,7 @@ def separate(twins):
     return [estimate(p, "windows") for p in twins]
 
 
+@pytest.mark.check
 def test_windows_converge_from_ten_times_off_with_honest_errors(twins, separate):
     z = []
     for prepared, solution in zip(twins, separate, strict=True):
@@ -63,6 +64,7 @@ def test_windows_converge_from_ten_times_off_with_honest_errors(twins, separate)
     assert np.sqrt(np.mean(np.square(z))) < 2.0
 
 
+@pytest.mark.check
 def test_joining_the_windows_makes_the_errors_several_times_smaller(twins, separate):
     prepared = twins[0]
     apart = summarise(prepared, "windows", separate[0])
@@ -127,6 +129,7 @@ def test_window_jacobian_agrees_with_central_differences(twins):
         np.testing.assert_allclose(exact, slope, atol=1e-5 * np.abs(exact).max())
 
 
+@pytest.mark.check
 def test_bootstrap_and_profile_agree_with_the_covariance(twins, separate):
     solution = separate[0]
     u = summarise(twins[0], "windows", solution).uncertainty
@@ -137,6 +140,7 @@ def test_bootstrap_and_profile_agree_with_the_covariance(twins, separate):
     assert found.high == pytest.approx(u.high[0], abs=0.5 * u.std_error[0])
 
 
+@pytest.mark.check
 def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
     """The truth has linear damping alone; noise pushes the quadratic coefficient against its bound."""
     truth = simulate_truth(dj.load_scene(SCENE).with_values({FREE[0]: 0.004, FREE[1]: 0.0}), 8.0)
@@ -153,6 +157,7 @@ def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
     assert any(r.uncertainty.at_bound[1] for r in results)
 
 
+@pytest.mark.check
 def test_huber_resists_outliers(motion, twins):
     trace = observe(motion, Camera(angle_noise=0.005, outliers=0.02, missing=0.05), 7)
     prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins[0].simulator)

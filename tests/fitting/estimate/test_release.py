@@ -104,6 +104,7 @@ def test_a_known_release_needs_no_free_parameter(motion):
     assert abs(result.values[0] - TRUTH[0]) < 3.5 * result.uncertainty.std_error[0]
 
 
+@pytest.mark.check
 def test_laws_are_compared_with_the_release_free_in_each(ready):
     """The law that made the trace wins, and finds the same release as the fit."""
     laws = compare(ready, ("none", "linear"))

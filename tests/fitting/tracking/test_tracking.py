@@ -157,6 +157,7 @@ PAIR = {
 }
 
 
+@pytest.mark.check
 def test_a_video_gives_the_damping_within_five_per_cent(tmp_path):
     view = View(size=(300, 290), focus=460.0, centre=(0.0, -0.22), radius=0.012)
     write_video(tmp_path / "pair.avi", film(run_of(PAIR, 4.0), view, FPS), FPS)

@@ -19,9 +19,10 @@ from dropper_jax.scene import SceneData
 class EndMotion(HeldMotion):
     """Displacement of a held point, and of others that move with it (a vessel's), from their positions.
 
-    Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^2 (3 - 2 u)`, `u = min(t/ramp, 1)` where a
-    ramp is given: a linear one would start and end with a jump of the velocity.
-    Table: `displacement` (k, 3) at `time`, a smooth cubic (Catmull-Rom) between, so that velocities exist.
+    Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^3 (10 - 15 u + 6 u^2)`, `u = min(t/ramp, 1)`
+    where a ramp is given: lower ones would start and end with a jump of the velocity or the acceleration.
+    Table: `displacement` (k, 3) at `time`, between them quintics with the slopes and curvatures of a parabola through
+    three rows, so that velocity and acceleration are continuous; at rest before and after, which may be a jump.
     """
 
     name: ClassVar[str] = "end_motion"
@@ -53,25 +54,47 @@ class EndMotion(HeldMotion):
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
         if self.time is not None:
-            return _catmull_rom(t, self.time, self.displacement)
+            return _interpolated(t, self.time, self.displacement)
         phase = 0.0 if self.phase is None else self.phase
         wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
         if self.ramp is None:
             return self.amplitude * wave
         u = jnp.clip(t / self.ramp, 0.0, 1.0)
-        return self.amplitude * (wave * u * u * (3 - 2 * u))
+        return self.amplitude * (wave * u**3 * (10 - 15 * u + 6 * u * u))
+
+    @property
+    def kinks(self) -> jax.Array | None:
+        if self.time is not None:
+            return self.time[jnp.array([0, -1])]
+        return jnp.zeros(1, self.amplitude.dtype) if self.ramp is None else None
 
 
-def _catmull_rom(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
-    """Cubic Hermite interpolation with finite-difference slopes; the end values are held outside the table."""
+def _interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
+    """Quintic Hermite interpolation of rows (k, 3), twice differentiable; the end values are held outside the table."""
     t = jnp.clip(t, time[0], time[-1])
-    slopes = jnp.gradient(values, axis=0) / jnp.gradient(time)[:, None]
+    slopes, bends = _derivatives(time, values)
     i = jnp.clip(jnp.searchsorted(time, t, side="right") - 1, 0, time.shape[0] - 2)
     width = time[i + 1] - time[i]
     s = (t - time[i]) / width
-    return (
-        (1 + 2 * s) * (1 - s) ** 2 * values[i]
-        + s * (1 - s) ** 2 * width * slopes[i]
-        + s * s * (3 - 2 * s) * values[i + 1]
-        + s * s * (s - 1) * width * slopes[i + 1]
+    q = 1 - s
+    # the three basis functions of the left row at s are, up to the sign of the slope's, those of the right row at 1 - s
+    place, slope, bend = (
+        lambda s, q: q**3 * (1 + 3 * s + 6 * s * s),
+        lambda s, q: q**3 * s * (1 + 3 * s),
+        lambda s, q: 0.5 * q**3 * s * s,
     )
+    left = place(s, q) * values[i] + width * slope(s, q) * slopes[i] + width**2 * bend(s, q) * bends[i]
+    right = place(q, s) * values[i + 1] - width * slope(q, s) * slopes[i + 1] + width**2 * bend(q, s) * bends[i + 1]
+    return left + right
+
+
+def _derivatives(time: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Slopes and curvatures (k, 3) of parabolas through each row and its neighbours; of the last three at the ends."""
+    width = jnp.diff(time)[:, None]
+    chord = jnp.diff(values, axis=0) / width
+    if time.shape[0] == 2:
+        return jnp.broadcast_to(chord, values.shape), jnp.zeros_like(values)
+    bend = 2 * (chord[1:] - chord[:-1]) / (width[1:] + width[:-1])
+    slope = chord[:-1] + 0.5 * width[:-1] * bend
+    first, last = chord[:1] - 0.5 * width[:1] * bend[:1], chord[-1:] + 0.5 * width[-1:] * bend[-1:]
+    return jnp.concatenate([first, slope, last]), jnp.concatenate([bend[:1], bend, bend[-1:]])

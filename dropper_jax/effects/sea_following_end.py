@@ -31,6 +31,7 @@ class SeaFollowingEnd(HeldMotion):
     surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
     omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", optional=True)
     place: jax.Array | None = None
+    settled: jax.Array | None = None  # when the sea's ramp begins and ends (2,) [s]
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
@@ -47,7 +48,11 @@ class SeaFollowingEnd(HeldMotion):
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        return cls(**values, place=scene.point(values["point"]).position)
+        return cls(**values, place=scene.point(values["point"]).position, settled=jnp.array([0.0, scene.sea.ramp]))
+
+    @property
+    def kinks(self) -> jax.Array | None:
+        return self.settled
 
     def _factor(self, value: jax.Array, omega: jax.Array) -> jax.Array:
         return value if jnp.ndim(value) == 0 else jnp.interp(omega, self.omega, value)

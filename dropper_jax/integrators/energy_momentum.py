@@ -9,12 +9,13 @@ their potential, so energy is kept to rounding error with no numerical damping (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.integrators.consistent import begun, consistent, jumps
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, booked, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
@@ -38,6 +39,10 @@ class EnergyMomentum(Implicit):
     @property
     def weighting(self) -> float:
         return 0.5
+
+    def begin(self, model: Model, s: State) -> State:
+        """The state with velocities that links between moving ends can have."""
+        return replace(s, v=begun(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting)
@@ -140,13 +145,14 @@ class MidpointProblem(StepProblem):
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
+        v1, impulse, struck = self._after_jumps(r1, v1)
         return self.ended(
             r=r1,
             v=v1,
-            tension=u.y,
+            tension=u.y if impulse is None else u.y + impulse / h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
-            work=lambda: self._work(u, stopped),
+            work=lambda: self._work(u, stopped, struck),
         )
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
@@ -160,7 +166,23 @@ class MidpointProblem(StepProblem):
         v1, taken = stop(model, u.z, middle, after, h)
         return v1, {model.laws[0].name: taken}
 
-    def _work(self, u: Unknowns, stopped: Works) -> jax.Array:
+    def _after_jumps(self, r1: jax.Array, v1: jax.Array) -> tuple[jax.Array, jax.Array | None, Works]:
+        """End velocities that rigid links can have, where held points jumped; impulses (n,) [N s] and work of that."""
+        model, t1 = self.model, self.s.t + self.h
+        jumped = jumps(model, self.s.t, self.h)
+        if jumped is None:
+            return v1, None, {}
+
+        def project() -> tuple[jax.Array, ...]:
+            k = model.instant(r1, v1, t1, self.ends1)
+            v, impulse = consistent(k, added=True)
+            return v, impulse, model.kinetic_energy(k.with_velocity(v)) - model.kinetic_energy(k)
+
+        kept = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
+        v, impulse, gained = jax.lax.cond(jumped, project, lambda: kept)
+        return v, impulse, {MOVING_ENDS: gained}
+
+    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> jax.Array:
         """Work (k,) [J] over the step, as `work_names` names it."""
         model, line, h = self.model, self.model.line, self.h
         k, links1 = self._middle(u.x), self._links1(u.x)
@@ -170,7 +192,9 @@ class MidpointProblem(StepProblem):
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
         ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1)).items()}
-        return booked(model, works, stopped, turned, line.axial.works(self.links0, links1, line.length, h), ends)
+        return booked(
+            model, works, stopped, struck, turned, line.axial.works(self.links0, links1, line.length, h), ends
+        )
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
         """What added mass gains by turning [J]: change of its kinetic energy less the work against its inertia.

@@ -38,6 +38,11 @@ class Effect:
     parts: ClassVar[bool] = False
 
     @property
+    def kinks(self) -> jax.Array | None:
+        """Times (k,) [s] at which the velocity or the acceleration of what `displace` moves jumps; None: never."""
+        return None
+
+    @property
     def needs_material(self) -> bool:
         """Whether it reads `k.water.material`, the material acceleration of the water."""
         return False

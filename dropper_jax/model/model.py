@@ -56,6 +56,12 @@ class Model:
         """Whether an end follows a prescribed motion."""
         return bool(self.having(Displacement))
 
+    @property
+    def kinks(self) -> jax.Array | None:
+        """Times (k,) [s] at which held points jump in velocity or acceleration; None where they never do."""
+        found = [jnp.ravel(e.kinks) for e in self.having(Displacement) if e.kinks is not None]
+        return jnp.concatenate(found) if found else None
+
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""
         return tuple(e for e in self.effects if isinstance(e, slot))

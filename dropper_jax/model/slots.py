@@ -79,6 +79,7 @@ class Displacement(Protocol):
     """A prescribed motion of held points."""
 
     needs_sea: bool
+    kinks: jax.Array | None
 
     def moves(self, name: str) -> bool:
         """Whether the held point of that name moves."""

@@ -35,6 +35,10 @@ class Rigid(AxialLaw):
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
         return jnp.zeros_like(length)
 
+    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+        """None follows from the length: zeros (n,)."""
+        return jnp.zeros_like(length)
+
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
         """Unit pull of a tension over a step, (n, 3): `d_mid / L` does exactly `T (|d1| - |d0|)` = 0 of work."""
         return mean / length[:, None]

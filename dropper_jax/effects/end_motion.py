@@ -22,7 +22,8 @@ class EndMotion(HeldMotion):
     Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^3 (10 - 15 u + 6 u^2)`, `u = min(t/ramp, 1)`
     where a ramp is given: lower ones would start and end with a jump of the velocity or the acceleration.
     Table: `displacement` (k, 3) at `time`, between them quintics with the slopes and curvatures of a parabola through
-    three rows, so that velocity and acceleration are continuous; at rest before and after, which may be a jump.
+    three rows, so that velocity and acceleration are continuous. Before and after it rests: a table whose first two and
+    last two rows are equal begins and ends without a jump.
     """
 
     name: ClassVar[str] = "end_motion"
@@ -89,12 +90,10 @@ def _interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array
 
 
 def _derivatives(time: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Slopes and curvatures (k, 3) of parabolas through each row and its neighbours; of the last three at the ends."""
+    """Slopes and curvatures (k, 3) of parabolas through each row and its neighbours; straight at both ends."""
     width = jnp.diff(time)[:, None]
     chord = jnp.diff(values, axis=0) / width
-    if time.shape[0] == 2:
-        return jnp.broadcast_to(chord, values.shape), jnp.zeros_like(values)
     bend = 2 * (chord[1:] - chord[:-1]) / (width[1:] + width[:-1])
     slope = chord[:-1] + 0.5 * width[:-1] * bend
-    first, last = chord[:1] - 0.5 * width[:1] * bend[:1], chord[-1:] + 0.5 * width[-1:] * bend[-1:]
-    return jnp.concatenate([first, slope, last]), jnp.concatenate([bend[:1], bend, bend[-1:]])
+    straight = jnp.zeros_like(values[:1])
+    return jnp.concatenate([chord[:1], slope, chord[-1:]]), jnp.concatenate([straight, bend, straight])

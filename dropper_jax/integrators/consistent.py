@@ -1,10 +1,12 @@
 """Velocities that agree with rigid links: the smallest change, in the mass metric, after which none of them stretches.
 
-    M x = G' y,    d/L . (rate of the links at v + x) = 0  (y = 0 of links that stretch)
+    M x = G' y,    d/L . (rate of the links at v + x) = aim  (y = 0 of links that stretch)
 
 y are the impulses [N s] that do it. A midpoint scheme holds lengths, not their rates: a velocity along a link that
 comes in by a jump of a held point (its velocity or its acceleration) changes its sign at every step and never decays,
-and tensions alternate by `2 m w/h`. So steps that contain a jump end with this projection (`docs/physics.md`).
+and tensions alternate by `2 m w/h`. So steps that contain a jump end with this projection. A smooth motion of the
+scheme has `d . d' = h^2 d' . d''/4` at the ends of its steps, as `w1 = -w0 + h^2 d' . d''/2` leaves unchanged; that,
+rather than zero, is what the links are to have.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import AddedMass, Ends, Graph, Kinematics, Model
+from dropper_jax.model import AddedMass, Graph, Kinematics, Model
 from dropper_jax.residual import CondensedParts, StepProblem, Unknowns, couples_inertia, node_blocks
 from dropper_jax.solvers import SOLVERS
 
@@ -25,6 +27,8 @@ class ProjectionProblem(StepProblem):
         self.k, self.added = k, added
         self.pull = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
+        #: Rate of stretch per length that rigid links are to have, and impulses of others.
+        self.aim = self.law = jnp.zeros((), k.r.dtype)
 
     def _inertia(self, x: jax.Array) -> jax.Array:
         return self.model.inertia(self.k, x) if self.added else self.model.own_inertia(x)
@@ -41,31 +45,75 @@ class ProjectionProblem(StepProblem):
         return self.model.rates(self.k.v + x, self.k.ends)
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        rows = jnp.sum(self.pull * d, axis=-1)
-        return y[:, None] * self.pull, rows if self.rigid.all() else jnp.where(self.rigid, rows, -y)
+        rows = jnp.sum(self.pull * d, axis=-1) - self.aim
+        return y[:, None] * self.pull, rows if self.rigid.all() else jnp.where(self.rigid, rows, self.law - y)
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         return node_blocks(self._inertia, self.k.free, u.x.dtype) if self.added else self.model.node_mass
 
     def condensed(self, u: Unknowns) -> CondensedParts:
-        return CondensedParts(self.pull, self.pull, jnp.zeros_like(self.k.line.length))
+        free = jnp.asarray(~self.rigid, self.pull.dtype)
+        return CondensedParts(self.pull, (1.0 - free)[:, None] * self.pull, free)
 
 
-def consistent(k: Kinematics, added: bool = False) -> tuple[jax.Array, jax.Array]:
+class InstantProblem(ProjectionProblem):
+    """Unknowns: accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant; linear.
+
+    M a = F + G' T,    d . d'' + |d'|^2 = 0 of rigid links,    T by the law of those that stretch
+    """
+
+    def __init__(self, k: Kinematics, end_acceleration: jax.Array | None) -> None:
+        super().__init__(k, bool(k.model.having(AddedMass)))
+        line = k.line
+        self.moved, self.force = end_acceleration, k.model.force(k)
+        self.aim = -jnp.sum(k.link_velocities**2, axis=-1) / line.length
+        if not self.rigid.all():
+            self.law = line.axial.tension(k.links, k.link_velocities, line.length)
+            self.pull = jnp.where(self.rigid[:, None], self.pull, k.tangents)
+
+    def _inertia(self, x: jax.Array) -> jax.Array:
+        return self.model.inertia(self.k, x, self.moved)
+
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        return self._inertia(x) - self.force, ()
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        return self.model.geometry.differences(x, self.moved)
+
+
+def consistent(k: Kinematics, added: bool = False, aim: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
     """Velocities (nodes, 3) [m/s] on the constraints, and the impulses (n,) [N s] that lead there.
 
     Args:
         k: places, velocities and held points of one instant; with `added` prepared, as added mass asks for it.
         added: whether added mass counts.
+        aim: rate of stretch per length that rigid links are to have, (n,) [1/s]; default none.
     """
-    model = k.model
-    added = added and bool(model.having(AddedMass))
-    problem = ProjectionProblem(k, added)
+    problem = ProjectionProblem(k, added and bool(k.model.having(AddedMass)))
+    if aim is not None:
+        problem.aim = aim
+    change, impulse, _ = _solved(problem)
+    return k.v + change, impulse
+
+
+def instant(k: Kinematics, end_acceleration: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+    """Accelerations (nodes, 3) [m/s^2] and tensions (n,) [N] at one instant, laws with unknowns of their own aside.
+
+    Args:
+        k: prepared (`Model.instant`).
+        end_acceleration: of moving ends, (held, 3) [m/s^2].
+    """
+    a, tension, _ = _solved(InstantProblem(k, end_acceleration))
+    return a, tension
+
+
+def _solved(problem: ProjectionProblem) -> Unknowns:
+    k, model = problem.k, problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
-    coupled = k.line.compound or (added and couples_inertia(model))
+    coupled = k.line.compound or (problem.added and couples_inertia(model))
     solver = SOLVERS["network" if isinstance(model.geometry, Graph) else "banded" if coupled else "condensed"]
     found = solver.apply(solver.factor(problem, u), problem.residual(u))
-    return k.v - found.x, -found.y
+    return Unknowns(-found.x, -found.y)
 
 
 def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
@@ -78,8 +126,18 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
     return jnp.any((kinks >= low) & (kinks <= high))
 
 
-def begun(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None) -> jax.Array:
+def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Velocities (nodes, 3) [m/s] with which midpoint steps of h go on smoothly, and impulses (n,) [N s] to them."""
+    v, first = consistent(k, added=True)
+    k = k.with_velocity(v)
+    a, _ = instant(k, end_acceleration)
+    bend = jnp.sum(k.link_velocities * k.model.geometry.differences(a, end_acceleration), axis=-1)
+    v, second = consistent(k, True, 0.25 * h**2 * bend / k.line.length)
+    return v, first + second
+
+
+def begun(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     """Velocities (nodes, 3) [m/s] at the start of a run: with ends that move at once, those that links can have."""
     if model.line.axial.elastic:
         return v
-    return consistent(model.instant(r, v, t, ends), added=True)[0]
+    return consistent(model.instant(r, v, t), added=True)[0]

@@ -15,7 +15,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.integrators.consistent import begun, consistent, jumps
+from dropper_jax.integrators.consistent import after_jump, begun, jumps
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, booked, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
@@ -175,7 +175,7 @@ class MidpointProblem(StepProblem):
 
         def project() -> tuple[jax.Array, ...]:
             k = model.instant(r1, v1, t1, self.ends1)
-            v, impulse = consistent(k, added=True)
+            v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
             return v, impulse, model.kinetic_energy(k.with_velocity(v)) - model.kinetic_energy(k)
 
         kept = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)

@@ -52,6 +52,8 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
             raise SceneError(f"{path}.centre_of_mass: compound links are for single lines; allowed: leave it out")
         if line.start == line.end and line.links < 2:
             raise refuse(f"{path}.links", line.links, "leaves nothing free in a loop", "a whole number >= 2")
+    if all(point.kind == "fixed" for point in points) and all(line.links == 1 for line in lines):
+        raise refuse("line.0.links", lines[0].links, "leaves nothing free between held points", "a whole number >= 2")
     _check_connected(points, lines)
     kinds = {point.name: point.kind for point in points}
     for i, buoy in enumerate(buoys):

@@ -200,7 +200,7 @@ def _solution(
         "dt": dt,
         "duration": scene.run.duration,
         "steps": steps,
-        "dtype": scene.run.dtype,
+        "dtype": str(model.dtype),
         **{key: getattr(stepper.integrator, key, None) for key in OPTIONS},
         "residual_tolerance": stepper.limit(model),
         "iterations": stepper.iterations,
@@ -231,10 +231,18 @@ def _solution(
         own=_named(own),
         warnings=(
             *scene.notes,
+            *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *(words(row) for row in broken),
         ),
     )
+
+
+def _precision(scene: Scene, model: Model) -> tuple[str, ...]:
+    """A warning where JAX did not give the precision that was asked for."""
+    if str(model.dtype) == scene.run.dtype:
+        return ()
+    return (f"run.dtype: {scene.run.dtype} was asked for, but JAX computes in {model.dtype} (JAX_ENABLE_X64 is off)",)
 
 
 def _explicit(stepper: Stepper, model: Model) -> str:

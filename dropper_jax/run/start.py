@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.programs import kept
+from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Displacement, Model, State, state
 from dropper_jax.scene import StartSpec
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
@@ -73,6 +75,10 @@ def initial_state(model: Model, start: StartSpec) -> State:
         if pose.status != "ok":
             raise SceneError(f"start: {pose.message}")
         return pose.state
+    return _under_tension(model, _given(model, start))
+
+
+def _given(model: Model, start: StartSpec) -> State:
     if start.kind == "points":
         return between_points(model)
     if start.kind == "angles":
@@ -80,3 +86,11 @@ def initial_state(model: Model, start: StartSpec) -> State:
     free = slice(1, 1 + model.free_nodes)
     velocities = None if start.velocities is None else start.velocities[free]
     return state(model, start.positions[free], velocities)
+
+
+@kept()
+def _under_tension(model: Model, s: State) -> State:
+    """The state with the tensions of its first instant."""
+    acting = model.entered(s.own)
+    moved = acting.end_acceleration(s.t) if acting.moving else None
+    return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])

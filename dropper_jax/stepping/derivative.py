@@ -79,7 +79,7 @@ def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) 
     JAX transposes a linear solve only where no array of its right side is a constant, such as the zero tangent of an
     input that is held: a zero made of all of them stands in each.
     """
-    nothing = 0.0 * sum(jnp.sum(leaf) for leaf in jax.tree.leaves(given))
+    nothing = _nothing.bind(*jax.tree.leaves(given))
     given = jax.tree.map(lambda a: a + nothing.astype(a.dtype), given)
     zeros = jax.tree.map(lambda a: jnp.broadcast_to(nothing, a.shape).astype(a.dtype), like)
 
@@ -108,21 +108,20 @@ def _refuse_second(primals: Any, tangents: Any) -> Any:
 # A primitive, because partial evaluation (reverse mode) forgets the rules of custom_jvp functions. It stands in a
 # matrix that is never applied, so that it is in no compiled program.
 _refusing = Primitive("first_derivatives_only")
-
-
 _refusing.def_impl(lambda x: x)
-
-
 _refusing.def_abstract_eval(lambda x: x)
-
-
 mlir.register_lowering(_refusing, lambda _, x: [x])
-
-
 batching.primitive_batchers[_refusing] = lambda args, dims: (_refusing.bind(*args), dims[0])
-
-
 ad.primitive_jvps[_refusing] = _refuse_second
+
+
+# A zero that depends linearly on all its operands for JAX's rules, and is a plain zero in the compiled program.
+_nothing = Primitive("zero_of_all")
+_nothing.def_impl(lambda *x: jnp.zeros((), x[0].dtype))
+_nothing.def_abstract_eval(lambda *x: x[0].update(shape=()))
+mlir.register_lowering(_nothing, mlir.lower_fun(lambda *x: jnp.zeros((), x[0].dtype), multiple_results=False))
+batching.primitive_batchers[_nothing] = lambda args, _: (_nothing.bind(*args), batching.not_mapped)
+ad.deflinear2(_nothing, lambda _, *x: [ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in x])
 
 
 def _inputs(tree: Any, moving: tuple[int, ...], frozen: Any, at: _At) -> tuple[Model, State, jax.Array]:

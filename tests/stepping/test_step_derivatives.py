@@ -21,6 +21,8 @@ from dropper_jax.stepping.integrate import begin
 
 GEOMETRY = (".length", ".position", ".r", ".angles")
 H = 0.01
+#: Later than the jump with which the held point of `SHAKEN` begins to move.
+T = 0.2
 NODES = np.array([[0.0, 0.0, 0.0], [0.35, 0.1, -0.3], [0.75, 0.2, -0.35], [1.2, 0.0, 0.0]])
 SIZES = np.linalg.norm(np.diff(NODES, axis=0), axis=1)
 #: The system's two free points.
@@ -104,7 +106,7 @@ def begun(name):
         stepper = replace(stepper, iterations=24, tolerance=1e-15, extra=0, halvings=0)
     r = PLACES if "system" in name else NODES[1:-1]
     tension = np.linspace(4.0, 6.0, model.line.links)  # of the time before for some schemes, a guess for others
-    return stepper, model, begin(stepper, model, state(model, r, VELOCITIES, tension)).state
+    return stepper, model, begin(stepper, model, state(model, r, VELOCITIES, tension, T)).state
 
 
 def differentiated(stepper, model, s):

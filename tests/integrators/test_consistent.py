@@ -1,0 +1,131 @@
+"""Held points that jump: velocities, tensions, impulses and energy after it, against a pendulum by SciPy."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dropper_jax as dj
+from dropper_jax.effects.end_motion import EndMotion
+from dropper_jax.integrators.consistent import consistent, instant
+
+MASS, LENGTH, GRAVITY = 0.1, 1.0, 9.81
+
+
+def pendulum(dt: float, motion: dict, duration: float = 1.0, links: int = 1) -> dict:
+    """A mass on rigid links, at rest under a point that moves."""
+    line = {"name": "line", "from": "top", "to": "end", "links": links, "length": LENGTH / links, "mass": MASS / links}
+    return {
+        "run": {"dt": dt, "duration": duration},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "end", "kind": "free", "position": [0.0, 0.0, -LENGTH]},
+        ],
+        "line": [line],
+        "effects": {"weight": {"gravity": GRAVITY}, "end_motion": {"point": "top", **motion}},
+    }
+
+
+def table(dt: float) -> dict:
+    """Moves at once and stops at once, both at 0.3 of a step."""
+    return {
+        "time": [0.1 + 0.3 * dt, 0.2, 0.3 + 0.3 * dt],
+        "displacement": [[0.0] * 3, [0.03, 0.0, 0.01], [0.05, 0.0, 0.0]],
+    }
+
+
+def angle_and_tension(motion: dict, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angle from the vertical and tension after the table's end, by SciPy from the equation of a driven pendulum."""
+    effect = EndMotion(time=jnp.array(motion["time"]), displacement=jnp.array(motion["displacement"]))
+    first, last = motion["time"][0], motion["time"][-1]
+    velocity = jax.jit(jax.jacfwd(effect.displace))
+    acceleration = jax.jit(jax.jacfwd(jax.jacfwd(effect.displace)))
+    just = 1e-9
+
+    def fall(t, y, moving):
+        ax, _, az = acceleration(t) if moving else (0.0, 0.0, 0.0)
+        return [y[1], -((GRAVITY + az) * np.sin(y[0]) + ax * np.cos(y[0])) / LENGTH]
+
+    def jump(y, before, after):
+        """The velocity across the link stays, so that the rate changes as the point's does."""
+        dx, _, dz = np.asarray(after) - np.asarray(before)
+        return [y[0], y[1] - (dx * np.cos(y[0]) + dz * np.sin(y[0])) / LENGTH]
+
+    exact = {"rtol": 1e-11, "atol": 1e-12}
+    y = jump([0.0, 0.0], np.zeros(3), velocity(first + just))
+    y = solve_ivp(fall, (first, last), y, args=(True,), **exact).y[:, -1]
+    y = jump(y, velocity(last - just), np.zeros(3))
+    found = solve_ivp(fall, (last, times[-1] + 1e-6), y, args=(False,), t_eval=times, **exact).y
+    return found[0], MASS * (LENGTH * found[1] ** 2 + GRAVITY * np.cos(found[0]))
+
+
+@pytest.mark.parametrize("integrator", ["energy_momentum", "energy_momentum_4"])
+def test_tensions_after_a_jump_within_a_step_are_those_of_the_pendulum(integrator):
+    errors, alternations = [], []
+    for dt in (0.005, 0.0025, 0.00125):
+        run = dj.simulate(pendulum(dt, table(dt)), integrator=integrator)
+        assert run.status == "ok"
+        late = run.t_tension > 0.31 + dt
+        _, tension = angle_and_tension(table(dt), run.t_tension[late])
+        errors.append(np.max(np.abs(run.tension[late, 0] - tension)) / (MASS * GRAVITY))
+        miss = run.tension[late, 0] - tension
+        alternations.append(np.max(np.abs(miss[1:] - miss[:-1])) / (MASS * GRAVITY))
+        assert run.energy_drift < 1e-12 * run.energy_scale
+    assert max(alternations) < 1e-3
+    assert alternations[1] < 0.6 * alternations[0]
+    assert alternations[2] < 0.6 * alternations[1]
+    assert errors[2] < 2e-3
+
+
+def test_the_jump_itself_is_an_impulse_in_the_tension():
+    """The mass of a vertical link is jerked up by what the point's vertical velocity changes: m dv over the step."""
+    dt, speed = 0.01, 0.2
+    motion = {"time": [0.1 + 0.3 * dt, 1.0], "displacement": [[0.0] * 3, [0.0, 0.0, speed * (0.9 - 0.3 * dt)]]}
+    run = dj.simulate(pendulum(dt, motion, 0.5), integrator="energy_momentum")
+    weight = MASS * GRAVITY
+    struck = np.argmax(run.tension[:, 0])
+    assert run.t_tension[struck] == pytest.approx(0.105)
+    assert dt * (run.tension[struck, 0] - weight) == pytest.approx(MASS * speed, rel=1e-9)
+    np.testing.assert_allclose(run.tension[struck + 1 :, 0], weight, rtol=1e-9)
+    gained = 0.5 * MASS * speed**2
+    assert run.kinetic[-1] == pytest.approx(gained, rel=1e-9)
+    assert run.energy_drift < 1e-12 * run.energy_scale
+
+
+def test_a_ramp_is_twice_differentiable_and_a_table_between_its_rows():
+    ramp = EndMotion(amplitude=jnp.ones(3), period=jnp.asarray(1.3), ramp=jnp.asarray(0.7), phase=jnp.asarray(0.4))
+    rows = EndMotion(
+        time=jnp.array([0.0, 0.3, 0.7, 1.2]), displacement=jnp.array([[0.0] * 3, [1.0] * 3, [-1.0] * 3, [2.0] * 3])
+    )
+    for effect, times in ((ramp, (0.0, 0.7)), (rows, (0.3, 0.7))):
+        for derivative in (effect.displace, jax.jacfwd(effect.displace), jax.jacfwd(jax.jacfwd(effect.displace))):
+            for t in times:
+                np.testing.assert_allclose(derivative(t - 1e-9), derivative(t + 1e-9), atol=1e-5)
+
+
+def test_a_projection_takes_energy_and_leaves_no_stretching():
+    model, s = dj.build("dropper-release-b")
+    v = 0.1 * jnp.sin(jnp.arange(s.r.size, dtype=float)).reshape(s.r.shape)
+    k = model.instant(s.r, v, s.t)
+    found, impulse = consistent(k)
+    after = k.with_velocity(found)
+    np.testing.assert_allclose(jnp.sum(k.links * after.link_velocities, axis=-1), 0.0, atol=1e-14)
+    np.testing.assert_allclose(
+        model.own_inertia(found - v), model.pull(impulse, k.links / model.line.length[:, None]), atol=1e-14
+    )
+    assert model.kinetic_energy(after) < model.kinetic_energy(k)
+
+
+def test_the_instant_tension_is_that_of_a_swinging_pendulum():
+    scene = pendulum(0.01, {"amplitude": [0.0, 0.0, 0.0], "period": 1.0})
+    model, _ = dj.build(scene)
+    angle, rate = 0.6, 1.7
+    r = jnp.array([[np.sin(angle), 0.0, -np.cos(angle)]])
+    v = rate * jnp.array([[np.cos(angle), 0.0, np.sin(angle)]])
+    a, tension = instant(model.instant(r, v, 0.0), jnp.zeros((1, 3)))
+    np.testing.assert_allclose(tension, MASS * (LENGTH * rate**2 + GRAVITY * np.cos(angle)), rtol=1e-12)
+    across = -GRAVITY * np.sin(angle) * v[0] / rate
+    np.testing.assert_allclose(a[0], across - rate**2 * r[0], rtol=1e-12, atol=1e-14)

@@ -1,0 +1,60 @@
+"""What a run says of its first instant and of its precision."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+
+
+def test_a_run_from_angles_begins_with_the_tension_of_its_first_instant():
+    """A conical pendulum: `m g / sin(polar)` for a polar angle from the horizontal, at once and ever after."""
+    scene = dj.load_scene("conical-pendulum")
+    run = dj.simulate(scene, duration=0.1)
+    weight = scene.lines[0].mass[0] * 9.81
+    np.testing.assert_allclose(run.tension[:, 0], weight / np.sin(scene.start.polar[0]), rtol=1e-6)
+
+
+def test_a_run_from_points_begins_with_the_tension_of_its_lines_length():
+    stretched = {
+        "run": {"dt": 0.001, "duration": 0.01},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "mass", "kind": "free", "position": [0.0, 0.0, -1.01], "mass": 2.0},
+        ],
+        "line": [
+            {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 1.0, "mass": 0.1, "nodes": "shared"}
+            | {"axial": {"law": "rope", "EA": 5000.0}}
+        ],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+    }
+    assert dj.simulate(stretched).tension[0, 0] == pytest.approx(5000.0 * 0.01, rel=1e-12)
+
+
+def test_held_points_with_nothing_free_between_them_are_refused():
+    table = {
+        "run": {"dt": 0.01, "duration": 0.1},
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [1.0, 0.0, 0.0]}],
+        "line": [
+            {"name": "rope", "from": "a", "to": "b", "links": 1, "length": 0.9, "mass": 0.1, "nodes": "shared"}
+            | {"axial": {"law": "elastic", "EA": 5000.0}}
+        ],
+        "effects": {"weight": {}},
+    }
+    with pytest.raises(dj.SceneError, match="line.0.links: 1 leaves nothing free between held points"):
+        dj.load_scene(table)
+
+
+def test_precision_is_what_the_arrays_have(as_a_user):
+    code = """
+import json, os
+os.environ["JAX_ENABLE_X64"] = "0"
+import dropper_jax as dj
+run = dj.simulate("conical-pendulum", duration=0.05)
+print(json.dumps([run.settings["dtype"], str(run.positions.dtype), *run.warnings]))
+"""
+    dtype, array, *warnings = as_a_user(code)
+    assert dtype == array == "float32"
+    assert any("run.dtype: float64 was asked for, but JAX computes in float32" in text for text in warnings)

@@ -168,12 +168,13 @@ class MidpointProblem(StepProblem):
 
     def _after_jumps(self, r1: jax.Array, v1: jax.Array) -> tuple[jax.Array, jax.Array | None, Works]:
         """End velocities that rigid links can have, where held points jumped; impulses (n,) [N s] and work of that."""
-        model, t1 = self.model, self.s.t + self.h
+        model = self.model
         jumped = jumps(model, self.s.t, self.h)
         if jumped is None:
             return v1, None, {}
 
         def project() -> tuple[jax.Array, ...]:
+            t1 = self.s.t + self.h
             k = model.instant(r1, v1, t1, self.ends1)
             v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
             return v, impulse, model.kinetic_energy(k.with_velocity(v)) - model.kinetic_energy(k)

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from dropper_jax.model import Graph
 
@@ -136,6 +134,10 @@ def _order(row: np.ndarray, column: np.ndarray, count: int) -> tuple[np.ndarray,
     """Slot of each point, and the points per block, so that blocks couple to their neighbours only."""
     if count <= DENSE_POINTS:
         return np.arange(count), max(count, 1)
+    # asked for by systems of many points only: reading a scene does not wait for it
+    from scipy.sparse import coo_array  # noqa: PLC0415
+    from scipy.sparse.csgraph import reverse_cuthill_mckee  # noqa: PLC0415
+
     pattern = coo_array((np.ones(len(row)), (row, column)), shape=(count, count)).tocsr()
     slot = np.empty(count, int)
     slot[reverse_cuthill_mckee(pattern, symmetric_mode=True)] = np.arange(count)

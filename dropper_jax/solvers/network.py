@@ -86,7 +86,7 @@ class Network:
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> tuple[NetworkParts, Graph]:
         free, dtype = problem.model.free_nodes, u.x.dtype
         law = None
-        if problem.model.laws:
+        if u.z:
             node, law = _law_blocks(problem, u)
         else:
             node = node_blocks(lambda x: problem.node_rows(u.x + x, ())[0], free, dtype)

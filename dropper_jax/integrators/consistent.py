@@ -18,20 +18,26 @@ from dropper_jax.model import AddedMass, Graph, Kinematics, Model
 from dropper_jax.residual import CondensedParts, StepProblem, Unknowns, couples_inertia, node_blocks
 from dropper_jax.solvers import SOLVERS
 
+#: Step [s] over which the inertia of added mass is taken at an instant, where it is a difference over a step: what this
+#: leaves out is of second order, what rounds off 1e-12 of its inverse.
+BRIEF = 1e-4
+
 
 class ProjectionProblem(StepProblem):
     """Unknowns: x, the change of velocities (nodes, 3) [m/s], and impulses y (n,) [N s]; linear."""
 
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model, self.h = k.model, jnp.ones((), k.r.dtype)
-        self.k, self.added = k, added
+        self.k, self.added = k.over(BRIEF) if added else k, added
         self.pull = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
         #: Rate of stretch per length that rigid links are to have, and impulses of others.
         self.aim = self.law = jnp.zeros((), k.r.dtype)
 
     def _inertia(self, x: jax.Array) -> jax.Array:
-        return self.model.inertia(self.k, x) if self.added else self.model.own_inertia(x)
+        if not self.added:
+            return self.model.own_inertia(x)
+        return self.model.inertia(self.k, x) - self.model.inertia(self.k, jnp.zeros_like(x))
 
     def residual(self, u: Unknowns) -> Unknowns:
         pull, rows = self.link_rows(self.link_vectors(u.x), u.y)

@@ -59,6 +59,10 @@ class Kinematics:
         """The same places with other velocities of the free nodes."""
         return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h)
 
+    def over(self, h: float) -> Kinematics:
+        """The same as the middle of a step of h [s], which forces that are differences over a step ask for."""
+        return Kinematics(self.model, self.r, self.v, self.t, self.ends, self._prepared, h)
+
     def prepared(self, effect: Named) -> Frozen:
         """What the effect's `prepare` returned for this step."""
         return self._prepared[effect.name]

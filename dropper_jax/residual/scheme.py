@@ -80,7 +80,8 @@ class Implicit(Integrator, ABC):
 
     def refuse(self, model: Model) -> str | None:
         if isinstance(model.geometry, Graph) and not self.networkable:
-            return "it runs single lines only; use energy_momentum, theta_midpoint, rk2, rk4 or semi_implicit_euler"
+            elastic = ", rk2, rk4, semi_implicit_euler" if model.line.axial.elastic else ""
+            return f"it runs single lines only; use energy_momentum, theta_midpoint{elastic}"
         if model.line.failures is not None and not self.networkable:
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
         if model.laws and not self.takes_laws:

@@ -11,7 +11,6 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Displacement, Model, State, state
-from dropper_jax.residual import couples_inertia
 from dropper_jax.scene import StartSpec
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
@@ -76,8 +75,7 @@ def initial_state(model: Model, start: StartSpec) -> State:
         if pose.status != "ok":
             raise SceneError(f"start: {pose.message}")
         return pose.state
-    s = _given(model, start)
-    return s if couples_inertia(model) else _under_tension(model, s)
+    return _under_tension(model, _given(model, start))
 
 
 def _given(model: Model, start: StartSpec) -> State:

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Model
 
 
@@ -21,23 +22,7 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
 
 
 def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    line, k = model.line, model.instant(r, v, t)
-    if line.axial.elastic:
-        return line.axial.tension(k.links, k.link_velocities, line.length)
-    zero = jnp.zeros((r.size,), r.dtype)
-    turning = model.end_acceleration(t) if model.moving else None
-
-    def inertia(a: jax.Array) -> jax.Array:
-        return model.inertia(k, a.reshape(r.shape), turning).ravel()
-
-    mass = jax.jacfwd(inertia)(zero)
-    pull = k.links / line.length[:, None]
-
-    def stretching(tension: jax.Array) -> jax.Array:
-        force = (model.force(k) + model.pull(tension, pull)).ravel() - inertia(zero)
-        a = jnp.linalg.solve(mass, force).reshape(r.shape)
-        bend = model.geometry.differences(a, turning)
-        return jnp.sum(pull * bend, axis=-1) + jnp.sum(k.link_velocities**2, axis=-1) / line.length
-
-    none = jnp.zeros(line.links, r.dtype)
-    return jnp.linalg.solve(jax.jacfwd(stretching)(none), -stretching(none))
+    k = model.instant(r, v, t)
+    if model.line.axial.elastic:  # no need of accelerations
+        return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+    return instant(k, model.end_acceleration(t) if model.moving else None)[1]

@@ -129,3 +129,22 @@ def test_the_instant_tension_is_that_of_a_swinging_pendulum():
     np.testing.assert_allclose(tension, MASS * (LENGTH * rate**2 + GRAVITY * np.cos(angle)), rtol=1e-12)
     across = -GRAVITY * np.sin(angle) * v[0] / rate
     np.testing.assert_allclose(a[0], across - rate**2 * r[0], rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("added_mass", ["morison", "lagrangian"])
+def test_a_jump_under_water_leaves_tensions_that_do_not_alternate(added_mass):
+    dt = 0.002
+    scene = pendulum(dt, table(dt), links=3, duration=0.5)
+    scene["sea"] = {"depth": 50.0}
+    scene["point"] = [p | {"position": [0.0, 0.0, p["position"][2] - 2.0]} for p in scene["point"]]
+    scene["line"][0]["diameter"] = 0.01
+    scene["effects"]["morison_inertia"] = {"can": 1.0, "cat": 0.2, "added_mass": added_mass}
+    scene["start"] = {"kind": "angles", "polar": [np.pi / 2 - 0.1] * 3}
+    run = dj.simulate(scene)
+    assert run.status == "ok"
+    assert run.energy_drift < 1e-12 * run.energy_scale
+    late = run.tension[run.t_tension > 0.31 + dt]
+    bend = late[2:] - 2.0 * late[1:-1] + late[:-2]
+    assert np.max(np.abs(bend)) < 1e-2 * np.max(late)
+    # the first instant's tension stands before the first step's, as its neighbour does after it
+    assert np.abs(run.tension[0] - run.tension[1]) == pytest.approx(np.zeros(3), abs=0.02 * np.max(late))

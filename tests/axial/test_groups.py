@@ -83,7 +83,7 @@ def test_a_rigid_dropper_rests_where_one_of_stiff_links_does():
     np.testing.assert_allclose(np.linalg.norm(links, axis=1), 0.5, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_rigid_dropper_moves_in_waves_as_one_of_stiff_links_does():
     rigid, stiff = (dj.simulate(scene, duration=5.0) for scene in (SCENE, with_dropper(law="rope", EA=2e7)))
     assert (rigid.status, stiff.status) == ("ok", "ok")
@@ -197,7 +197,7 @@ def test_a_table_beside_ropes_is_a_rope_where_it_is_straight():
     np.testing.assert_allclose(dj.equilibrium(mixed).positions, ropes.positions, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_derivatives_of_a_run_agree_forward_reverse_and_with_differences():
     table = bare(
         [rope("spring", "left", "top", 2, 2.0), rope("drop", "top", "end", 2, 1.0, law="rigid")],

@@ -140,7 +140,7 @@ def test_pins_count_only_the_turn_about_their_axis(march, chain):
     np.testing.assert_allclose(plane[0].effect("joint_friction").force(k), 0.0, atol=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_derivatives_with_dry_friction_are_those_of_the_sliding_motion(chain):
     """While a link slides, forward, reverse and differences agree in the limit torque."""
     model, s = dj.build(chain([0.5], [0.4], angles([0.9]), effects={"weight": {}, "joint_friction": {"dry": 0.01}}))

@@ -34,7 +34,7 @@ SCENE = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_gradients_agree_forward_reverse_and_with_differences_through_the_surface():
     model, state = dj.build(SCENE)
     stepper = dj.make_stepper(model, halvings=0, extra=0)

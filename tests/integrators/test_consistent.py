@@ -62,7 +62,7 @@ def angle_and_tension(motion: dict, times: np.ndarray) -> tuple[np.ndarray, np.n
     return found[0], MASS * (LENGTH * found[1] ** 2 + GRAVITY * np.cos(found[0]))
 
 
-@pytest.mark.parametrize("integrator", ["energy_momentum", "energy_momentum_4"])
+@pytest.mark.parametrize("integrator", ["energy_momentum", pytest.param("energy_momentum_4", marks=pytest.mark.check)])
 def test_tensions_after_a_jump_within_a_step_are_those_of_the_pendulum(integrator):
     errors, alternations = [], []
     for dt in (0.005, 0.0025, 0.00125):
@@ -131,7 +131,7 @@ def test_the_instant_tension_is_that_of_a_swinging_pendulum():
     np.testing.assert_allclose(a[0], across - rate**2 * r[0], rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize("added_mass", ["morison", "lagrangian"])
+@pytest.mark.parametrize("added_mass", [pytest.param("morison", marks=pytest.mark.check), "lagrangian"])
 def test_a_jump_under_water_leaves_tensions_that_do_not_alternate(added_mass):
     dt = 0.002
     scene = pendulum(dt, table(dt), links=3, duration=0.5)

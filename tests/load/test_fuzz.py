@@ -1,6 +1,6 @@
 """Random scenes: valid ones run to an honest end, invalid ones are refused in one line.
 
-30 examples each by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
+20 examples each by default; `make fuzz` and `make check` set FUZZ_EXAMPLES. Shapes and effects come from a handful of
 templates, so that few programs are compiled; everything else is drawn.
 """
 
@@ -22,12 +22,12 @@ from dropper_jax.run.build import build
 from dropper_jax.study.march import grid_run, status_of
 from dropper_jax.study.work_precision import energy_loss
 
-EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "30"))
+EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "20"))
 #: The default examples are the same in every run; more of them are drawn anew.
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,
-    derandomize=EXAMPLES <= 30,
+    derandomize=EXAMPLES <= 20,
     database=None,
     suppress_health_check=list(HealthCheck),
 )

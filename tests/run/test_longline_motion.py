@@ -86,7 +86,7 @@ def test_gradients_of_the_mean_tension_of_a_driven_chain_agree_with_differences(
     assert_differences_agree(jax.jit(mean_tension), forward)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences():
     scene = load_scene("paper-case-4")
     model, near = build_model(scene), equilibrium(scene).state

@@ -189,7 +189,7 @@ def test_other_schemes_and_solvers_have_equal_forward_and_reverse_derivatives_an
     check_all_ways(partial(small_end, stepper))
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_derivatives_through_halved_steps_are_exact_in_both_modes():
     """A step that turns the links about once: the whole step fails and its two halves are chained."""
     stepper, dt = dj.make_stepper(model_of(SMALL), iterations=1, extra=0, halvings=4), 0.1

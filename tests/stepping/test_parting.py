@@ -198,7 +198,7 @@ def test_schemes_without_parting_links_refuse():
         make_stepper(model, "rattle")
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(tmp_path):
     pytest.importorskip("zarr")
     scene = hanging(2, {"line": "line", "link": 2, "time": 0.5}, run={"dt": 0.01, "duration": 0.7})

@@ -90,7 +90,7 @@ CASES = {
     "rk4, breaking system": (BREAKING, "rk4", {}),
 }
 #: What `make test` takes of them; `make check` takes all.
-OFTEN = ("energy_momentum", "energy_momentum, friction", "energy_momentum, system", "rattle", "theta")
+OFTEN = ("energy_momentum", "energy_momentum, system", "rattle", "theta")
 
 
 def cases(*names):

@@ -62,7 +62,7 @@ def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
     assert abs(found["orders"]["rk4"] - 4.0) < 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_system_of_lines_is_measured_and_its_tensions_are_compared_at_one_time(one_line) -> None:
     """Tensions of generalised-alpha belong to two thirds of a step: compared elsewhere they were of first order."""
     kind = {"mass": 2.0, "diameter": 0.03, "law": "elastic", "EA": 4e3, "damping_ratio": 0.1}

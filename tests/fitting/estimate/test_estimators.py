@@ -74,6 +74,7 @@ def test_joining_the_windows_makes_the_errors_several_times_smaller(twins, separ
     assert np.all(np.abs(joined.values - TRUTH) < 4 * joined.uncertainty.std_error)
 
 
+@pytest.mark.check
 def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, separate):
     """Fewer windows, all unknowns in one dense vector, trust region of SciPy."""
     prepared, solution = twins[0], separate[0]

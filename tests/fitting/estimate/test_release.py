@@ -64,6 +64,7 @@ def test_release_time_force_and_damping_are_found_from_far_off(ready):
     assert result["release.time.0"] == pytest.approx(TRUTH[2], abs=1e-3)
 
 
+@pytest.mark.check
 def test_the_derivative_by_force_mass_and_release_is_that_of_differences(ready):
     simulator, windows = ready.simulator, ready.windows
     at = simulator(TRUTH, ready.starts, windows)

@@ -120,7 +120,7 @@ _nothing = Primitive("zero_of_all")
 _nothing.def_impl(lambda *x: jnp.zeros((), x[0].dtype))
 _nothing.def_abstract_eval(lambda *x: x[0].update(shape=()))
 mlir.register_lowering(_nothing, mlir.lower_fun(lambda *x: jnp.zeros((), x[0].dtype), multiple_results=False))
-batching.primitive_batchers[_nothing] = lambda args, _: (_nothing.bind(*args), batching.not_mapped)
+batching.primitive_batchers[_nothing] = lambda args, _: (_nothing.bind(*args), None)
 ad.deflinear2(_nothing, lambda _, *x: [ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in x])
 
 

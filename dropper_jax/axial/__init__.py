@@ -5,11 +5,11 @@ from __future__ import annotations
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import Elastic
 from dropper_jax.axial.groups import Groups
-from dropper_jax.axial.law import AxialLaw
+from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
 
 LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}
 
-__all__ = ["LAWS", "AxialLaw", "DampedRope", "Elastic", "Groups", "Rigid", "Rope", "Tabulated"]
+__all__ = ["LAWS", "AxialLaw", "DampedRope", "Elastic", "Groups", "LinkStart", "Rigid", "Rope", "Tabulated"]

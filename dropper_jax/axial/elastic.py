@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial.law import AxialLaw
+from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.base.springs import lag
 
-INTERNAL_DAMPING = "internal_damping"
+INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
 
 
 @component
@@ -30,7 +31,7 @@ class Elastic(AxialLaw):
 
     @property
     def work_names(self) -> tuple[str, ...]:
-        return () if self.damping is None else (INTERNAL_DAMPING,)
+        return (AXIAL_RINGING,) if self.damping is None else (INTERNAL_DAMPING, AXIAL_RINGING)
 
     def softened(self, share: float) -> AxialLaw:
         return replace(self, EA=share * self.EA)
@@ -45,19 +46,40 @@ class Elastic(AxialLaw):
         """Values (n,) of links, zero of those that have parted."""
         return per_link if self.intact is None else self.intact * per_link
 
-    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        """`|d1| - L - L T/EA + (BA/EA) (|d1| - |d0|)/h` (n,) [m]: the law at the end of the step.
+    def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
+        """Tension (n,) [N] without damping of links of length `size` (n,) [m]."""
+        return self.EA / length * (size - length)
 
-        Written at the end it only ever takes energy from axial ringing; its rigid limit is EA -> infinity.
+    def residual(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
+        """`L/EA (S + D - T)` (n,) [m]: the spring's mean pull over the step with its `lag`, and the damper's.
+
+        `S (|d1| - |d0|)` is the change of the stored energy, the lag only takes (see `springs`). The rigid limit is
+        EA -> infinity.
         """
+        step = _Step.of(self, start, length, h)
         size = safe_norm(self.seen(d1, length))
-        law = size - length - length * tension / self.EA
-        if self.damping is None:
-            return law
-        return law + self.damping / self.EA * (size - safe_norm(self.seen(d0, length))) / h
+        spring = self._spring_over(step, size)
+        return length / self.EA * (spring + self._damper_over(step, size, spring) - tension)
 
-    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
-        return d1 / safe_norm(d1)[:, None] if self.intact is None else (self.intact / safe_norm(d1))[:, None] * d1
+    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        return safe_norm(self.seen(d, length)) - length - length * tension / self.EA
+
+    def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
+        """Pull (n,) [N] that does exactly the work by which the stored energy changes over a step."""
+        return self.spring(0.5 * (step.size + size), step.length)
+
+    def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
+        """Spring's pull (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
+        before, after, expected = (self.spring(x, step.length) for x in (step.size, size, step.expected))
+        return self._mean(step, size) + lag(before, after, expected)
+
+    def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
+        """Damper's pull (n,) [N] over a step, beside a spring's."""
+        if self.damping is None:
+            return jnp.zeros_like(spring)
+        return self.damping / step.length * (size - step.size) / step.h
 
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
         return length / self.EA * jnp.ones_like(length)
@@ -74,13 +96,8 @@ class Elastic(AxialLaw):
             pull = pull + self.damping / length * dot(d, rate) / size
         return self.kept(pull)
 
-    def instant(
-        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
-    ) -> jax.Array:
-        """The law at one instant within a step, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s].
-
-        `since` [s] is how long ago the step began, for laws that change where a link tautens.
-        """
+    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        """The law at one instant, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s]."""
         d, stretching = self._stretching(d, rate, length)
         law = safe_norm(d) - length - length * tension / self.EA
         return law if self.damping is None else law + self.damping / self.EA * stretching
@@ -92,10 +109,20 @@ class Elastic(AxialLaw):
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
-        return jnp.sum(0.5 * self.EA / length * (safe_norm(self.seen(d, length)) - length) ** 2)
+        return jnp.sum(self._stored(safe_norm(self.seen(d, length)), length))
 
-    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        return {} if self.damping is None else {INTERNAL_DAMPING: self.damping_work(d0, d1, length, h)}
+    def _stored(self, size: jax.Array, length: jax.Array) -> jax.Array:
+        """Stored energy of each link (n,) [J]."""
+        return 0.5 * self.EA / length * (size - length) ** 2
+
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        """Work over a step by name, scalars [J], never positive: of the damper, and what the spring takes."""
+        step, size = _Step.of(self, start, length, h), safe_norm(self.seen(d1, length))
+        spring, longer = self._spring_over(step, size), size - step.size
+        found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
+        if self.damping is not None:
+            found[INTERNAL_DAMPING] = -jnp.sum(self._damper_over(step, size, spring) * longer)
+        return found
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
         if self.damping is None:
@@ -107,7 +134,17 @@ class Elastic(AxialLaw):
         """Part of the tension (n,) [N] that the internal damping gives."""
         return self.kept(self.damping / length * stretching)
 
-    def damping_work(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        """Work of the internal damping over a step, scalar [J], never positive; only where there is one."""
-        stretch = safe_norm(self.seen(d1, length)) - safe_norm(self.seen(d0, length))
-        return -jnp.sum(self.damping / length * stretch**2) / h
+
+class _Step(NamedTuple):
+    """Links at the beginning of a step: length [m], the one expected at its end, unstretched length; step [s]."""
+
+    size: jax.Array
+    expected: jax.Array
+    length: jax.Array
+    h: jax.Array
+
+    @classmethod
+    def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> _Step:
+        d, stretching = law._stretching(start.d, start.rate, length)
+        size = safe_norm(d)
+        return cls(size, size + h * stretching, length, h)

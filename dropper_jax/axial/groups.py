@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.axial.law import AxialLaw
+from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, option
 
 
@@ -74,11 +74,20 @@ class Groups(AxialLaw):
     def work_names(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for law in self.laws for name in law.work_names))
 
-    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        return self._together([law.residual(d0[m], d1[m], tension[m], length[m], h) for law, m in self._each()])
+    def residual(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
+        each = [law.residual(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()]
+        return self._together(each)
 
-    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
-        return self._together([law.gradient(d1[m], length[m]) for law, m in self._each()])
+    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        return self._together([law.at_rest(d[m], tension[m], length[m]) for law, m in self._each()])
+
+    def gradient(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
+        each = [law.gradient(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()]
+        return self._together(each)
 
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
         return self._together([law.compliance(length[m], h) for law, m in self._each()])
@@ -90,20 +99,22 @@ class Groups(AxialLaw):
         """Of groups that all stretch."""
         return self._together([law.tension(d[m], rate[m], length[m]) for law, m in self._each()])
 
-    def instant(
-        self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array, since: jax.Array
-    ) -> jax.Array:
+    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         """Of groups that all stretch."""
-        return self._together([law.instant(d[m], rate[m], tension[m], length[m], since) for law, m in self._each()])
+        return self._together([law.instant(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         return sum(law.energy(d[m], length[m]) for law, m in self._each())
 
-    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        return self._added([law.works(d0[m], d1[m], length[m], h) for law, m in self._each()])
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        return self._added([law.works(_of(start, m), d1[m], length[m], h) for law, m in self._each()])
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
         return self._added([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
 
     def _added(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
         return {name: sum(table[name] for table in tables if name in table) for name in self.work_names}
+
+
+def _of(start: LinkStart, members: np.ndarray) -> LinkStart:
+    return LinkStart(start.d[members], start.rate[members])

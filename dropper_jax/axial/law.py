@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from dropper_jax.base.numerics import safe_norm
+
+
+class LinkStart(NamedTuple):
+    """Links at the beginning of a step: vectors (n, 3) [m] and their rates (n, 3) [m/s]."""
+
+    d: jax.Array
+    rate: jax.Array
 
 
 class AxialLaw(ABC):
@@ -44,12 +53,22 @@ class AxialLaw(ABC):
         return ()
 
     @abstractmethod
-    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        """The law at the end of the step, (n,) [m]: zero where it holds."""
+    def residual(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
+        """The law over a step, (n,) [m]: zero where it holds. It depends on d1 by its length alone."""
 
     @abstractmethod
-    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
+    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        """The law of links that rest, (n,) [m]."""
+
+    def gradient(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
         """Derivative of the residual with respect to d1, (n, 3)."""
+        unit = d1 / safe_norm(d1)[:, None]
+        slope = jax.jvp(lambda d: self.residual(start, d, tension, length, h), (d1,), (unit,))[1]
+        return slope[:, None] * unit
 
     @abstractmethod
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:
@@ -63,7 +82,7 @@ class AxialLaw(ABC):
         """Stored energy, scalar [J]."""
         return jnp.zeros((), d.dtype)
 
-    def works(self, d0: jax.Array, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
         """Work over a step by name, scalars [J], never positive."""
         return {}
 

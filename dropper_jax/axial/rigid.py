@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial.law import AxialLaw
+from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot
@@ -25,11 +25,18 @@ class Rigid(AxialLaw):
     def parted(self, intact: jax.Array) -> AxialLaw:
         return self  # scenes let no rigid link part
 
-    def residual(self, d0: jax.Array, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array) -> jax.Array:
-        """`(|d1|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
-        return (dot(d1, d1) - length**2) / (2 * length)
+    def residual(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
+        return self.at_rest(d1, tension, length)
 
-    def gradient(self, d1: jax.Array, length: jax.Array) -> jax.Array:
+    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        """`(|d|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
+        return (dot(d, d) - length**2) / (2 * length)
+
+    def gradient(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
         return d1 / length[:, None]
 
     def compliance(self, length: jax.Array, h: jax.Array) -> jax.Array:

@@ -1,4 +1,4 @@
-"""The seabed: a vertical spring and damper under every node, flat or over a grid of depths."""
+"""The seabed: a spring and damper under every node, along the normal of a flat bed or of a grid of depths."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import cross, dot
+from dropper_jax.base.springs import lag, mean_pull, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
 
 @component
 class Seabed(Effect):
-    """Contact force `N = A max(0, k p1 + c (p1 - p0)/h)` upwards, p the depth of a node below the bed (0 above it).
+    """Contact force `N = A (k p + clip(c p', -k p, k p))` along the normal of the bed, p how deep a node is in it.
 
-    `A = D L` is the plan area of the node's halves of its links, as in MoorDyn. The law stands at the end of the step
-    (p1), so that it only ever takes energy, and the damper counts what is pressed in only: it neither sticks nor jumps
-    where a node touches down. Where `bed_x`, `bed_y` and `bed_depth` are given the bed is that grid, bilinear between.
+    `A = D L` is the plan area of the node's halves of its links, as in MoorDyn; p is measured along the normal and 0
+    above the bed. As in a rope the damper never gives more than the spring: the force is continuous where a node
+    touches down, never sticks, and takes energy only. Over a step the spring stands as `springs` says. Where `bed_x`,
+    `bed_y` and `bed_depth` are given the bed is that grid, bilinear between.
     """
 
     name: ClassVar[str] = "seabed"
@@ -71,20 +74,44 @@ class Seabed(Effect):
         high = (1 - b) * grid[i + 1, j] + b * grid[i + 1, j + 1]
         return -((1 - a) * low + a * high)
 
+    def upward(self, r: jax.Array) -> jax.Array:
+        """Unit normals (nodes, 3) of the bed under places r (nodes, 3), or (3,) of a flat one."""
+        if self.bed_x is None:
+            return jnp.array([0.0, 0.0, 1.0], r.dtype)
+        x, y = (jax.jvp(self.bed, (r,), (jnp.zeros_like(r).at[:, i].set(1.0),))[1] for i in (0, 1))
+        n = jnp.stack([-x, -y, jnp.ones_like(x)], axis=-1)
+        return n / jnp.sqrt(dot(n, n))[:, None]
+
+    def tangents(self, r: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Two unit vectors (nodes, 3) along the bed, at right angles; (3,) of a flat one."""
+        n = self.upward(r)
+        first = jnp.stack([n[..., 2], jnp.zeros_like(n[..., 2]), -n[..., 0]], axis=-1)
+        first = first / jnp.sqrt(dot(first, first))[..., None]
+        return first, cross(n, first)
+
+    def prepare(self, k: Kinematics) -> jax.Array:
+        """How fast nodes go down at the beginning of the step (nodes,) [m/s]; k has the velocities of that time."""
+        return -dot(k.v, self.upward(k.r))
+
     def normal(self, k: Kinematics) -> jax.Array:
         """Contact force (nodes,) [N], never negative."""
         area = k.line.node_share(k.line.diameter * k.line.length)
         area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
-        bed = self.bed(k.r)
+        n = self.upward(k.r)
+        deep, down = (self.bed(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n)
         if k.h is None:
-            return area * self.stiffness * jnp.maximum(bed - k.r[:, 2], 0.0)
-        half = 0.5 * k.h * k.v[:, 2]
-        before = jnp.maximum(bed - (k.r[:, 2] - half), 0.0)
-        after = jnp.maximum(bed - (k.r[:, 2] + half), 0.0)
-        return area * jnp.maximum(self.stiffness * after + self.damping * (after - before) / k.h, 0.0)
+            spring = self.stiffness * jnp.maximum(deep, 0.0)
+            rate = down
+        else:
+            before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
+            pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
+            expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
+            spring = jnp.maximum(self.stiffness * (mean_pull(before, after) + lag(*pressed, expected)), 0.0)
+            rate = (pressed[1] - pressed[0]) / k.h
+        return area * (spring + never_more(self.damping * rate, spring))
 
     def force(self, k: Kinematics) -> jax.Array:
-        return jnp.zeros_like(k.r).at[:, 2].set(self.normal(k))
+        return self.normal(k)[:, None] * self.upward(k.r)
 
 
 def _cell(knots: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:

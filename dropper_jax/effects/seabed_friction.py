@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import dot
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
@@ -59,25 +60,25 @@ class SeabedFriction(Law):
         return 2
 
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
-        return jnp.concatenate([z, jnp.zeros_like(z[:, :1])], axis=1)
+        first, second = _bed(k).tangents(k.r)
+        return z[:, :1] * first + z[:, 1:] * second
 
     def prepare(self, k: Kinematics) -> jax.Array | None:
         """Which nodes (nodes, 1) begin the step in motion; k has the velocities of its beginning."""
         if self.static is None:
             return None
-        return jnp.sum(k.v[:, :2] ** 2, axis=1, keepdims=True) > AT_REST**2
+        return jnp.sum(_along_bed(k, k.v) ** 2, axis=1, keepdims=True) > AT_REST**2
 
     def _limit(self, k: Kinematics) -> jax.Array:
         """Largest friction (nodes, 1) [N]."""
-        bed = k.model.having(Seabed)[0]
-        normal = bed.normal(k)[:, None]
+        normal = _bed(k).normal(k)[:, None]
         if self.static is None:
             return self.kinetic * normal
         return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
 
     def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
         """`p = z - rho v_mid` (nodes, 2) [N] and its size (nodes, 1)."""
-        p = z - (k.model.node_mass / h)[:, None] * k.v[:, :2]
+        p = z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
         return p, jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
@@ -89,10 +90,19 @@ class SeabedFriction(Law):
         return z  # the bound is the contact force, which the step determines too
 
     def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        _, size = self._trial(k, z, h)
-        stuck = (size <= self._limit(k)) & (size > 1e-12)
-        return v1 * jnp.where(stuck, jnp.array([0.0, 0.0, 1.0], v1.dtype), 1.0)
+        limit = self._limit(k)
+        stuck = (self._trial(k, z, h)[1] <= limit) & (limit > 0.0)
+        return v1 - jnp.where(stuck, self.law_force(k, _along_bed(k, v1)), 0.0)
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The size of force rows [N]: contact forces round as those do."""
         return jnp.mean(line.mass) * jnp.maximum(9.81, jnp.mean(line.length) / h**2)
+
+
+def _bed(k: Kinematics) -> Seabed:
+    return k.model.having(Seabed)[0]
+
+
+def _along_bed(k: Kinematics, v: jax.Array) -> jax.Array:
+    """Components (nodes, 2) of vectors (nodes, 3) along the bed."""
+    return jnp.stack([dot(v, tangent) for tangent in _bed(k).tangents(k.r)], axis=-1)

@@ -15,6 +15,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.axial import LinkStart
 from dropper_jax.integrators.consistent import after_jump, begun, jumps
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, booked, turning
@@ -59,6 +60,7 @@ class MidpointProblem(StepProblem):
         self.ends0 = ends0 = model.ends(s.t)
         self.ends1 = model.ends(t1)
         self.links0 = model.links(s.r, ends0)
+        self.start = LinkStart(self.links0, model.rates(s.v, ends0))
         self.ends = self.ends1
         self.end_acceleration = None
         if model.moving:
@@ -99,7 +101,7 @@ class MidpointProblem(StepProblem):
         links1 = self._links1(u.x)
         mid = self._middle(u.x) if model.laws else None
         force = self._local(u.x, mid) - model.pull(u.y, self._directions(links1))
-        axial = line.axial.residual(self.links0, links1, u.y, line.length, self.h)
+        axial = line.axial.residual(self.start, links1, u.y, line.length, self.h)
         if not model.laws:
             return Unknowns(force, axial)
         laws, rows = self._laws(mid, u.z)
@@ -123,7 +125,7 @@ class MidpointProblem(StepProblem):
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
-        axial = line.axial.residual(self.links0, d, y, line.length, self.h)
+        axial = line.axial.residual(self.start, d, y, line.length, self.h)
         return y[:, None] * self._directions(d), axial
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
@@ -138,7 +140,7 @@ class MidpointProblem(StepProblem):
 
     def condensed(self, u: Unknowns) -> CondensedParts:
         line, links1 = self.model.line, self._links1(u.x)
-        gradient = line.axial.gradient(links1, line.length)
+        gradient = line.axial.gradient(self.start, links1, u.y, line.length, self.h)
         return CondensedParts(self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
 
     def finish(self, u: Unknowns) -> State:
@@ -193,9 +195,7 @@ class MidpointProblem(StepProblem):
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
         ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1)).items()}
-        return booked(
-            model, works, stopped, struck, turned, line.axial.works(self.links0, links1, line.length, h), ends
-        )
+        return booked(model, works, stopped, struck, turned, line.axial.works(self.start, links1, line.length, h), ends)
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
         """What added mass gains by turning [J]: change of its kinetic energy less the work against its inertia.

@@ -124,7 +124,7 @@ class GeneralizedAlphaProblem(StepProblem):
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         axial, length = self.model.line.axial, self.model.line.length
         d, rate = self._links_at_f(d)
-        return (y / safe_norm(d))[:, None] * d, axial.instant(d, rate, y, length, self.new_f * self.h)
+        return (y / safe_norm(d))[:, None] * d, axial.instant(d, rate, y, length)
 
     def residual(self, u: Unknowns) -> Unknowns:
         links1 = self.link_vectors(u.x)

@@ -66,7 +66,7 @@ class RattleProblem(StepProblem):
         line = self.model.line
         links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
         force = self._local(u.x) - self.model.pull(u.y, self.pull0)
-        return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
+        return Unknowns(force, line.axial.at_rest(links1, u.y, line.length))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         if self.model.constant_force:
@@ -76,7 +76,7 @@ class RattleProblem(StepProblem):
     def condensed(self, u: Unknowns) -> CondensedParts:
         line = self.model.line
         links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
-        gradient = self.h * line.axial.gradient(links1, line.length)
+        gradient = self.h * links1 / line.length[:, None]
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:

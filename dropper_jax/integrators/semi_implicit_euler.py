@@ -82,14 +82,14 @@ class SemiImplicitProblem(StepProblem):
     def residual(self, u: Unknowns) -> Unknowns:
         line, links1 = self.model.line, self._links1(u.x)
         force = self.mass[:, None] * (u.x - self.s.v) / self.h - self.force0 - self.model.pull(u.y, self.pull0)
-        return Unknowns(force, line.axial.residual(links1, links1, u.y, line.length, self.h))
+        return Unknowns(force, line.axial.at_rest(links1, u.y, line.length))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         return self.mass / self.h
 
     def condensed(self, u: Unknowns) -> CondensedParts:
         line = self.model.line
-        gradient = self.h * line.axial.gradient(self._links1(u.x), line.length)
+        gradient = self.h * self._links1(u.x) / line.length[:, None]
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
     def finish(self, u: Unknowns) -> State:

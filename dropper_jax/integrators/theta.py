@@ -81,7 +81,7 @@ class ThetaProblem(StepProblem):
             return Unknowns(force - model.pull(u.y, self.pull0), self.h * speed)
         force = force - gamma * model.pull(u.y, self._pull1(after))
         force = force - (1 - gamma) * model.pull(self.s.tension, self.pull0)
-        return Unknowns(force, line.axial.residual(after.links, after.links, u.y, line.length, self.h))
+        return Unknowns(force, line.axial.at_rest(after.links, u.y, line.length))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         line, gamma, h = self.model.line, self.gamma, self.h

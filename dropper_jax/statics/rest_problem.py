@@ -37,7 +37,7 @@ class StaticProblem(StepProblem):
             k = model.instant(k.r, k.v, k.t, self.ends)
         direction = line.axial.direction(k.links, k.links, k.links, line.length)
         rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
-        return Unknowns(rows, line.axial.residual(k.links, k.links, u.y, line.length, self.h))
+        return Unknowns(rows, line.axial.at_rest(k.links, u.y, line.length))
 
     def row_scale(self) -> Unknowns:
         line = self.model.line

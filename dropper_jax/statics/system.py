@@ -65,7 +65,7 @@ class RestProblem(StepProblem):
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
         pull = y[:, None] * line.axial.direction(d, d, d, line.length)
-        return pull, line.axial.residual(d, d, y, line.length, self.h)
+        return pull, line.axial.at_rest(d, y, line.length)
 
     def tension(self, x: jax.Array) -> jax.Array:
         """Tensions that belong to the links' lengths (n,) [N]."""

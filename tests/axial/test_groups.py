@@ -13,7 +13,7 @@ import pytest
 from scipy.special import ellipk
 
 import dropper_jax as dj
-from dropper_jax.axial import Elastic, Groups, Rigid, Rope
+from dropper_jax.axial import Elastic, Groups, LinkStart, Rigid, Rope
 from dropper_jax.residual import Unknowns
 from dropper_jax.run.build import build_model
 from dropper_jax.solvers import SOLVERS
@@ -56,13 +56,14 @@ def test_each_link_answers_by_its_own_law():
     members = ((0, 3, 4), (1, 2), (5,))
     laws = (Rope(EA=np.array([1e3, 2e3, 3e3])), Rigid(), Elastic(EA=np.array([4e3]), damping=np.array([7.0])))
     groups = Groups(laws, members)
-    d0, d1, tension, length = rng.normal(size=(6, 3)), rng.normal(size=(6, 3)), rng.normal(size=6), np.ones(6)
-    rows = groups.residual(d0, d1, tension, length, 0.1)
+    d0, d1, rate = rng.normal(size=(3, 6, 3))
+    tension, length = rng.normal(size=6), np.ones(6)
+    rows = groups.residual(LinkStart(d0, rate), d1, tension, length, 0.1)
     pairs = list(zip(laws, members, strict=True))
     for law, group in pairs:
         own = list(group)
         np.testing.assert_array_equal(
-            rows[jnp.array(own)], law.residual(d0[own], d1[own], tension[own], length[own], 0.1)
+            rows[jnp.array(own)], law.residual(LinkStart(d0[own], rate[own]), d1[own], tension[own], length[own], 0.1)
         )
     np.testing.assert_array_equal(groups.rigid(6), [False, True, True, False, False, False])
     assert not groups.elastic

@@ -34,14 +34,75 @@ def test_a_node_below_the_bed_is_pushed_up_by_the_spring_under_its_plan_area(lyi
 
 
 @pytest.mark.parametrize("speed", [-0.1, 0.1, 1.2], ids=["pressed in", "rising slowly", "rising fast"])
-def test_over_a_step_spring_and_damper_stand_at_its_end_and_never_pull(lying, speed):
-    """N = A max(0, k p1 + c (p1 - p0)/h) with p0, p1 = p -+ h v/2 about the middle of the step."""
-    h, depth = 0.01, 0.02
-    model, k = lying([-DEPTH - depth] * 3, depth=DEPTH)
-    moving = model.kinematics(k.r, jnp.zeros((3, 3)).at[:, 2].set(speed), k.t, h=h)
-    after = depth - 0.5 * h * speed
-    expected = AREA * max(STIFFNESS * after - DAMPING * speed, 0.0)
-    np.testing.assert_allclose(model.effect("seabed").normal(moving), expected, rtol=1e-9)
+def test_the_damper_never_gives_more_than_the_spring(lying, speed):
+    model, k = lying([-DEPTH - 0.02] * 3, depth=DEPTH)
+    spring = STIFFNESS * 0.02
+    expected = AREA * (spring + np.clip(-DAMPING * speed, -spring, spring))
+    v = jnp.zeros((3, 3)).at[:, 2].set(speed)
+    np.testing.assert_allclose(model.effect("seabed").normal(k.with_velocity(v)), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("speed", [-2.5, -0.1, 0.1, 2.5])
+def test_over_a_step_the_spring_works_as_much_as_it_stores(lying, speed):
+    h, depth = 0.01, 0.01
+    model, k = lying([-DEPTH - depth] * 3, depth=DEPTH, damping=0.0)
+    v = jnp.zeros((3, 3)).at[:, 2].set(speed)
+    begin = k.with_velocity(2.0 * v)  # faster at its beginning: the step slows the node down
+    moving = model.kinematics(k.r, v, k.t, h=h, prepared=model.prepare(begin))
+    before, after = (max(depth + half * speed, 0.0) for half in (0.5 * h, -0.5 * h))
+    stored = 0.5 * AREA * STIFFNESS * (after**2 - before**2)
+    np.testing.assert_allclose(model.effect("seabed").normal(moving) * -speed * h, stored, rtol=1e-6)
+
+
+def test_on_a_slope_the_bed_pushes_along_its_normal(lying):
+    depth = [4.0, 4.0, 6.0, 6.0]  # falls by 1 in 2 along x
+    model, k = lying([-4.6, -5.1, -5.3], bed_x=[0.0, 4.0], bed_y=[-1.0, 1.0], bed_depth=depth, damping=0.0)
+    force = np.asarray(model.effect("seabed").force(k))
+    deep = np.maximum(np.array([-4.25, -4.5, -4.75]) - np.array([-4.6, -5.1, -5.3]), 0.0)
+    normal = np.array([1.0, 0.0, 2.0]) / np.sqrt(5.0)
+    expected = (AREA * STIFFNESS * deep * normal[2])[:, None] * normal
+    np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)
+
+
+def sliding(friction, duration=1.0):
+    """A slack chain of 20 links laid along a slope of 1 in 2, let go; its ends are free."""
+    slope, n, length = 0.5, 20, 0.1
+    x = 2.0 + np.arange(n + 1) * length / np.sqrt(1 + slope**2)
+    nodes = np.stack([x, 0 * x, -4.0 - slope * x], axis=1)
+    bed = {"bed_x": [0.0, 40.0], "bed_y": [-5.0, 5.0], "bed_depth": [4.0, 4.0, 24.0, 24.0]}
+    angle = np.arctan(slope)
+    effects = {"weight": {}, "seabed": {"stiffness": 3e5, "damping": 3e4, **bed}}
+    if friction is not None:
+        effects["seabed_friction"] = {"kinetic": friction}
+    return {
+        "run": {"dt": 0.002, "duration": duration},
+        "point": [
+            {"name": "a", "kind": "free", "position": nodes[0].tolist(), "mass": 0.25},
+            {"name": "b", "kind": "free", "position": nodes[-1].tolist(), "mass": 0.25},
+            {"name": "far", "position": [0.0, 0.0, -4.0]},
+        ],
+        "line_type": [
+            {"name": "chain", "mass": 5.0, "diameter": 0.05, "EA": 1e5, "damping": 10.0},
+            {"name": "thread", "mass": 1e-7, "diameter": 1e-6, "EA": 1.0},  # slack: points need a way to a fixed one
+        ],
+        "line": [
+            {"name": "chain", "from": "a", "to": "b", "type": "chain", "length": n * length, "links": n},
+            {"name": "thread", "from": "far", "to": "a", "type": "thread", "length": 30.0, "links": 1},
+        ],
+        "effects": effects,
+        "start": {"kind": "points"},
+    }, angle
+
+
+@pytest.mark.parametrize("friction", [None, 0.2])
+def test_a_chain_slides_down_a_slope_as_a_block_does(friction):
+    scene, angle = sliding(friction)
+    run = dj.simulate(scene)
+    assert run.status == "ok"
+    along = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    middle = run.positions[:, 10] @ along  # of the chain
+    expected = 0.5 * 9.81 * (np.sin(angle) - (friction or 0.0) * np.cos(angle)) * run.t**2
+    assert middle[-1] - middle[0] == pytest.approx(expected[-1], rel=0.01)
 
 
 def test_between_the_places_of_a_grid_the_bed_is_bilinear_and_goes_on_outside(lying):

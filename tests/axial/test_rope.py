@@ -1,0 +1,124 @@
+"""Ropes: what their law promises at an instant and over a step; a mass dropped on one, against SciPy."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dropper_jax as dj
+from dropper_jax.axial import Elastic, LinkStart, Rope
+from dropper_jax.base.springs import lag, mean_pull, never_more
+
+EA, BA = 2e4, 300.0
+LENGTH = jnp.ones(1)
+G = 9.81
+
+
+def rope(damping=BA):
+    return Rope(EA=jnp.array([EA]), damping=None if damping is None else jnp.array([damping]))
+
+
+def along(x):
+    return jnp.array([[0.0, 0.0, x]])
+
+
+@pytest.mark.parametrize("speed", [-30.0, -1.0, -0.01, 0.0, 0.01, 1.0, 30.0])
+def test_the_tension_is_continuous_never_negative_and_the_damper_only_takes(speed):
+    strain = np.concatenate([np.linspace(-0.01, 0.01, 2001), np.linspace(0.0105, 0.2, 400)])
+    pull = jax.vmap(lambda e: rope().tension(along(1.0 + e), along(speed), LENGTH)[0])(jnp.asarray(strain))
+    pull = np.asarray(pull)
+    assert np.all(pull >= 0.0)
+    assert np.all(pull[strain < -1e-12] == 0.0)
+    # a jump would not shrink with the distance of neighbours
+    assert np.max(np.abs(np.diff(pull)) / np.diff(strain)) < 2.1 * EA
+    assert np.all((pull - EA * np.maximum(strain, 0.0)) * speed >= 0.0)
+
+
+def test_a_taut_rope_that_vibrates_gently_has_the_damping_of_a_spring():
+    spring = Elastic(EA=jnp.array([EA]), damping=jnp.array([BA]))
+    for speed in (-0.5, 0.5):
+        given = along(1.02), along(speed), LENGTH
+        np.testing.assert_allclose(rope().tension(*given), spring.tension(*given), rtol=1e-12)
+
+
+@jax.jit
+def over(law, start, d1, length, h):
+    """Tensions over a step: the roots of its rows."""
+
+    def halve(_, bounds):
+        low, high = bounds
+        middle = 0.5 * (low + high)
+        more = law.residual(start, d1, middle, length, h) > 0.0
+        return jnp.where(more, middle, low), jnp.where(more, high, middle)
+
+    return jax.lax.fori_loop(0, 80, halve, (jnp.full_like(length, -1.0), jnp.full_like(length, 1e5)))[0]
+
+
+@pytest.mark.parametrize("damping", [None, BA, 3e4])
+@pytest.mark.parametrize("h", [1e-4, 1e-2])
+def test_over_a_step_it_never_gives_energy_never_pushes_and_books_what_it_takes(damping, h):
+    rng, length = np.random.default_rng(3), jnp.ones(64)
+    e0, e1 = rng.uniform(-0.02, 0.03, (2, 64))
+    law = Rope(EA=jnp.full(64, EA), damping=None if damping is None else jnp.full(64, damping))
+    start = LinkStart(jnp.zeros((64, 3)).at[:, 2].set(1.0 + e0), jnp.asarray(rng.uniform(-5.0, 5.0, (64, 3))))
+    d1 = jnp.zeros((64, 3)).at[:, 2].set(1.0 + e1)
+    tension = np.asarray(over(law, start, d1, length, h))
+    assert np.all(tension > -1e-6)
+    stored = 0.5 * EA * (np.maximum(e1, 0.0) ** 2 - np.maximum(e0, 0.0) ** 2)
+    taken = stored - tension * (e1 - e0)
+    assert np.all(taken < 1e-6)
+    works = {name: float(work) for name, work in law.works(start, d1, length, h).items()}
+    assert max(works.values()) <= 0.0
+    assert np.sum(taken) == pytest.approx(sum(works.values()), abs=1e-5)
+
+
+def test_springs_over_a_step():
+    assert float(mean_pull(jnp.array(2.0), jnp.array(4.0))) == 3.0
+    assert float(mean_pull(jnp.array(-1.0), jnp.array(-2.0))) == 0.0
+    assert float(mean_pull(jnp.array(-1.0), jnp.array(3.0))) == pytest.approx(9.0 / 2 / 4)  # int of e over 4
+    assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(2.5))) == 0.0  # slower than expected
+    assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(1.5))) == pytest.approx(0.125)
+    assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(-9.0))) == 0.5  # the pull at the end
+    assert float(lag(jnp.array(2.0), jnp.array(1.0), jnp.array(9.0))) == -0.5
+    assert [float(never_more(jnp.array(x), jnp.array(2.0))) for x in (-9.0, 1.0, 9.0)] == [-2.0, 1.0, 2.0]
+
+
+def dropped(dt, law="rope", damping=None):
+    """A mass that falls 0.2 m before its rope tautens, 20 steps of 10 ms to a period of what follows."""
+    mass, length = 100.0, 2.0
+    stiffness = mass * (2 * np.pi / 0.2) ** 2
+    axial = {"law": law, "EA": stiffness * length} | ({} if damping is None else {"damping": damping})
+    line = {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": length, "mass": mass, "axial": axial}
+    return {
+        "run": {"dt": dt, "duration": 0.6},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "mass", "kind": "free", "position": [0.0, 0.0, -1.8]},
+        ],
+        "line": [line],
+        "effects": {"weight": {"gravity": G}},
+        "start": {"kind": "positions", "positions": [[0.0, 0.0, 0.0], [0.0, 0.0, -1.8]]},
+    }, stiffness
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.005])
+def test_a_dropped_mass_meets_its_peak_and_comes_back_up_within_two_per_cent(dt):
+    scene, stiffness = dropped(dt)
+
+    def fall(t, y):
+        return [y[1], -G + stiffness / 100.0 * max(-2.0 - y[0], 0.0)]
+
+    exact = solve_ivp(fall, (0.0, 0.6), [-1.8, 0.0], rtol=1e-10, atol=1e-12, max_step=1e-3)
+    run = dj.simulate(scene)
+    assert run.status == "ok"
+    lowest = np.argmin(exact.y[0])
+    peak = stiffness * (-2.0 - exact.y[0][lowest])
+    # tensions are means over a step: as high as the top of a wave cut off at half a step
+    assert run.tension.max() == pytest.approx(peak, rel=0.02)
+    assert run.positions[:, 1, 2].min() == pytest.approx(exact.y[0][lowest], rel=0.02)
+    back = run.positions[int(0.3 / dt) :, 1, 2].max()
+    assert back == pytest.approx(-1.8, abs=0.02 * 0.2)
+    assert run.energy_drift < 1e-10 * run.energy_scale

@@ -23,6 +23,7 @@ from dropper_jax.model import Frozen, Model, Parted, State, work_names
 from dropper_jax.residual import Implicit
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
+from dropper_jax.run.resolution import judged
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
@@ -108,8 +109,9 @@ def simulate(
     solution = replace(solution, compile_s=compile_s, run_s=run_s)
     if interrupted:
         solution = replace(solution, status="interrupted")
+    solution = judged(solution)
     if choice is not None:
-        solution = _judged(solution, tolerance, choice)
+        solution = _within(solution, tolerance, choice)
     say(1.0, solution.status)
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)
@@ -126,7 +128,7 @@ def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, An
     return scene.with_values({"run.dt": choice.dt}), choice
 
 
-def _judged(solution: Solution, tolerance: float, choice: Any) -> Solution:
+def _within(solution: Solution, tolerance: float, choice: Any) -> Solution:
     """The solution with its estimated error; one that misses the tolerance is not called ok."""
     solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
     if choice.estimate <= tolerance or solution.status != "ok":

@@ -166,6 +166,9 @@ class Solution:
         """One line saying which step failed, when and why; empty where none did."""
         if self.status == "ok":
             return ""
+        if self.status == "energy_drift":
+            what = f"{self.energy_drift:.3g} J are not accounted for, of a scale of {self.energy_scale:.3g} J"
+            return f"{self.status}: {what}; take a smaller step"
         if self.first_bad is None:
             return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
         bad = self.first_bad

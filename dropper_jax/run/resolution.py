@@ -1,0 +1,87 @@
+"""Warnings of a run about its own numbers: energy that is not accounted for, tensions that its step does not resolve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from dropper_jax.run.solution import Solution
+
+#: Drift of the energy balance beside its scale from which a run warns, and from which it is not called ok.
+DRIFT_TOLD, DRIFT_FAILED = 0.1, 1.0
+#: Energy [J] per weight times length of all lines below which none is missed: rounding of runs at rest.
+NEGLIGIBLE = 1e-6
+#: A largest tension of which this share is gone one step before and after, in the mean: a half-sine of less than three
+#: steps, of which 5 % are lost (tension is a mean over the step) to 13 % (where its top falls between two steps).
+SHARP = 0.5
+#: Share of a link's tension over time that comes in pulses of one step, from which it is told.
+PULSES = 0.05
+#: Tensions that alternate for this many steps by more than this share of their mean.
+ALTERNATING, ALTERNATION = 20, 0.05
+
+
+def judged(solution: Solution) -> Solution:
+    """The solution with what it has to say about its own numbers; energy above its scale that came from nowhere or
+    went is no solution."""
+    found = list(_tensions(solution)) if solution.settings["save_every"] == 1 and len(solution.t) > 3 else []
+    drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
+    status = solution.status
+    if drift > DRIFT_TOLD * scale:
+        found.insert(
+            0, f"energy: {drift:.3g} J are not accounted for, of a scale of {scale:.3g} J; take a smaller step"
+        )
+        if drift > DRIFT_FAILED * scale and status == "ok":
+            status = "energy_drift"
+    return replace(solution, status=status, warnings=(*solution.warnings, *found))
+
+
+def _negligible(solution: Solution) -> float:
+    lines = solution.scene.lines
+    return NEGLIGIBLE * 9.81 * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
+
+
+def _tensions(solution: Solution) -> Iterator[str]:
+    """What each line's tensions (k, n) show from step to step."""
+    dt = solution.settings["dt"]
+    for line, where in zip(solution.scene.lines, solution.lines, strict=True):
+        tension = solution.tension[1:, where.links]
+        sharp = _sharpest(tension)
+        if sharp is not None:
+            at, size = solution.t_tension[1 + sharp[0]], tension[sharp]
+            yield f"{line.name}: its largest tension, {size:.4g} N at {at:.4g} s, lasts a step of {dt:g} s or two: not resolved"
+        pulsed = _pulsed(tension)
+        if pulsed > PULSES:
+            yield f"{line.name}: {pulsed:.0%} of its tension comes in pulses of one step of {dt:g} s: not resolved"
+        elif _alternates(tension):
+            yield f"{line.name}: tension alternates from step to step; means are good, extremes are not"
+
+
+def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
+    """Where the largest tension is, if it is a peak of a step or two."""
+    step, link = np.unravel_index(np.argmax(tension), tension.shape)
+    around = tension[max(step - 1, 0) : step + 2, link]
+    if len(around) < 3 or around[1] <= 0.0:
+        return None
+    return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > SHARP * around[1] else None
+
+
+def _pulsed(tension: np.ndarray) -> float:
+    """Share of all tension over time that single steps between slack ones hold, of the link with most."""
+    taut = tension > 0.0
+    alone = taut[1:-1] & ~taut[:-2] & ~taut[2:]
+    held = np.sum(np.where(alone, tension[1:-1], 0.0), axis=0)
+    return float(np.max(held / np.maximum(np.sum(np.abs(tension), axis=0), np.finfo(float).tiny)))
+
+
+def _alternates(tension: np.ndarray) -> bool:
+    """Whether a link's tension goes up and down at every step for a while, beside what changes smoothly."""
+    saw = (tension[:-2] - 2.0 * tension[1:-1] + tension[2:]) / 4.0
+    flips = saw[1:] * saw[:-1] < 0.0
+    least = np.minimum(np.abs(saw[1:]), np.abs(saw[:-1])) > ALTERNATION * np.maximum(np.abs(tension[1:-2]), 1e-300)
+    both = flips & least
+    if len(both) < ALTERNATING:
+        return False
+    runs = np.lib.stride_tricks.sliding_window_view(both, ALTERNATING, axis=0)
+    return bool(np.any(np.all(runs, axis=-1)))

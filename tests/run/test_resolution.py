@@ -1,0 +1,88 @@
+"""Runs that say what they do not resolve: peaks of a step or two, alternating tensions, energy out of nowhere."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.run.resolution import judged
+
+
+def falling(stiffness, dt, **run):
+    """A mass that falls 0.2 m before its rope of 2 m tautens."""
+    axial = {"law": "rope", "EA": stiffness}
+    return {
+        "run": {"dt": dt, "duration": 0.4, **run},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "mass", "kind": "free", "position": [0.0, 0.0, -1.8]},
+        ],
+        "line": [
+            {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 2.0, "mass": 100.0, "axial": axial}
+        ],
+        "effects": {"weight": {}},
+        "start": {"kind": "positions", "positions": [[0.0, 0.0, 0.0], [0.0, 0.0, -1.8]]},
+    }
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """20 steps in a period of the mass on its rope."""
+    return dj.simulate(falling(2.0 * 100.0 * (2 * np.pi / 0.2) ** 2, 0.01))
+
+
+def test_a_peak_of_many_steps_is_not_warned_of(soft):
+    assert soft.status == "ok"
+    assert soft.warnings == ()
+
+
+def test_a_peak_within_a_step_is_named_with_its_size_and_time():
+    run = dj.simulate(falling(2.0 * 100.0 * (2 * np.pi / 0.01) ** 2, 0.01))
+    assert run.status == "ok"  # motion and energy are right, the peak is not
+    text = run.warnings[0]
+    assert text.startswith(f"rope: its largest tension, {run.tension.max():.4g} N at ")
+    assert "not resolved" in text
+
+
+def changed(solution, **arrays):
+    return judged(dataclasses.replace(solution, warnings=(), **arrays))
+
+
+def test_energy_out_of_nowhere_warns_and_above_its_scale_is_a_failure(soft):
+    def off(share):
+        return soft.work + share * soft.energy_scale * np.linspace(0.0, 1.0, len(soft.t))[:, None] / soft.work.shape[1]
+
+    assert changed(soft, work=off(0.05)).warnings == ()
+    told = changed(soft, work=off(0.2))
+    assert told.status == "ok"
+    assert "are not accounted for" in told.warnings[0]
+    failed = changed(soft, work=off(1.5))
+    assert failed.status == "energy_drift"
+    assert "J are not accounted for, of a scale of" in failed.failure
+
+
+def test_tensions_that_alternate_or_come_in_pulses_are_told(soft):
+    steps = np.arange(len(soft.t))
+    smooth = 100.0 + 10.0 * np.sin(0.2 * steps)
+    assert changed(soft, tension=smooth[:, None]).warnings == ()
+    alternating = changed(soft, tension=(smooth * (1.0 + 0.2 * (-1.0) ** steps))[:, None])
+    assert "alternates" in alternating.warnings[0]
+    pulses = np.where(steps % 5 == 0, 100.0, 0.0) + np.where(steps < 8, 300.0, 0.0)
+    assert any("pulses of one step" in w for w in changed(soft, tension=pulses[:, None]).warnings)
+
+
+@pytest.mark.slow
+def test_a_run_at_rest_misses_no_energy():
+    scene = falling(1e5, 0.01) | {"start": {"kind": "static"}}
+    run = dj.simulate(scene)
+    assert (run.status, run.warnings) == ("ok", ())
+
+
+@pytest.mark.slow
+def test_a_scheme_that_gains_energy_where_a_line_snaps_is_not_called_ok():
+    run = dj.simulate("paper-case-1", integrator="generalized_alpha", dt=0.02, duration=20.0)
+    assert run.status == "energy_drift"
+    assert run.energy_drift > run.energy_scale

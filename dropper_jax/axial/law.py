@@ -14,10 +14,10 @@ from dropper_jax.base.numerics import safe_norm
 
 
 class LinkStart(NamedTuple):
-    """Links at the beginning of a step: vectors (n, 3) [m] and their rates (n, 3) [m/s]."""
+    """Links at the beginning of a step: vectors (n, 3) [m] and their rates (n, 3) [m/s], None where none stretches."""
 
     d: jax.Array
-    rate: jax.Array
+    rate: jax.Array | None
 
 
 class AxialLaw(ABC):

@@ -138,6 +138,10 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     "dt": {"type": number, "help": "time step [s]"},
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"help": "float64 or float32"},
+    "step_tolerance": {
+        "type": number,
+        "help": "let steps follow the snaps of lines: speed [m/s] that a step's change of tension may give to a link",
+    },
     "gamma": {"type": number, "help": "weight of the new time in the theta schemes, 0 to 1"},
     "rho_infinity": {
         "type": number,

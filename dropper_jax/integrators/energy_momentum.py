@@ -60,7 +60,8 @@ class MidpointProblem(StepProblem):
         self.ends0 = ends0 = model.ends(s.t)
         self.ends1 = model.ends(t1)
         self.links0 = model.links(s.r, ends0)
-        self.start = LinkStart(self.links0, model.rates(s.v, ends0))
+        rigid = model.line.axial.rigid(model.line.links).all()
+        self.start = LinkStart(self.links0, None if rigid else model.rates(s.v, ends0))
         self.ends = self.ends1
         self.end_acceleration = None
         if model.moving:

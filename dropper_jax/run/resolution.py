@@ -1,4 +1,4 @@
-"""Warnings of a run about its own numbers: energy that is not accounted for, tensions that its step does not resolve."""
+"""Warnings of a run about its own numbers: energy that is not accounted for, tensions that are not resolved."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ ALTERNATING, ALTERNATION = 20, 0.05
 def judged(solution: Solution) -> Solution:
     """The solution with what it has to say about its own numbers; energy above its scale that came from nowhere or
     went is no solution."""
-    found = list(_tensions(solution)) if solution.settings["save_every"] == 1 and len(solution.t) > 3 else []
+    every_step = solution.settings["save_every"] == 1 and solution.tension_max is None and len(solution.t) > 3
+    found = list(_tensions(solution)) if every_step else []
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status
     if drift > DRIFT_TOLD * scale:
@@ -49,8 +50,8 @@ def _tensions(solution: Solution) -> Iterator[str]:
         tension = solution.tension[1:, where.links]
         sharp = _sharpest(tension)
         if sharp is not None:
-            at, size = solution.t_tension[1 + sharp[0]], tension[sharp]
-            yield f"{line.name}: its largest tension, {size:.4g} N at {at:.4g} s, lasts a step of {dt:g} s or two: not resolved"
+            when = f"{tension[sharp]:.4g} N at {solution.t_tension[1 + sharp[0]]:.4g} s"
+            yield f"{line.name}: its largest tension, {when}, lasts a step of {dt:g} s or two: not resolved"
         pulsed = _pulsed(tension)
         if pulsed > PULSES:
             yield f"{line.name}: {pulsed:.0%} of its tension comes in pulses of one step of {dt:g} s: not resolved"

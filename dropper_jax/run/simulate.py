@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,8 @@ from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
+from dropper_jax.scene import RunSpec
+from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import Stepper
@@ -36,6 +38,7 @@ PIECES = 20
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = kept(static=("stepper", "saves", "save_every"))(advance)
+_advance_adaptively = kept(static=("stepper", "saves"))(advance_adaptively)
 
 
 @kept()
@@ -54,6 +57,7 @@ def simulate(
     solver: str | None = None,
     dtype: str | None = None,
     save_every: int | None = None,
+    step_tolerance: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
     tolerance: float | None = None,
@@ -67,6 +71,9 @@ def simulate(
         integrator, solver: see `make_stepper`.
         dtype: `float64` or `float32`.
         save_every: steps between saved times.
+        step_tolerance: speed [m/s] that the change of a tension within a step may give to a link of mean mass. Steps
+            then follow the snaps of lines (see `stepping.adaptive`), dt is the interval between saved times and the
+            longest step, and saved tensions are means over it; `tension_min` and `tension_max` keep the extremes.
         progress: called with the fraction done and a line of text.
         throw: raise `SimulationError` (with the partial solution) where the status is not `ok`.
         tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
@@ -85,6 +92,7 @@ def simulate(
         "solver": solver,
         "dtype": dtype,
         "save_every": save_every,
+        "step_tolerance": step_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
     scene = load_scene(scene)
@@ -102,10 +110,12 @@ def simulate(
     say(0.0, "finding the start")
     start = initial_state(model, scene.start)
     begun = time.perf_counter()
-    compiled, chunk = _compile(stepper, model, start, run.saves, run.save_every)
+    compiled = _compile(stepper, model, start, run)
     compile_s = time.perf_counter() - begun
-    trajectory, run_s, interrupted = _run(compiled, chunk, stepper, model, start, run.dt, run.saves, say)
+    trajectory, within, refused, run_s, interrupted = _run(compiled, run.saves, say)
     solution = _solution(scene, stepper, model, start, trajectory, run.steps, dict(settings))
+    if within is not None:
+        solution = _followed(solution, within, refused)
     solution = replace(solution, compile_s=compile_s, run_s=run_s)
     if interrupted:
         solution = replace(solution, status="interrupted")
@@ -137,42 +147,54 @@ def _within(solution: Solution, tolerance: float, choice: Any) -> Solution:
     return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
 
 
-def _compile(stepper: Stepper, model: Model, start: State, saves: int, save_every: int) -> tuple[Any, int]:
-    chunk = -(-saves // PIECES)
-    dt = jnp.zeros((), model.dtype)
-    run = _advance.program(stepper, model, begin(stepper, model, start), dt, saves=chunk, save_every=save_every)
-    return run, chunk
+class _Pieces(NamedTuple):
+    """A run cut into pieces of one compiled program: what goes on from a carry, the first carry, saves per piece."""
+
+    go_on: Callable[[Any], tuple[Any, tuple[Trajectory, Within | None]]]
+    carry: Progress | Adaptive
+    saves: int
+
+
+def _compile(stepper: Stepper, model: Model, start: State, run: RunSpec) -> _Pieces:
+    saves = -(-run.saves // PIECES)
+    dt = jnp.asarray(run.dt, model.dtype)
+    progress = begin(stepper, model, start)
+    if run.step_tolerance is None:
+        fixed = _advance.program(stepper, model, progress, dt, saves=saves, save_every=run.save_every)
+
+        def go_on(carry: Progress) -> tuple[Progress, tuple[Trajectory, None]]:
+            carry, piece = fixed(model, carry, dt)
+            return carry, (piece, None)
+
+        return _Pieces(go_on, progress, saves)
+    carry, limit = adaptive_start(progress, dt), jnp.asarray(run.step_tolerance, model.dtype)
+    following = _advance_adaptively.program(stepper, model, carry, dt, limit, saves=saves)
+    return _Pieces(lambda carry: following(model, carry, dt, limit), carry, saves)
 
 
 def _run(
-    compiled: Callable[..., tuple[Progress, Trajectory]],
-    chunk: int,
-    stepper: Stepper,
-    model: Model,
-    start: State,
-    dt: float,
-    saves: int,
-    say: Callable[[float, str], None],
-) -> tuple[Trajectory, float, bool]:
+    run: _Pieces, saves: int, say: Callable[[float, str], None]
+) -> tuple[Trajectory, Within | None, int, float, bool]:
     """Pieces until the end, a failure or an interruption; always the same program, so that reruns agree to the bit."""
-    carry: Progress = begin(stepper, model, start)
-    pieces: list[Trajectory] = []
-    step = jnp.asarray(dt, model.dtype)
+    carry: Progress | Adaptive = run.carry
+    pieces: list[tuple[Trajectory, Within | None]] = []
     begun, interrupted = time.perf_counter(), False
     try:
-        while len(pieces) * chunk < saves:
-            carry, piece = compiled(model, carry, step)
+        while len(pieces) * run.saves < saves:
+            carry, piece = run.go_on(carry)
             pieces.append(jax.tree.map(np.asarray, piece))
-            say(min(len(pieces) * chunk / saves, 1.0), f"t = {float(carry.state.t):.3g} s")
-            if int(carry.first_bad) >= 0:
+            progress = carry if isinstance(carry, Progress) else carry.progress
+            say(min(len(pieces) * run.saves / saves, 1.0), f"t = {float(progress.state.t):.3g} s")
+            if int(progress.first_bad) >= 0:
                 break
     except KeyboardInterrupt:
         interrupted = True
         if not pieces:
             raise
     run_s = time.perf_counter() - begun
-    joined = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
-    return joined, run_s, interrupted
+    joined, within = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
+    refused = 0 if isinstance(carry, Progress) else int(carry.refused)
+    return joined, within, refused, run_s, interrupted
 
 
 def _solution(
@@ -237,6 +259,24 @@ def _solution(
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *(words(row) for row in broken),
         ),
+    )
+
+
+def _followed(solution: Solution, within: Within, refused: int) -> Solution:
+    """The solution of steps that follow the snaps: what is known between saved times, steps taken and refused."""
+    good = len(solution.t) - 1
+    first = solution.tension[:1]
+    kept = {name: np.concatenate([first, getattr(within, name)[:good]]) for name in ("least", "largest")}
+    square = np.concatenate([first**2, within.square[:good]])
+    middle = np.concatenate([[0.0], solution.t[1:] - 0.5 * solution.settings["dt"]])
+    taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
+    return replace(
+        solution,
+        t_tension=middle,
+        tension_min=kept["least"],
+        tension_max=kept["largest"],
+        tension_square=square,
+        settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
     )
 
 

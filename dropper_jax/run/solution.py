@@ -36,6 +36,8 @@ ARRAYS = (
     "work",
     "step_status",
 )
+#: Arrays of runs whose steps follow the snaps.
+WITHIN = ("tension_min", "tension_max", "tension_square")
 
 
 @dataclasses.dataclass
@@ -62,6 +64,8 @@ class Solution:
         versions: of the packages that matter.
         warnings: one line each.
         broken: what broke, by time: line, link (from 1), time_s, tension_n.
+        tension_min, tension_max, tension_square: with a step tolerance the extremes of the tensions since the last
+            saved time (k, n) [N] and the means of their squares [N^2]; else None. `tension` then is their mean.
         own: what effects changed as the run went on, by effect (k, ...); `NAME.0`, `NAME.1` ... of one with several.
     """
 
@@ -89,6 +93,9 @@ class Solution:
     warnings: tuple[str, ...] = ()
     broken: tuple[dict[str, Any], ...] = ()
     own: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    tension_min: np.ndarray | None = None
+    tension_max: np.ndarray | None = None
+    tension_square: np.ndarray | None = None
 
     @property
     def lines(self) -> tuple[LineSlice, ...]:
@@ -179,12 +186,19 @@ class Solution:
 
     def tension_summary(self) -> dict[str, dict[str, float]]:
         """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean."""
-        parts = {"first": self.tension[:, :1], "last": self.tension[:, -1:], "all": self.tension}
-        return {name: _extent(part) for name, part in parts.items()}
+        parts = {"first": slice(0, 1), "last": slice(-1, None), "all": slice(None)}
+        return {name: self._extent(part) for name, part in parts.items()}
 
     def line_tensions(self) -> dict[str, dict[str, float]]:
         """The same of every line of the scene, pieces between attached points together."""
-        return {line.name: _extent(self.tension[:, line.links]) for line in whole_lines(self.scene)}
+        return {line.name: self._extent(line.links) for line in whole_lines(self.scene)}
+
+    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
+        found = _extent(self.tension[:, links])
+        if self.tension_min is None or self.tension_max is None:
+            return found
+        extremes = np.min(self.tension_min[:, links]), np.max(self.tension_max[:, links])
+        return {**found, "min": float(extremes[0]), "max": float(extremes[1])}
 
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
@@ -236,7 +250,7 @@ class Solution:
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
-        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, "own", "scene")]
+        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, *WITHIN, "own", "scene")]
         meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=_plain))
 

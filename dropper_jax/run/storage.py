@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import ARRAYS, FORMAT, Solution
+from dropper_jax.run.solution import ARRAYS, FORMAT, WITHIN, Solution
 
 if TYPE_CHECKING:
     import xarray
@@ -32,6 +32,9 @@ VARIABLES = {
     "potential": ("potential_energy", ("time",), "J", "potential energy"),
     "work": ("work", ("time", "contribution"), "J", "work done since the start"),
     "step_status": ("step_status", ("time",), "1", "0 where every step up to this time is good"),
+    "tension_min": ("tension_min", ("time", "link"), "N", "smallest tension since the last time"),
+    "tension_max": ("tension_max", ("time", "link"), "N", "largest tension since the last time"),
+    "tension_square": ("tension_square", ("time", "link"), "N2", "mean square of the tension since the last time"),
 }
 #: Attribute that holds everything that is no array, as JSON.
 #: Before the names of what effects changed.
@@ -51,7 +54,7 @@ def load_run(path: str | Path) -> Solution:
 
 def write_npz(solution: Solution, path: str | Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
-    arrays = {name: getattr(solution, name) for name in ARRAYS}
+    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_within(solution))}
     arrays |= {OWN + name: values for name, values in solution.own.items()}
     text = np.array(json.dumps(solution.provenance()))
     return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
@@ -66,7 +69,7 @@ def read_npz(path: str | Path) -> Solution:
     try:
         with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             meta = json.loads(str(file["meta"]))
-            arrays = {name: file[name] for name in ARRAYS}
+            arrays = {name: file[name] for name in (*ARRAYS, *(name for name in WITHIN if name in file.files))}
             arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -85,6 +88,10 @@ def extra(module: str, name: str) -> Any:
         raise SceneError(f"{module} is not installed; needed: pip install 'dropper-jax[{name}]'") from None
 
 
+def _within(solution: Solution) -> list[str]:
+    return [name for name in WITHIN if getattr(solution, name) is not None]
+
+
 def netcdf_packages() -> None:
     """Ask for what netCDF needs, so that a missing package is told before the work starts."""
     for module in ("xarray", "h5netcdf", "h5py"):
@@ -97,6 +104,7 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     found = {
         name: (dimensions, getattr(solution, key), {"units": units, "long_name": meaning})
         for key, (name, dimensions, units, meaning) in VARIABLES.items()
+        if key not in WITHIN or key in _within(solution)
     }
     meaning = "angle of the links from the horizontal, positive downwards"
     found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
@@ -155,7 +163,8 @@ def from_xarray(dataset: xarray.Dataset) -> Solution:
     Raises:
         KeyError, ValueError, TypeError: a dataset that is none.
     """
-    arrays = {key: np.asarray(dataset[name].values) for key, (name, *_) in VARIABLES.items()}
+    there = {key: name for key, (name, *_) in VARIABLES.items() if key not in WITHIN or name in dataset}
+    arrays = {key: np.asarray(dataset[name].values) for key, name in there.items()}
     own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
     time = np.asarray(dataset["time"].values)
     return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, **arrays})

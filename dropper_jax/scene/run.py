@@ -34,6 +34,9 @@ class RunSpec:
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("steps between saved states", default=1)
+    step_tolerance: float | None = parameter(
+        "roughness of steps that follow the snaps", unit="m/s", low=0.0, open_low=True, optional=True
+    )
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
 
     @property
@@ -59,6 +62,9 @@ class RunSpec:
         if values["duration"] < values["dt"]:
             allowed = f"at least one step, {values['dt']:g} s"
             raise refuse(f"{path}.duration", values["duration"], "is shorter than the step", allowed)
+        if values["step_tolerance"] is not None and values["save_every"] != 1:
+            why = "is given beside run.step_tolerance, whose steps save every dt"
+            raise refuse(f"{path}.save_every", values["save_every"], why, "1")
         return cls(**values)
 
     def table(self) -> dict[str, Any]:

@@ -1,0 +1,80 @@
+"""Steps that follow the snaps: peaks at coarse intervals, extremes between saved times, energy, files, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+
+
+def falling(**run):
+    """A mass that falls 0.2 m before its rope of 2 m tautens for some 4 ms."""
+    axial = {"law": "rope", "EA": 2.0 * 100.0 * (2 * np.pi / 0.008) ** 2}
+    return {
+        "run": {"dt": 0.02, "duration": 0.5, **run},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "mass", "kind": "free", "position": [0.0, 0.0, -1.8]},
+        ],
+        "line": [
+            {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 2.0, "mass": 100.0, "axial": axial}
+        ],
+        "effects": {"weight": {}},
+        "start": {"kind": "positions", "positions": [[0.0, 0.0, 0.0], [0.0, 0.0, -1.8]]},
+    }
+
+
+@pytest.fixture(scope="module")
+def followed():
+    return dj.simulate(falling(step_tolerance=0.02))
+
+
+def test_a_snap_within_an_interval_has_its_peak_and_its_impulse(followed):
+    speed, mass, omega = np.sqrt(2 * 9.81 * 0.2), 100.0, 2 * np.pi / 0.008
+    peak = mass * omega * np.sqrt(speed**2 + (9.81 / omega) ** 2) + mass * 9.81
+    assert followed.status == "ok"
+    assert followed.warnings == ()
+    assert followed.tension_max.max() == pytest.approx(peak, rel=0.01)
+    assert followed.line_tensions()["rope"]["max"] == followed.tension_max.max()
+    # momentum: the mean tensions hold what falls and turn it round
+    dt = followed.settings["dt"]
+    impulse = np.sum(followed.tension[1:, 0]) * dt
+    change = mass * (followed.velocities[-1, 1, 2] - followed.velocities[0, 1, 2])
+    assert impulse == pytest.approx(mass * 9.81 * followed.t[-1] + change, rel=1e-9)
+    assert followed.energy_drift < 1e-9 * followed.energy_scale
+
+
+def test_it_takes_many_fewer_steps_than_equal_ones_of_the_same_peak(followed):
+    assert followed.settings["steps"] + followed.settings["refused_steps"] < 400
+    assert followed.settings["refused_steps"] < 0.3 * followed.settings["steps"]
+    even = dj.simulate(falling(dt=0.00125), duration=0.5)
+    assert abs(even.tension.max() / followed.tension_max.max() - 1.0) > 0.02
+
+
+def test_extremes_and_squares_are_those_of_the_steps(followed):
+    assert np.all(followed.tension_min <= followed.tension + 1e-9)
+    assert np.all(followed.tension <= followed.tension_max + 1e-9)
+    assert np.all(followed.tension**2 <= followed.tension_square * (1 + 1e-9) + 1e-9)
+    np.testing.assert_allclose(np.diff(followed.t), 0.02, rtol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".nc"])
+def test_files_keep_the_extremes_and_repeat_the_run(followed, tmp_path, suffix):
+    again = dj.Solution.load(followed.save(tmp_path / f"run{suffix}"))
+    for name in ("tension", "tension_min", "tension_max", "tension_square"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(followed, name))
+    np.testing.assert_array_equal(again.rerun().tension_max, followed.tension_max)
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        ({"step_tolerance": 0.0}, "run.step_tolerance: 0.0 is out of range"),
+        ({"step_tolerance": -1.0}, "run.step_tolerance"),
+        ({"step_tolerance": 0.1, "save_every": 2}, "run.save_every: 2 is given beside run.step_tolerance"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused(run, words):
+    with pytest.raises(dj.SceneError, match=words):
+        dj.load_scene(falling(**run))

@@ -95,10 +95,10 @@ def _plot_target(text: str | None) -> Path | None:
 
 def _write_channels(source: str, solution: Solution, path: Path) -> None:
     """MoorDyn's table: the channels that a MoorDyn input asks for, else tensions at all ends."""
-    from dropper_jax.moordyn.writing.outputs import channels_of, write_out
+    from dropper_jax.moordyn.writing.outputs import channels_of, numbers_of, write_out
 
     wanted = channels_of(source) or None
-    for channel in write_out(solution, path, wanted, skip=True):
+    for channel in write_out(solution, path, wanted, skip=True, numbers=numbers_of(source)):
         print_line(f"warning: output {channel!r} is not among what a run has; it is left out")
 
 

@@ -4,8 +4,8 @@
 
 T0 and T1 are the tensions of the step before and of this one: the speed that what changes within a step could give to a
 link. Measured on a chain that snaps, beside an estimate of the error of places (Zienkiewicz and Xie 1991), it finds
-deviation and peaks as well with half the steps. The next step has `SAFETY (tolerance/roughness)^(1/2)` of this one's length,
-within bounds. Steps end at the saved times, which are evenly spaced.
+deviation and peaks as well with half the steps. The next step has `SAFETY (tolerance/roughness)^(1/2)` of this one's
+length, within bounds. Steps end at the saved times, which are evenly spaced.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import pytest
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.cli import main
 from dropper_jax.moordyn.reading.reader import read_moordyn
-from dropper_jax.moordyn.writing.outputs import channel_values, write_out
+from dropper_jax.moordyn.writing.outputs import channel_values, numbers_of, write_out
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run.solution import Solution
 
@@ -338,3 +338,22 @@ def test_dropper_run_takes_a_moordyn_file_and_writes_its_channels(deck, tmp_path
     inner, _ = channel_values(solution, "L1N3T")
     ends = solution.tension[0, 2:4]
     assert min(ends) <= inner[0] <= max(ends)
+
+
+def test_channels_name_points_and_lines_by_the_ids_of_the_file(deck, tmp_path):
+    """Point 2 of the file, the float, comes last in it, and line 7 first."""
+    rows = FLOAT.splitlines(keepends=True)
+    second = next(i for i, row in enumerate(rows) if row.startswith("2    Connect"))
+    rows.insert(second + 1, rows.pop(second))
+    text = (
+        "".join(rows).replace("1     rope      40.0", "7     rope      40.0").replace("FairTen1", "Point2pz\nFairTen7")
+    )
+    path = deck(text)
+    argv = ["run", str(path), "--dt", "0.05", "--duration", "0.1", "--tables", str(tmp_path), "--quiet"]
+    assert main(argv) == 0
+    lines = (tmp_path / "moordyn.out").read_text().splitlines()
+    assert lines[0].split() == ["Time", "Point2pz", "FairTen7"]
+    pose = equilibrium(load_scene(path))
+    first = [float(x) for x in lines[2].split()]
+    assert first[1:] == pytest.approx([pose.positions[10, 2], pose.tension[9]], rel=1e-6)
+    assert numbers_of(path).lines == {7: "line-7", 2: "line-2"}

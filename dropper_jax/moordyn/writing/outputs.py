@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
+from dropper_jax.moordyn.reading.points import read_ends
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
 from dropper_jax.run.solution import LineSlice, Solution
 from dropper_jax.scene.nodes import point_nodes
@@ -34,6 +36,33 @@ def channels_of(path: str | Path) -> list[str]:
     return [part for word in words for part in word.replace(",", " ").replace('"', " ").split()]
 
 
+class Numbers(NamedTuple):
+    """Numbers by which channels name points and lines, and the names these have in the scene."""
+
+    points: Mapping[int, str]
+    lines: Mapping[int, str]
+
+    @classmethod
+    def of_scene(cls, solution: Solution) -> Numbers:
+        """From 1 in the order of the scene."""
+        points = {i + 1: point.name for i, point in enumerate(solution.scene.points)}
+        return cls(points, {i + 1: line.name for i, line in enumerate(solution.lines)})
+
+
+def numbers_of(path: str | Path) -> Numbers | None:
+    """The IDs of a MoorDyn input's points and lines; None of another file."""
+    path = Path(path)
+    if not path.is_file():
+        return None
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    if not looks_like_moordyn(text):
+        return None
+    deck = split_file(path, text)
+    points = {int(key): name for key, name in read_ends(deck, []).names.items() if key.isdecimal()}
+    lines = {int(row.words[0]): row.name or f"line-{row.words[0]}" for row in deck.need("lines")}
+    return Numbers(points, lines)
+
+
 def default_channels(solution: Solution) -> list[str]:
     """Tension at both ends of every line, and the place of every free point."""
     found = [f"{end}Ten{i + 1}" for i in range(len(solution.lines)) for end in ("Fair", "Anch")]
@@ -42,17 +71,23 @@ def default_channels(solution: Solution) -> list[str]:
 
 
 def write_out(
-    solution: Solution, path: str | Path, channels: Sequence[str] | None = None, skip: bool = False
+    solution: Solution,
+    path: str | Path,
+    channels: Sequence[str] | None = None,
+    skip: bool = False,
+    numbers: Numbers | None = None,
 ) -> list[str]:
     """Write a MoorDyn-like table of a run: times [s], names, units, and one row per saved time.
 
-    Lines and points count from 1 in the order of the scene. Tensions [N] are MoorDyn's: at an end that of the link
-    there, at an inner node the size of the mean of both links' pulls; they belong to `solution.t_tension`, half a step
-    before the row's time in midpoint schemes.
+    Lines and points have the IDs of the MoorDyn input where there is one (`numbers`), else they count from 1 as the
+    scene has them. Tensions [N] at an end are those of the link there; MoorDyn gives the force on the end node, with
+    half a segment's weight, some per cent more at the upper end. At an inner node they are the size of the mean of both
+    links' pulls. They belong to `solution.t_tension`, half a step before the row's time in midpoint schemes.
 
     Args:
         channels: what to write; default: tensions at all ends, places of free points.
         skip: leave out channels that a run does not have, instead of refusing them.
+        numbers: from `numbers_of`, of the file that the scene was read from.
 
     Returns:
         The channels left out.
@@ -64,7 +99,7 @@ def write_out(
     columns, units, names, left = [], [], [], []
     for channel in channels:
         try:
-            values, unit = channel_values(solution, channel)
+            values, unit = channel_values(solution, channel, numbers)
         except SceneError:
             if not skip:
                 raise
@@ -80,20 +115,19 @@ def write_out(
     return left
 
 
-def channel_values(solution: Solution, channel: str) -> tuple[np.ndarray, str]:
+def channel_values(solution: Solution, channel: str, numbers: Numbers | None = None) -> tuple[np.ndarray, str]:
     """Values (k,) of a channel over the saved times, and their unit."""
     name = channel.upper()
+    numbers = numbers or Numbers.of_scene(solution)
     if found := _END.match(name):
-        return _end_tension(solution, channel, int(found["line"]), found["end"] == "FAIR"), "(N)"
+        return _end_tension(solution, _line(solution, channel, found["line"], numbers), found["end"] == "FAIR"), "(N)"
     if found := _LINE_END.match(name):
-        return _end_tension(solution, channel, int(found["line"]), found["end"] == "B"), "(N)"
+        return _end_tension(solution, _line(solution, channel, found["line"], numbers), found["end"] == "B"), "(N)"
     if found := _LINE.match(name):
-        return _node(solution, channel, int(found["line"]), found["node"], found["what"])
+        return _node(solution, channel, _line(solution, channel, found["line"], numbers), found["node"], found["what"])
     if found := _POINT.match(name):
-        number = int(found["point"])
-        if not 1 <= number <= len(solution.scene.points):
-            raise _refuse(channel, f"the scene has {len(solution.scene.points)} points")
-        node = point_nodes(solution.scene)[solution.scene.points[number - 1].name]
+        name = _numbered(channel, "points", found["point"], numbers.points)
+        node = point_nodes(solution.scene)[name]
         return _axis(solution, node, found["what"])
     raise _refuse(channel, "is not among what a run has")
 
@@ -102,15 +136,22 @@ def _refuse(channel: str, reason: str) -> SceneError:
     return SceneError(f"output {channel!r}: {reason}; allowed: {ALLOWED}")
 
 
-def _line(solution: Solution, channel: str, number: int) -> LineSlice:
-    if not 1 <= number <= len(solution.lines):
-        raise _refuse(channel, f"the scene has {len(solution.lines)} lines")
-    return solution.lines[number - 1]
+def _numbered(channel: str, what: str, number: str, names: Mapping[int, str]) -> str:
+    if int(number) not in names:
+        raise _refuse(channel, f"there are the {what} {', '.join(map(str, names))}")
+    return names[int(number)]
 
 
-def _end_tension(solution: Solution, channel: str, number: int, last: bool) -> np.ndarray:
-    where = _line(solution, channel, number).links
-    return solution.tension[:, where.stop - 1 if last else where.start]
+def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> LineSlice:
+    name = _numbered(channel, "lines", number, numbers.lines)
+    for line in solution.lines:
+        if line.name == name:
+            return line
+    raise _refuse(channel, f"line {name!r} is not in the run")
+
+
+def _end_tension(solution: Solution, line: LineSlice, last: bool) -> np.ndarray:
+    return solution.tension[:, line.links.stop - 1 if last else line.links.start]
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
@@ -118,16 +159,15 @@ def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
     return array[:, node, "XYZ".index(what[1])], unit
 
 
-def _node(solution: Solution, channel: str, number: int, text: str, what: str) -> tuple[np.ndarray, str]:
-    where = _line(solution, channel, number)
+def _node(solution: Solution, channel: str, where: LineSlice, text: str, what: str) -> tuple[np.ndarray, str]:
     links = where.links.stop - where.links.start
     node = {"A": 0, "B": links}.get(text, int(text) if text.isdecimal() else 0)
     if node > links:
-        raise _refuse(channel, f"line {number} has the nodes 0 to {links}")
+        raise _refuse(channel, f"line {where.name!r} has the nodes 0 to {links}")
     if what[0] != "T":
         return _axis(solution, where.nodes.start + node, what)
     if node in (0, links):
-        return _end_tension(solution, channel, number, node == links), "(N)"
+        return _end_tension(solution, where, node == links), "(N)"
     places = solution.positions[:, where.nodes.start + node - 1 : where.nodes.start + node + 2]
     along = np.diff(places, axis=1)
     along = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)

@@ -15,6 +15,12 @@ BREAKING = 0.142
 
 #: Largest diameter over wavelength for Morison's equation (thesis (6.11)).
 SLENDER = 0.05
+#: Share of the waves' energy that a wavelength is judged by; the rest is the tail of a spectrum.
+COUNTS = 0.95
+#: Largest significant height over depth of irregular waves, as observed on flat beds (about 0.6 of single waves' 0.78).
+SHALLOW = 0.6
+#: Least cosine between a current and the way along which lines shelter each other, about 60 degrees.
+WITH = 0.5
 
 
 def check_water(effect: str, scene: SceneData) -> None:
@@ -35,7 +41,7 @@ def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
     """One line for each thing about the sea that a user should know; `sea` is what `make_sea` made."""
     if scene.sea is None:
         return ()
-    found = _reach(scene)
+    found = _reach(scene) + _sheltered(scene)
     if sea.waves is not None:
         found += _breaking(scene, sea) + _repetition(scene, sea) + _slenderness(scene, sea) + _interpolation(sea)
     return tuple(found)
@@ -66,6 +72,34 @@ def _reach(scene: SceneData) -> list[str]:
     return [f"sea.depth: the line reaches down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
 
 
+def _sheltered(scene: SceneData) -> list[str]:
+    """Factors that shelter lines from a current that comes from elsewhere: they do not turn with it."""
+    factor = scene.effects.get("morison_drag", {}).get("shelter")
+    current = scene.sea.current
+    if factor is None or current is None or not np.ndim(factor):
+        return []
+    starts = np.cumsum([0, *(line.links for line in scene.lines)])[:-1]
+    each = np.asarray(factor, float)[starts]
+    least = int(np.argmin(each))
+    kind = scene.lines[least].links, scene.lines[least].total
+    alike = [i for i, line in enumerate(scene.lines) if (line.links, line.total) == kind and each[i] > each[least]]
+    if not alike:
+        return []
+    first, last = (
+        np.mean([scene.point(p).position for p in (scene.lines[i].start, scene.lines[i].end)], axis=0)
+        for i in (max(alike, key=lambda i: each[i]), least)
+    )
+    way = last[:2] - first[:2]
+    size = float(np.hypot(*way))
+    along = float(way @ [np.cos(current.direction), np.sin(current.direction)])
+    if size == 0.0 or along > WITH * size:
+        return []
+    return [
+        f"line.shelter: the factors fall towards {scene.lines[least].name!r}, but the current flows at "
+        f"{np.degrees(current.direction):.4g} degrees from x; they do not turn with it"
+    ]
+
+
 def _breaking(scene: SceneData, sea: Sea) -> list[str]:
     """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
     amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
@@ -74,6 +108,9 @@ def _breaking(scene: SceneData, sea: Sea) -> list[str]:
     else:
         height, what = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)), "significant wave height"
         number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
+        if height > SHALLOW * scene.sea.depth:
+            share = height / scene.sea.depth
+            return [f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW:g}"]
     limit = BREAKING * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
     if height <= limit:
         return []
@@ -114,11 +151,20 @@ def _repetition(scene: SceneData, sea: Sea) -> list[str]:
     return [f"sea.waves: the sea repeats after {after:.4g} s, within the run of {scene.run.duration:g} s"]
 
 
+def _shortest(sea: Sea) -> float:
+    """Wavelength [m] than which all but a tail of the waves' energy is longer."""
+    k = np.asarray(sea.waves.wave_number, float)
+    longest_first = np.argsort(k)
+    energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
+    last = int(np.searchsorted(energy, COUNTS * energy[-1])) if energy[-1] > 0.0 else -1
+    return float(2 * np.pi / k[longest_first[last]])
+
+
 def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     diameter = displaced_diameter(scene.line, scene)
     if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []
-    shortest = float(2 * np.pi / np.max(np.asarray(sea.waves.wave_number)))
+    shortest = _shortest(sea)
     widest = int(np.argmax(diameter))
     ends = np.cumsum([line.links for line in scene.lines])
     line = int(np.searchsorted(ends, widest, side="right")) if np.ndim(diameter) else 0
@@ -127,7 +173,8 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
     return [
-        f"{path}.diameter: {size / shortest:.3g} of the shortest wavelength; Morison's equation needs at most {SLENDER}"
+        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m, than which {COUNTS:.0%} of the waves' energy is "
+        f"longer; Morison's equation needs at most {SLENDER}"
         for path, size in sizes.items()
         if size > SLENDER * shortest
     ]

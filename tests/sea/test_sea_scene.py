@@ -140,15 +140,39 @@ WARN = [
         changed(sea__waves={"kind": "components", "amplitude": [0.1] * 3, "period": [10.0, 5.0, 10 / 3]}),
         "sea.waves: the sea repeats after 10 s, within the run of 100 s",
     ),
-    (changed(line__0__diameter=0.9, sea__waves__period=3.0), "line.0.diameter: 0.064 of the shortest wavelength"),
+    (changed(line__0__diameter=0.9, sea__waves__period=3.0), "line.0.diameter: 0.064 of 14"),
+    (
+        changed(
+            sea__depth=15.0, sea__waves={"kind": "components", "amplitude": [2.0] * 3, "period": [12.0, 10.0, 8.5]}
+        ),
+        "sea.waves: significant wave height 9.798 m is 0.65 of the depth",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("table", "start"), WARN, ids=["breaking", "reach", "repeats", "slender"])
+@pytest.mark.parametrize(("table", "start"), WARN, ids=["breaking", "reach", "repeats", "slender", "shallow"])
 def test_what_is_doubtful_is_a_warning_with_numbers(table, start):
     scene = dj.Scene.from_dict(table)
     found = sea_warnings(scene, make_sea(scene.sea))
     assert [line for line in found if line.startswith(start)]
+
+
+@pytest.mark.parametrize("farm", ["dropper-farm-2", "dropper-farm-4"])
+def test_shelter_that_does_not_turn_with_the_current_is_a_warning(farm):
+    def told(direction):
+        scene = dj.load_scene(farm).with_values({"sea.current.direction": direction})
+        return [line for line in sea_warnings(scene, make_sea(scene.sea)) if line.startswith("line.shelter")]
+
+    assert not told(0.0)
+    assert not told(0.5)
+    assert "the current flows at 90 degrees from x" in told(np.pi / 2)[0]
+    assert told(np.pi)
+
+
+def test_the_tail_of_a_spectrum_is_no_reason_to_warn():
+    waves = {"kind": "components", "amplitude": [1.0, 0.05], "period": [10.0, 1.3]}
+    scene = dj.Scene.from_dict(changed(line__0__diameter=0.9, sea__waves=waves))
+    assert not [line for line in sea_warnings(scene, make_sea(scene.sea)) if "diameter" in line]
 
 
 def test_a_measured_elevation_comes_back_between_its_samples():

@@ -20,6 +20,8 @@ class Record:
 
     Attributes:
         tension: (q, n) [N] at `t_tension` (q,) [s]: q is k, or k - 1 where the run's start is left out.
+        least, largest, square: extremes [N] and mean squares [N^2] of each sample (q, n): those of the steps since the
+            one before where steps follow the snaps, else the tension's own.
         notes: one line for everything that was left out or is not as it should be.
     """
 
@@ -29,6 +31,9 @@ class Record:
     velocities: np.ndarray
     t_tension: np.ndarray
     tension: np.ndarray
+    least: np.ndarray
+    largest: np.ndarray
+    square: np.ndarray
     notes: tuple[str, ...]
 
     @property
@@ -101,13 +106,27 @@ def record(solution: Solution, skip: float = 0.0) -> Record:
         notes.append("the record begins at the start of the run: its transient is in all numbers (see --skip)")
     if solution.settings.get("save_every", 1) > 1:
         notes.append(f"every {solution.settings['save_every']}th step was saved: peaks between samples are not seen")
+    tension = np.asarray(solution.tension[rows], float)
+    within = (solution.tension_min, solution.tension_max, solution.tension_square)
+    if solution.tension_max is not None:
+        notes.append(
+            "steps followed the snaps: extremes and deviations of lines are those of the steps; percentiles, snaps, "
+            f"loads of points and fatigue are of means over {solution.settings['dt']:g} s"
+        )
+    least, largest, square = (
+        given if a is None else np.asarray(a[rows], float)
+        for a, given in zip(within, (tension, tension, tension**2), strict=True)
+    )
     return Record(
         solution,
         t=np.asarray(solution.t[kept], float),
         positions=np.asarray(solution.positions[kept], float),
         velocities=np.asarray(solution.velocities[kept], float),
         t_tension=np.asarray(solution.t_tension[rows], float),
-        tension=np.asarray(solution.tension[rows], float),
+        tension=tension,
+        least=least,
+        largest=largest,
+        square=square,
         notes=tuple(notes),
     )
 

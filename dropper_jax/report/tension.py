@@ -25,24 +25,26 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
 def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
     spec = where.spec
     tension, s = record.tension[:, where.links], arc(spec.length)
-    high, low = (np.unravel_index(pick(tension), tension.shape) for pick in (np.argmax, np.argmin))
+    least, largest, square = (a[:, where.links] for a in (record.least, record.largest, record.square))
+    high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
+    mean = tension.mean(axis=0)
     found: dict[str, Any] = {
         "line": where.name,
         "arc_length_m": s,
-        "min_n": tension.min(axis=0),
-        "mean_n": tension.mean(axis=0),
-        "std_n": tension.std(axis=0),
-        "max_n": tension.max(axis=0),
+        "min_n": least.min(axis=0),
+        "mean_n": mean,
+        "std_n": np.sqrt(tension.var(axis=0) + np.mean(square - tension**2, axis=0)),
+        "max_n": largest.max(axis=0),
         "percentiles_n": dict(zip(map(str, PERCENTILES), np.percentile(tension, PERCENTILES, axis=0), strict=True)),
-        "largest": _extreme(record, tension, s, high),
-        "least": _extreme(record, tension, s, low),
+        "largest": _extreme(record, largest, s, high),
+        "least": _extreme(record, least, s, low),
         "mean_first_link_n": float(tension[:, 0].mean()),
         "mean_last_link_n": float(tension[:, -1].mean()),
         "utilisation": None,
     }
     load = breaking_load(spec, settings)
     if load is not None:
-        share = tension.max(axis=0) / load
+        share = largest.max(axis=0) / load
         worst = int(np.argmax(share))
         found["utilisation"] = {
             "largest": float(share[worst]),

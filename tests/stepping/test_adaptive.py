@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.report.record import record
+from dropper_jax.report.settings import Settings
+from dropper_jax.report.tension import line_tensions
 
 
 def falling(**run):
@@ -57,6 +60,15 @@ def test_extremes_and_squares_are_those_of_the_steps(followed):
     assert np.all(followed.tension <= followed.tension_max + 1e-9)
     assert np.all(followed.tension**2 <= followed.tension_square * (1 + 1e-9) + 1e-9)
     np.testing.assert_allclose(np.diff(followed.t), 0.02, rtol=1e-12)
+
+
+def test_a_report_has_the_extremes_and_deviations_of_the_steps(followed):
+    part = record(followed)
+    (line,) = line_tensions(part, Settings())
+    assert line["max_n"][0] == line["largest"]["n"] == followed.tension_max[1:].max()
+    mean = followed.tension[1:, 0].mean()
+    assert line["std_n"][0] == pytest.approx(np.sqrt(followed.tension_square[1:, 0].mean() - mean**2), rel=1e-9)
+    assert any("means over 0.02 s" in note for note in part.notes)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".nc"])

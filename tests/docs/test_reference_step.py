@@ -92,7 +92,7 @@ def check_same(found, expected):
 
 
 def test_each_step_on_the_page_has_at_most_forty_lines():
-    assert len(BLOCKS) == 2
+    assert len(BLOCKS) == 3
     assert all(len(text.splitlines()) <= 40 for text in BLOCKS)
 
 

@@ -102,6 +102,14 @@ def _write_channels(source: str, solution: Solution, path: Path) -> None:
         print_line(f"warning: output {channel!r} is not among what a run has; it is left out")
 
 
+def _steps(solution: Solution) -> str:
+    used, end = solution.settings, f"{solution.t[-1]:g} s"
+    if solution.tension_max is None:
+        return f"{used['steps']} steps of {used['dt']:g} s to {end}"
+    refused = f"{used['refused_steps']} more refused"
+    return f"{used['steps']} steps that follow the snaps to {end}, {refused}; saved every {used['dt']:g} s"
+
+
 def draw(solution: Solution, target: Path) -> list[Path]:
     """A snapshot to a PNG file, or all pictures to a folder."""
     from dropper_jax import plots
@@ -146,7 +154,7 @@ def text(solution: Solution) -> str:
     pairs = [
         ("scene", solution.scene.name),
         ("integrator", f"{used['integrator']}, solver {used['solver']}, {used['dtype']}"),
-        ("time", f"{used['steps']} steps of {used['dt']:g} s to {solution.t[-1]:g} s"),
+        ("time", _steps(solution)),
         ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
         ("residual", f"{solution.max_residual:.1e} largest, scaled; closure {solution.max_closure_error:.1e} m"),
         ("energy", f"balance drifts by {solution.energy_drift:.1e} J of a scale of {solution.energy_scale:.3g} J"),

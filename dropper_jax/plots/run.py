@@ -40,6 +40,7 @@ class Run:
         scene: of a system of lines, whose water and bed the pictures show; None for a single line.
         held, joints: nodes of the held and of the free points of a system.
         buoys: its buoys.
+        extremes: smallest and largest tension (k, n) [N] since the sample before, where steps follow the snaps.
         surface: of a single line in water, the elevation (q, n) [m] at places (n, 3) and times (q,); else None.
     """
 
@@ -61,7 +62,18 @@ class Run:
     held: tuple[int, ...] = ()
     joints: tuple[int, ...] = ()
     buoys: tuple[Float, ...] = ()
+    extremes: tuple[np.ndarray, np.ndarray] | None = None
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+    @property
+    def largest(self) -> np.ndarray:
+        """Largest tension (k, n) [N] of each sample."""
+        return self.tension if self.extremes is None else self.extremes[1]
+
+    @property
+    def least(self) -> np.ndarray:
+        """Smallest tension (k, n) [N] of each sample."""
+        return self.tension if self.extremes is None else self.extremes[0]
 
     @property
     def first(self) -> np.ndarray:
@@ -121,8 +133,14 @@ def readable(solution: Solution) -> Run:
         potential=potential,
         work=work[:last],
         work_names=tuple(solution.work_names),
+        extremes=_extremes(solution, last),
         **_lines(solution),
     )
+
+
+def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | None:
+    least, largest = (getattr(solution, name, None) for name in ("tension_min", "tension_max"))
+    return None if least is None or largest is None else (least[:last], largest[:last])
 
 
 def elevations(scene: Scene, places: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -141,7 +141,7 @@ def response(run: Run, sea: Sea, path: str | Path, link: int = 10) -> Path:
 def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     """Least, mean and largest tension along the line; of several lines a panel each, the 12 most loaded."""
     del sea
-    sizes = [np.max(run.tension[:, line.links]) for line in run.whole]
+    sizes = [np.max(run.largest[:, line.links]) for line in run.whole]
     shown = [run.whole[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
     columns = 1 if len(shown) == 1 else 2
     rows = -(-len(shown) // columns)
@@ -150,7 +150,7 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     for spare in all_axes[len(shown) :]:
         spare.set_visible(False)
     for axes, line in zip(all_axes, shown, strict=False):
-        _envelope(axes, run.tension[:, line.links])
+        _envelope(axes, *(a[:, line.links] for a in (run.tension, run.least, run.largest)))
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
     if len(shown) == 1:
@@ -162,10 +162,11 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     return style.save(figure, path)
 
 
-def _envelope(axes: Axes, tension: np.ndarray) -> None:
+def _envelope(axes: Axes, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:
     link = np.arange(1, tension.shape[1] + 1)
-    tension = tension[1:] if len(tension) > 1 else tension
-    axes.fill_between(link, tension.min(axis=0), tension.max(axis=0), color=WATER, label="least to largest")
+    if len(tension) > 1:
+        tension, least, largest = tension[1:], least[1:], largest[1:]
+    axes.fill_between(link, least.min(axis=0), largest.max(axis=0), color=WATER, label="least to largest")
     for part, shade in ((5, 0.35), (25, 0.6)):
         low, high = np.percentile(tension, (part, 100 - part), axis=0)
         axes.fill_between(link, low, high, color=SURFACE, alpha=shade, lw=0, label=f"{part} to {100 - part} %")

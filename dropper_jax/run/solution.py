@@ -161,6 +161,8 @@ class Solution:
     def us_per_step(self) -> float:
         """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
         done = (len(self.t) - 1) * self.settings.get("save_every", 1)
+        if self.tension_max is not None:
+            done = self.settings["steps"] + self.settings["refused_steps"]
         return 1e6 * self.run_s / max(done, 1)
 
     @property
@@ -218,6 +220,7 @@ class Solution:
             "status": self.status,
             "scene": self.scene.name,
             **{key: self.settings.get(key) for key in keys},
+            **{key: self.settings[key] for key in ("step_tolerance", "refused_steps") if key in self.settings},
             "failed_steps": self.failed_steps,
             "retried_steps": self.retried_steps,
             "first_bad": self.first_bad,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.plots.run import readable
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import line_tensions
@@ -69,6 +70,17 @@ def test_a_report_has_the_extremes_and_deviations_of_the_steps(followed):
     mean = followed.tension[1:, 0].mean()
     assert line["std_n"][0] == pytest.approx(np.sqrt(followed.tension_square[1:, 0].mean() - mean**2), rel=1e-9)
     assert any("means over 0.02 s" in note for note in part.notes)
+
+
+def test_pictures_and_summary_have_the_extremes(followed):
+    run = readable(followed)
+    assert run.largest.max() == followed.tension_max.max() > run.tension.max()
+    assert run.least.min() == followed.tension_min.min()
+    summary = followed.summary()
+    assert summary["tension_n"]["all"]["max"] == followed.tension_max.max()
+    assert summary["step_tolerance"] == 0.02
+    assert summary["refused_steps"] == followed.settings["refused_steps"] > 0
+    assert followed.us_per_step == 1e6 * followed.run_s / (summary["steps"] + summary["refused_steps"])
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".nc"])

@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.stepping.integrate import Progress, Trajectory, failed
+from dropper_jax.stepping.integrate import Progress, Trajectory, begin, failed
 from dropper_jax.stepping.step import step
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
 SAFETY, SLOWER, FASTER = 0.85, 0.25, 1.6
 #: Shortest step as a share of the interval between saved times; what is rough there is taken as it is.
@@ -80,30 +80,22 @@ def advance_adaptively(
 
         def attempt(done: _Interval) -> _Interval:
             (state, count, first_bad), wanted, refused = done.adaptive
-            left = end - state.t
-            h = left / jnp.ceil(left / wanted - 1e-9)
-            s1, report = step(stepper, model, state, h, first_bad < 0)
-            bad = failed(stepper, model, s1, report.residual)
-            rough = roughness(model, state, s1, h) / tolerance
-            rough = jnp.where(bad | ~jnp.isfinite(rough), MOST, rough)
-            # a run that has failed goes on to its end, however rough
-            take = (rough <= 1.0) | (h <= 1.01 * SHORTEST * dt) | (first_bad >= 0)
-            factor = jnp.clip(SAFETY / jnp.sqrt(jnp.maximum(rough, 1.0 / MOST)), SLOWER, FASTER)
-            first = jnp.where(bad & take & (first_bad < 0), count, first_bad)
+            tried = _try(stepper, model, done.adaptive, end, dt, tolerance)
+            first = jnp.where(tried.bad & tried.take & (first_bad < 0), count, first_bad)
             taken = _Interval(
-                Adaptive(Progress(s1, count, first), wanted, refused),
-                done.mean + h / dt * s1.tension,
-                done.square + h / dt * s1.tension**2,
-                jnp.minimum(done.least, s1.tension),
-                jnp.maximum(done.largest, s1.tension),
-                jnp.maximum(done.residual, report.residual),
-                done.retried + (report.level > FULL_STEP),
-                done.bad + bad,
+                Adaptive(Progress(tried.state, count, first), wanted, refused),
+                done.mean + tried.h / dt * tried.state.tension,
+                done.square + tried.h / dt * tried.state.tension**2,
+                jnp.minimum(done.least, tried.state.tension),
+                jnp.maximum(done.largest, tried.state.tension),
+                jnp.maximum(done.residual, tried.report.residual),
+                done.retried + (tried.report.level > FULL_STEP),
+                done.bad + tried.bad,
                 done.steps + 1,
             )
-            after = jax.tree.map(lambda a, b: jnp.where(take, a, b), taken, done)
-            following = jnp.clip(h * factor, SHORTEST * dt, dt)
-            return after._replace(adaptive=after.adaptive._replace(h=following, refused=refused + ~take))
+            after = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), taken, done)
+            following = after.adaptive._replace(h=tried.following, refused=refused + ~tried.take)
+            return after._replace(adaptive=following)
 
         done = jax.lax.while_loop(unfinished, attempt, start)
         s = replace(done.adaptive.progress.state, t=end)
@@ -114,6 +106,61 @@ def advance_adaptively(
         return done.adaptive._replace(progress=progress), (row, within)
 
     return jax.lax.scan(save, adaptive, None, length=saves)
+
+
+class _Tried(NamedTuple):
+    """A step that was tried: its end and length, whether it is bad and whether to take it, the length of the next."""
+
+    state: State
+    report: Report
+    h: jax.Array
+    bad: jax.Array
+    take: jax.Array
+    following: jax.Array
+
+
+def _try(
+    stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, tolerance: jax.Array
+) -> _Tried:
+    (state, _, first_bad), wanted, _ = adaptive
+    left = end - state.t
+    h = left / jnp.ceil(left / wanted - 1e-9)
+    s1, report = step(stepper, model, state, h, first_bad < 0)
+    bad = failed(stepper, model, s1, report.residual)
+    rough = roughness(model, state, s1, h) / tolerance
+    rough = jnp.where(bad | ~jnp.isfinite(rough), MOST, rough)
+    # a run that has failed goes on to its end, however rough
+    take = (rough <= 1.0) | (h <= 1.01 * SHORTEST * dt) | (first_bad >= 0)
+    factor = jnp.clip(SAFETY / jnp.sqrt(jnp.maximum(rough, 1.0 / MOST)), SLOWER, FASTER)
+    return _Tried(s1, report, h, bad, take, jnp.clip(h * factor, SHORTEST * dt, dt))
+
+
+def followed_steps(
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, tolerance: jax.Array, most: int = 100_000
+) -> tuple[jax.Array, jax.Array]:
+    """Lengths (most,) [s] of the steps that follow the snaps of `intervals` of dt [s] from s, and their number.
+
+    A run along them, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes: those of
+    the steps as they were taken. What comes after `most` steps is left out.
+    """
+    adaptive = adaptive_start(begin(stepper, model, s), dt)
+    last = adaptive.progress.state.t + intervals * dt
+
+    def unfinished(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
+        return (carry[0].progress.state.t < last - 1e-9 * dt) & (carry[2] < most)
+
+    def attempt(carry: tuple[Adaptive, jax.Array, jax.Array]) -> tuple[Adaptive, jax.Array, jax.Array]:
+        adaptive, lengths, number = carry
+        now = adaptive.progress.state.t
+        end = s.t + dt * (jnp.floor((now - s.t) / dt + 1e-9) + 1.0)
+        tried = _try(stepper, model, adaptive, end, dt, tolerance)
+        state = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), tried.state, adaptive.progress.state)
+        after = Adaptive(adaptive.progress._replace(state=state), tried.following, adaptive.refused + ~tried.take)
+        return after, lengths.at[number].set(jnp.where(tried.take, tried.h, 0.0)), number + tried.take
+
+    nothing = jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32)
+    _, lengths, number = jax.lax.while_loop(unfinished, attempt, (adaptive, *nothing))
+    return lengths, number
 
 
 def adaptive_start(progress: Progress, dt: jax.Array) -> Adaptive:

@@ -65,26 +65,27 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
 def advance(
     stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int = 1
 ) -> tuple[Progress, Trajectory]:
-    """`saves * save_every` further steps, saved every `save_every`."""
+    """`saves * save_every` further steps of dt [s], one for all or (saves, save_every), saved every `save_every`."""
+    sizes = dt if jnp.ndim(dt) else None
 
-    def one(carry: Progress, _: None) -> tuple[Progress, tuple[jax.Array, ...]]:
-        s, report = step(stepper, model, carry.state, dt, carry.first_bad < 0)
+    def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
+        s, report = step(stepper, model, carry.state, dt if size is None else size, carry.first_bad < 0)
         bad = failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
         return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
 
-    def save(carry: Progress, _: None) -> tuple[Progress, Trajectory]:
+    def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
         if save_every == 1:
-            carry, (residual, retried, bad) = one(carry, None)
+            carry, (residual, retried, bad) = one(carry, None if row is None else row[0])
             retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
         else:
-            carry, (residual, retried, bad) = jax.lax.scan(one, carry, None, length=save_every)
+            carry, (residual, retried, bad) = jax.lax.scan(one, carry, row, length=save_every)
             residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
         s = carry.state
         counts = residual, retried, bad, carry.first_bad
         return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
 
-    return jax.lax.scan(save, progress, None, length=saves)
+    return jax.lax.scan(save, progress, sizes, length=saves)
 
 
 def failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
@@ -113,6 +114,7 @@ def integrate(
 
     Args:
         stepper: from `make_stepper`; static.
+        dt: step [s], or one for each step (steps,), such as `followed_steps` finds.
         steps: a multiple of `save_every`.
         checkpoint: for long reverse-mode runs: keep states at about sqrt(steps) places only and step again from
             there on the way back (one more forward run, memory ~ sqrt(steps)). Forward mode needs none of it.
@@ -125,6 +127,8 @@ def integrate(
     saves = steps // save_every
     progress = begin(stepper, model, s)
     dt = jnp.asarray(dt, model.dtype)
+    if dt.ndim:
+        dt = dt.reshape(saves, save_every)
     run = partial(advance, stepper, save_every=save_every)
     if not checkpoint or saves < 4:
         progress, trajectory = run(model, progress, dt, saves=saves)
@@ -136,9 +140,11 @@ def integrate(
     def bunch(model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Trajectory]:
         return run(model, progress, dt, saves=per)
 
-    progress, trajectory = jax.lax.scan(lambda p, _: bunch(model, p, dt), progress, None, length=bunches)
+    whole = bunches * per
+    sizes = dt[:whole].reshape(bunches, per, save_every) if dt.ndim else jnp.broadcast_to(dt, bunches)
+    progress, trajectory = jax.lax.scan(lambda p, size: bunch(model, p, size), progress, sizes)
     trajectory = jax.tree.map(lambda a: a.reshape(bunches * per, *a.shape[2:]), trajectory)
     if rest:
-        progress, tail = run(model, progress, dt, saves=rest)
+        progress, tail = run(model, progress, dt[whole:] if dt.ndim else dt, saves=rest)
         trajectory = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), trajectory, tail)
     return progress.state, trajectory

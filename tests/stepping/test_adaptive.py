@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -102,3 +107,29 @@ def test_files_keep_the_extremes_and_repeat_the_run(followed, tmp_path, suffix):
 def test_what_cannot_be_followed_is_refused(run, words):
     with pytest.raises(dj.SceneError, match=words):
         dj.load_scene(falling(**run))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("checkpoint", [False, True])
+def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_modes(followed, checkpoint):
+    model, start = dj.build(falling())
+    stepper = dj.make_stepper(model, track_work=False)
+    lengths, number = jax.jit(partial(dj.followed_steps, stepper, intervals=25, most=2000))(
+        model, start, dt=0.02, tolerance=0.02
+    )
+    number = int(number)
+    assert number == followed.settings["steps"]
+    assert float(jnp.sum(lengths[:number])) == pytest.approx(0.5, rel=1e-12)
+
+    @jax.jit
+    def end(stiffer):
+        axial = replace(model.line.axial, EA=stiffer * model.line.axial.EA)
+        changed = replace(model, lines=(replace(model.line, axial=axial),))
+        last, path = dj.integrate(stepper, changed, start, lengths[:number], number, checkpoint=checkpoint)
+        return last.r[0, 2], path.r[:, 0, 2]
+
+    assert float(end(1.0)[0]) == pytest.approx(followed.positions[-1, 1, 2], abs=1e-9)
+    height = lambda stiffer: end(stiffer)[0]  # noqa: E731
+    forward, reverse = float(jax.jacfwd(height)(1.0)), float(jax.grad(height)(1.0))
+    assert forward == pytest.approx(reverse, rel=1e-9)
+    assert forward == pytest.approx(float(height(1 + 1e-6) - height(1 - 1e-6)) / 2e-6, rel=1e-4)

@@ -231,3 +231,25 @@ def one_line():
         }
 
     return make
+
+
+@pytest.fixture(scope="session")
+def falling():
+    """`falling(period, dt)`: a mass that falls 0.2 m before its rope of 2 m tautens, on which it swings in `period`."""
+
+    def make(period, dt, **run):
+        mass, length, places = 100.0, 2.0, [[0.0, 0.0, 0.0], [0.0, 0.0, -1.8]]
+        axial = {"law": "rope", "EA": length * mass * (2 * np.pi / period) ** 2}
+        line = {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": length, "mass": mass, "axial": axial}
+        return {
+            "run": {"dt": dt, "duration": 0.4, **run},
+            "point": [
+                {"name": "top", "position": places[0]},
+                {"name": "mass", "kind": "free", "position": places[1]},
+            ],
+            "line": [line],
+            "effects": {"weight": {}},
+            "start": {"kind": "positions", "positions": places},
+        }
+
+    return make

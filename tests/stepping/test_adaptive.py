@@ -16,27 +16,13 @@ from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import line_tensions
 
-
-def falling(**run):
-    """A mass that falls 0.2 m before its rope of 2 m tautens for some 4 ms."""
-    axial = {"law": "rope", "EA": 2.0 * 100.0 * (2 * np.pi / 0.008) ** 2}
-    return {
-        "run": {"dt": 0.02, "duration": 0.5, **run},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "mass", "kind": "free", "position": [0.0, 0.0, -1.8]},
-        ],
-        "line": [
-            {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 2.0, "mass": 100.0, "axial": axial}
-        ],
-        "effects": {"weight": {}},
-        "start": {"kind": "positions", "positions": [[0.0, 0.0, 0.0], [0.0, 0.0, -1.8]]},
-    }
+#: The rope is taut for some 4 ms, within an interval of 20 ms.
+CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}
 
 
 @pytest.fixture(scope="module")
-def followed():
-    return dj.simulate(falling(step_tolerance=0.02))
+def followed(falling):
+    return dj.simulate(falling(**CASE, step_tolerance=0.02))
 
 
 def test_a_snap_within_an_interval_has_its_peak_and_its_impulse(followed):
@@ -54,10 +40,10 @@ def test_a_snap_within_an_interval_has_its_peak_and_its_impulse(followed):
     assert followed.energy_drift < 1e-9 * followed.energy_scale
 
 
-def test_it_takes_many_fewer_steps_than_equal_ones_of_the_same_peak(followed):
+def test_it_takes_many_fewer_steps_than_equal_ones_of_the_same_peak(followed, falling):
     assert followed.settings["steps"] + followed.settings["refused_steps"] < 400
     assert followed.settings["refused_steps"] < 0.3 * followed.settings["steps"]
-    even = dj.simulate(falling(dt=0.00125), duration=0.5)
+    even = dj.simulate(falling(**CASE | {"dt": 0.00125}))
     assert abs(even.tension.max() / followed.tension_max.max() - 1.0) > 0.02
 
 
@@ -104,15 +90,15 @@ def test_files_keep_the_extremes_and_repeat_the_run(followed, tmp_path, suffix):
         ({"step_tolerance": 0.1, "save_every": 2}, "run.save_every: 2 is given beside run.step_tolerance"),
     ],
 )
-def test_what_cannot_be_followed_is_refused(run, words):
+def test_what_cannot_be_followed_is_refused(falling, run, words):
     with pytest.raises(dj.SceneError, match=words):
-        dj.load_scene(falling(**run))
+        dj.load_scene(falling(**CASE, **run))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("checkpoint", [False, True])
-def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_modes(followed, checkpoint):
-    model, start = dj.build(falling())
+def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_modes(followed, falling, checkpoint):
+    model, start = dj.build(falling(**CASE))
     stepper = dj.make_stepper(model, track_work=False)
     lengths, number = jax.jit(partial(dj.followed_steps, stepper, intervals=25, most=2000))(
         model, start, dt=0.02, tolerance=0.02

@@ -15,6 +15,9 @@ from dropper_jax.residual.unknowns import Unknowns, add, norm
 Linear = Callable[[Unknowns], Unknowns]
 #: Fractions of a correction tried by the damped iteration; the residual must fall.
 FRACTIONS = (1.0, 0.5, 0.2, 0.05)
+#: The same for an iteration that goes round in circles, and what tells that: rows that are more than this share of
+#: what they were two corrections before.
+SEARCHED, CIRCLING = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03), 0.5
 #: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 #: Least corrections of a step: in float32 a guess may be within the tolerance of rounding, and a line stand still.
@@ -41,24 +44,42 @@ def newton_until(
     """The same until the rows are below `limit`, at most `most` times.
 
     For systems with slack lines and contact: most steps need three corrections, those with a switch up to a dozen.
+    Where a link or a contact is stiffer in the middle of its way than before and after it (a damper that reaches its
+    limit, a spring that lags), full corrections jump from one side to the other for good: those are shortened.
     """
     scale = problem.row_scale()
     rows = problem.residual(u)
     least = LEAST.get(str(u.x.dtype), 0)
+    fractions, whole = jnp.asarray(SEARCHED, u.x.dtype), jnp.ones((), u.x.dtype)
 
     def unfinished(carry: tuple[Any, ...]) -> jax.Array:
-        _, _, size, count = carry
+        _, _, size, _, count = carry
         # a NaN compares false: iterating cannot mend it
         return ((size > limit) & (count < most)) | (count < least) if least else (size > limit) & (count < most)
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        u, rows, _, count = carry
-        u = add(u, solver.apply(solver.factor(problem, u), rows), -1.0)
+        u, rows, size, (last, last_but_one), count = carry
+        du = solver.apply(solver.factor(problem, u), rows)
+        circling = size > CIRCLING * last_but_one
+        # a loop that makes no trip, for a batch too, until one goes round in circles
+        shortened = lambda _: (jnp.zeros((), bool), _best(problem, u, du, scale, fractions)[0])  # noqa: E731
+        u = add(u, du, -jax.lax.while_loop(lambda c: c[0], shortened, (circling, whole))[1])
         rows = problem.residual(u)
-        return u, rows, norm(rows, scale), count + 1
+        return u, rows, norm(rows, scale), (size, last), count + 1
 
-    u, _, size, _ = jax.lax.while_loop(unfinished, correct, (u, rows, norm(rows, scale), jnp.zeros((), jnp.int32)))
+    never = jnp.full((), jnp.inf, u.x.dtype)
+    start = u, rows, norm(rows, scale), (never, never), jnp.zeros((), jnp.int32)
+    u, _, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
     return u, size
+
+
+def _best(
+    problem: StepProblem, u: Unknowns, du: Unknowns, scale: Unknowns, fractions: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Which fraction of a correction leaves the smallest rows, and whether any leaves finite ones."""
+    trial = jax.vmap(lambda f: norm(problem.residual(add(u, du, -f)), scale))(fractions)
+    finite = jnp.isfinite(trial)
+    return fractions[jnp.argmin(jnp.where(finite, trial, jnp.inf))], jnp.any(finite)
 
 
 def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
@@ -70,11 +91,9 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
 
     def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
         du = solver.apply(solver.factor(problem, u), problem.residual(u))
-        trial = jax.vmap(lambda f: norm(problem.residual(add(u, du, -f)), scale))(fractions)
-        finite = jnp.isfinite(trial)
-        best = fractions[jnp.argmin(jnp.where(finite, trial, jnp.inf))]
+        best, finite = _best(problem, u, du, scale, fractions)
         moved = add(u, du, -best)
-        return jax.tree.map(lambda a, b: jnp.where(jnp.any(finite), a, b), moved, u), None
+        return jax.tree.map(lambda a, b: jnp.where(finite, a, b), moved, u), None
 
     u, _ = jax.lax.scan(correct, u, None, length=iterations)
     return u, norm(problem.residual(u), scale)

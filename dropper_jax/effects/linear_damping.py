@@ -7,6 +7,7 @@ from typing import ClassVar
 import jax
 
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.model import Effect, Kinematics, per_node
 
 
@@ -18,4 +19,5 @@ class LinearDamping(Effect):
     b_l: jax.Array = parameter("linear damping coefficient", unit="kg/s", shape="node", low=0.0)
 
     def force(self, k: Kinematics) -> jax.Array:
-        return -per_node(self.b_l, k.free) * k.v
+        b_l = per_node(self.b_l, k.free)
+        return -b_l * drag_velocity(k, b_l / k.model.node_mass[:, None])

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.effects.wetting import parts, split, wetted
 from dropper_jax.model import Effect, Kinematics
 
@@ -42,11 +43,17 @@ class MorisonDrag(Effect):
     def reach(self) -> int:
         return 0 if self.tangents == "frozen" else 1
 
+    def _decay(self, k: Kinematics, skin: jax.Array) -> jax.Array:
+        """How fast drag alone would stop nodes (nodes, 1) [1/s], by the relative speed at the beginning of the step."""
+        speed = safe_norm(k.water.motion.velocity - (k.v if k.before is None else k.before))
+        coefficient = k.line.node_share(skin * jnp.maximum(self.cdn, jnp.pi * self.cdt))
+        return (2.0 * coefficient * speed / k.model.node_mass)[:, None]
+
     def force(self, k: Kinematics) -> jax.Array:
         water, line = k.water, k.line
         tangents = water.tangents if self.tangents == "frozen" else k.tangents
         skin = 0.5 * k.model.sea.density * line.diameter * line.length
-        relative = water.motion.velocity - k.v
+        relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
         total = jnp.zeros_like(k.v)
         for part in parts(k):
             flow = part.at(relative)

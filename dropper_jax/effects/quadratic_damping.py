@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.model import Effect, Kinematics, per_node
 
 
@@ -29,5 +30,10 @@ class QuadraticDamping(Effect):
     )
 
     def force(self, k: Kinematics) -> jax.Array:
-        speed = jnp.abs(k.v) if self.form == "componentwise" else safe_norm(k.v)[:, None]
-        return -per_node(self.b_q, k.free) * speed * k.v
+        b_q, v = per_node(self.b_q, k.free), k.v
+        if k.before is not None:
+            v = drag_velocity(k, 2.0 * b_q * self._speed(k.before) / k.model.node_mass[:, None])
+        return -b_q * self._speed(v) * v
+
+    def _speed(self, v: jax.Array) -> jax.Array:
+        return jnp.abs(v) if self.form == "componentwise" else safe_norm(v)[:, None]

@@ -80,7 +80,8 @@ class MidpointProblem(StepProblem):
     def _middle(self, x: jax.Array) -> Kinematics:
         s, h = self.s, self.h
         v = s.v + x / h
-        return self.model.kinematics(s.r + self.gamma * h * v, v, self.t_mid, self.ends, prepared=self.prepared, h=h)
+        r, over = s.r + self.gamma * h * v, {"prepared": self.prepared, "h": h, "before": s.v}
+        return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
     def _local(self, x: jax.Array, middle: Kinematics | None = None) -> jax.Array:
         """Inertia minus forces (nodes, 3) [N], tensions and laws aside."""

@@ -32,6 +32,7 @@ class Kinematics:
         t: time [s].
         free: number of free nodes.
         h: the step [s] of which this is the middle; None at a plain instant.
+        before: velocities (nodes, 3) [m/s] at the beginning of that step; None at a plain instant.
     """
 
     def __init__(
@@ -43,8 +44,9 @@ class Kinematics:
         ends: Ends,
         prepared: dict[str, Any] | None = None,
         h: jax.Array | None = None,
+        before: jax.Array | None = None,
     ) -> None:
-        self.model, self.r, self.v, self.t, self.ends, self.h = model, r, v, t, ends, h
+        self.model, self.r, self.v, self.t, self.ends, self.h, self.before = model, r, v, t, ends, h, before
         self._prepared = prepared or {}
 
     @property
@@ -57,11 +59,11 @@ class Kinematics:
 
     def with_velocity(self, v: jax.Array) -> Kinematics:
         """The same places with other velocities of the free nodes."""
-        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h)
+        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h, self.before)
 
     def over(self, h: float) -> Kinematics:
-        """The same as the middle of a step of h [s], which forces that are differences over a step ask for."""
-        return Kinematics(self.model, self.r, self.v, self.t, self.ends, self._prepared, h)
+        """The same as the middle of a steady step of h [s], which forces that are differences over a step ask for."""
+        return Kinematics(self.model, self.r, self.v, self.t, self.ends, self._prepared, h, self.v)
 
     def prepared(self, effect: Named) -> Frozen:
         """What the effect's `prepare` returned for this step."""

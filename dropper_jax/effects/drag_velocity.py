@@ -1,0 +1,32 @@
+"""The velocity at which drag acts over a step: between that of the middle and that of the end."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.model import Kinematics
+
+#: Below this z the excess is taken from its series, whose error there is below 1e-13.
+SMALL = 0.05
+
+
+def excess(z: jax.Array) -> jax.Array:
+    """`2 theta - 1 = coth(z/2) - 2/z`, z >= 0: from z/6 for slow decay to 1 for what decays within the step."""
+    small = z < SMALL
+    large = jnp.where(small, 1.0, z)
+    series = z / 6.0 * (1.0 - z**2 / 60.0 * (1.0 - z**2 / 42.0))
+    return jnp.where(small, series, 1.0 / jnp.tanh(0.5 * large) - 2.0 / large)
+
+
+def drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
+    """`v_mid + (2 theta - 1)(v_mid - v0)` (nodes, 3) [m/s].
+
+    decay (nodes, 1) or (nodes, 3) [1/s] is how fast drag alone would stop the nodes. With v_mid = (v0 + v1)/2 this is
+    `(1 - theta) v0 + theta v1`, theta(z) = 1/(1 - exp(-z)) - 1/z, z = h decay: a motion that linear drag alone stops
+    follows `exp(-z)` exactly. The velocity of the middle alone would turn it round at every step and keep its size; it
+    is what is left as the step falls (second order). At a plain instant v.
+    """
+    if k.before is None:
+        return k.v
+    return k.v + excess(k.h * decay) * (k.v - k.before)

@@ -44,6 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
     parser.add_argument("--animate", metavar="FILE", help="write an animation, .gif or (with ffmpeg) .mp4")
+    parser.add_argument(
+        "--errors",
+        action="store_true",
+        help="loads with their errors: runs again with smaller steps and more links, about 12 times the time",
+    )
+    parser.add_argument(
+        "--skip", metavar="S", type=float, default=0.0, help="time left out of those loads at the start [s]"
+    )
     add_quiet(parser)
 
 
@@ -66,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         check_animation(film)
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
-    solution = simulate(scene, progress=progress(args.quiet))
+    solution = simulate(scene, progress=progress(args.quiet), errors=args.errors, skip=args.skip)
     print_warnings(solution.warnings)
     if out:
         solution.save(out)
@@ -162,7 +170,39 @@ def text(solution: Solution) -> str:
         *(("broken", failure_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
-    return "\n".join([listing(pairs), "", *_tensions(solution), "", result_line(solution)])
+    return "\n".join([listing(pairs), "", *_tensions(solution), *_errors(solution), "", result_line(solution)])
+
+
+def _errors(solution: Solution) -> list[str]:
+    """Loads with their errors, the most loaded of many lines."""
+    found = solution.settings.get("load_errors")
+    if found is None:
+        return []
+    kept = sorted(found["loads"], key=lambda row: -row["maximum"]["value"])[:MOST_LINES]
+    names = {"mean": "mean", "deviation": "deviation", "window_maximum": "wave maxima", "maximum": "largest"}
+    rows = [("load [N]", "at [m]", *names.values(), "snaps")]
+    for row in kept:
+        loads = [f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names]
+        snaps = f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}"
+        rows.append((row["line"], f"{row['at_m']:.4g}", *loads, snaps))
+    return ["", table(rows), *_about_errors(found, kept)]
+
+
+def _about_errors(found: dict[str, Any], kept: list[dict[str, Any]]) -> list[str]:
+    """What the errors are of, and what else would change the loads."""
+    worst = kept[0]["maximum"]
+    of_links = "not known" if worst["links"] is None else f"{worst['links']:.2g} N"
+    lines = [f"errors: of the step and of the links together; in the largest load {worst['step']:.2g} N and {of_links}"]
+    if worst["chance"] is not None:
+        lines.append(f"by chance: another storm of this length moves the largest load by about {worst['chance']:.2g} N")
+    lines += [
+        f"twice the {what}: the largest load changes by {worst[key]:.2g} N"
+        for key, what in (("twice_damping", "internal damping"), ("twice_bed", "stiffness of the bed"))
+        if key in worst
+    ]
+    if found["chaotic"]:
+        lines.append(f"the motion is chaotic from {found['horizon_s']:.3g} s on: steps that differ draw other storms")
+    return [*lines, *(f"left out: {name}: {why}" for name, why in found["left_out"].items())]
 
 
 def _tensions(solution: Solution) -> list[str]:

@@ -32,8 +32,9 @@ from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, ad
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import Stepper
 
-#: A run is cut into this many pieces of one compiled program, so that progress can be shown and a stop loses little.
-PIECES = 20
+#: A run is cut into at least this many pieces of one compiled program, so that progress can be shown and a stop loses
+#: little; pieces have one of these numbers of saved times, so that runs of other lengths and steps share the program.
+PIECES, SAVES = 20, (1, 8, 64, 512)
 
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
@@ -61,6 +62,8 @@ def simulate(
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
     tolerance: float | None = None,
+    errors: bool = False,
+    skip: float = 0.0,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; what is not given is taken from its `[run]`.
@@ -79,6 +82,9 @@ def simulate(
         tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
             `study.step_choice`); with it the pilot only checks, and a run that misses is `not_converged`. The
             estimate and the time it holds for are in `settings["estimated_error"]`.
+        errors: run again with smaller steps and more links (about 12 times the cost), and keep the loads with an
+            estimate of their errors in `settings["load_errors"]` (see `study.load_errors`).
+        skip: time at the start [s] that those loads leave out.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 
@@ -122,6 +128,8 @@ def simulate(
     solution = judged(solution)
     if choice is not None:
         solution = _within(solution, tolerance, choice)
+    if errors and solution.status == "ok":
+        solution = _with_errors(solution, scene, skip, settings, say)
     say(1.0, solution.status)
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)
@@ -147,6 +155,18 @@ def _within(solution: Solution, tolerance: float, choice: Any) -> Solution:
     return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
 
 
+def _with_errors(
+    solution: Solution, scene: Scene, skip: float, settings: dict[str, Any], say: Callable[[float, str], None]
+) -> Solution:
+    """The solution with its loads and their errors; lines whose peaks are off are warned of."""
+    from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
+
+    again = lambda variant: simulate(variant, **settings)  # noqa: E731
+    found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
+    told = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
+    return replace(solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *told))
+
+
 class _Pieces(NamedTuple):
     """A run cut into pieces of one compiled program: what goes on from a carry, the first carry, saves per piece."""
 
@@ -156,7 +176,7 @@ class _Pieces(NamedTuple):
 
 
 def _compile(stepper: Stepper, model: Model, start: State, run: RunSpec) -> _Pieces:
-    saves = -(-run.saves // PIECES)
+    saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
     dt = jnp.asarray(run.dt, model.dtype)
     progress = begin(stepper, model, start)
     if run.step_tolerance is None:

@@ -47,7 +47,8 @@ class Solution:
     Attributes:
         scene: what was simulated.
         settings: integrator, solver, dt, duration, steps, dtype, gamma, rho_infinity, residual_tolerance,
-            save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}.
+            save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}; with errors `load_errors`
+            (see `study.load_errors`).
         t: saved times (k,) [s].
         positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
             of all lines, line after line (points where lines join stand once per line), see `lines`.
@@ -220,7 +221,11 @@ class Solution:
             "status": self.status,
             "scene": self.scene.name,
             **{key: self.settings.get(key) for key in keys},
-            **{key: self.settings[key] for key in ("step_tolerance", "refused_steps") if key in self.settings},
+            **{
+                key: self.settings[key]
+                for key in ("step_tolerance", "refused_steps", "load_errors")
+                if key in self.settings
+            },
             "failed_steps": self.failed_steps,
             "retried_steps": self.retried_steps,
             "first_bad": self.first_bad,

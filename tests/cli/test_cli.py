@@ -346,3 +346,22 @@ def test_a_reader_that_stops_early_is_no_error() -> None:
     finally:
         os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(GOOD, encoding="utf-8")
+    assert main(["run", str(scene), "--errors", "--skip", "0.02", "--quiet"]) == 0
+    shown = capsys.readouterr().out
+    assert "+-" in shown
+    assert "errors: of the step and of the links together" in shown
+    assert main(["run", str(scene), "--errors", "--quiet", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["load_errors"]
+    assert set(found) == {"loads", "chaotic", "horizon_s", "not_resolved", "left_out"}
+    assert set(found["loads"][0]["mean"]) == {"value", "step", "links", "chance", "error"}
+
+
+def test_errors_over_too_short_a_record_are_refused(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(GOOD, encoding="utf-8")
+    assert "--skip" in one_line_refusal(capsys, ["run", str(scene), "--errors", "--skip", "0.1", "--quiet"])

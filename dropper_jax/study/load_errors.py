@@ -1,0 +1,217 @@
+"""Error bars of loads: what a run's tensions owe to its step, to its links, and to chance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.load.scene import Scene
+from dropper_jax.report.record import Record, arc, record
+from dropper_jax.report.settings import Settings
+from dropper_jax.report.snap import line_snaps
+from dropper_jax.run.solution import Solution
+from dropper_jax.study.finer_links import twice_the_links
+
+#: What is told of each line: mean and standard deviation in time of the link with the largest tension [N], mean of the
+#: largest in windows of a wave [N], largest and least [N], number of snaps.
+QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
+#: Steps of the runs over that of the scene.
+FINER = (1, 2, 4)
+#: Allowed orders of the step's error: what is measured beyond them is chance.
+ORDERS = (0.5, 2.0)
+#: Error of the links over the change that twice as many make, if it falls with their square.
+LINKS = 4.0 / 3.0
+#: Windows of maxima where there is no wave [s], and batches of the error by chance.
+WINDOW, BATCHES = 10.0, 8
+#: Relative change of all masses, and how many times as large a relative change of the motion tells that it is chaotic.
+PERTURBED, AMPLIFIED = 1e-8, 1e4
+#: Range of a motion over the length of the longest line below which it is taken for this.
+AT_REST = 1e-3
+#: Error of a line's largest tension from which it is called not resolved.
+UNRESOLVED = 0.05
+
+
+def load_errors(
+    scene: Scene,
+    run: Callable[[Scene], Solution],
+    skip: float = 0.0,
+    first: Solution | None = None,
+    say: Progress = silent,
+) -> dict[str, Any]:
+    """Loads of a run with an estimate of their error.
+
+    The scene is run with its step h, h/2 and h/4 (with a step tolerance: that, a quarter, a sixteenth, which halve the
+    steps), with twice the links at the same EA and BA, and, where there are, with twice the internal damping and twice
+    the stiffness of the bed, some 12 times the cost of a single run. With q(h) a load,
+
+        step:  |q(h) - q(h/4)| + |q(h/2) - q(h/4)|/(2^p - 1),    2^p = |q(h) - q(h/2)|/|q(h/2) - q(h/4)|,
+
+    p between 0.5 and 2; links: 4/3 of the change by twice the links; both: their sum. `chance` is the standard error
+    by batch means (8 batches; of maxima from the spread of the windows' maxima): what another storm of the same length
+    would change, no error of this one. Where the motion is chaotic (masses changed by 1e-8 of themselves move it by
+    1e-4 of its range), differences of single runs are chance too: `chaotic` says so, `horizon_s` from when, and the
+    step's error is then the largest difference between the three runs.
+
+    Args:
+        run: simulates a scene.
+        skip: time left out at the start [s].
+        first: the run of the scene itself, if it is there already.
+
+    Returns:
+        `loads`: rows by line {line, at_m, and by quantity {value, step, links, chance, error, twice_damping,
+        twice_bed}}; `chaotic`, `horizon_s`; `not_resolved`: lines whose largest tension is off by 5 % or more;
+        `left_out`: what was not run, and why.
+
+    Raises:
+        SceneError: a run of them that fails, or too short a record.
+    """
+    variants, left_out = _variants(scene)
+    made: dict[str, list[dict[str, Any]]] = {}
+    horizon = scene.run.duration
+    for i, (name, variant) in enumerate(variants.items()):
+        say(i / len(variants), name)
+        known = first if name == "1" else None
+        solution = run(variant) if known is None else known
+        if not len(solution.t) > 3 or solution.status not in ("ok", "energy_drift"):
+            if name in ("1", "2", "4"):
+                raise SceneError(f"--errors: the run with steps of 1/{name} ends with {solution.failure}")
+            left_out[name] = f"that run ends with {solution.failure}"
+            continue
+        if name == "1":
+            first = solution
+        if name == "perturbed":
+            horizon = _horizon(first, solution)
+            continue
+        made[name] = _loads(record(solution, skip), made.get("1"))
+    chaotic = horizon < scene.run.duration
+    rows = [_row(i, made, chaotic) for i in range(len(made["1"]))]
+    return {
+        "loads": rows,
+        "chaotic": chaotic,
+        "horizon_s": horizon,
+        "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
+        "left_out": left_out,
+    }
+
+
+def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
+    found, left_out = {}, {}
+    for n in FINER:
+        changed = {"run.dt": scene.run.dt / n}
+        if scene.run.step_tolerance is not None:
+            changed = {"run.step_tolerance": scene.run.step_tolerance / n**2}
+        found[str(n)] = scene.with_values(changed) if n > 1 else scene
+    heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}
+    found["perturbed"] = scene.with_values(heavier)
+    try:
+        found["links"] = twice_the_links(scene)
+    except SceneError as error:
+        left_out["links"] = str(error)
+    damped = {
+        f"line.{i}.axial.damping": (2.0 * line.axial_damping).tolist()
+        for i, line in enumerate(scene.lines)
+        if line.axial_damping is not None
+    }
+    if damped:
+        found["twice_damping"] = scene.with_values(damped)
+    if "seabed" in scene.effects:
+        stiffness = 2.0 * float(scene.effects["seabed"]["stiffness"])
+        found["twice_bed"] = scene.with_values({"effects.seabed.stiffness": stiffness})
+    return found, left_out
+
+
+def _horizon(first: Solution, other: Solution) -> float:
+    """Time [s] up to which two runs differ by less than chaos makes of their perturbation."""
+    k = min(len(first.t), len(other.t))
+    apart = np.abs(first.positions[:k] - other.positions[:k]).max(axis=(1, 2))
+    moved = max(float(np.ptp(first.positions, axis=0).max()), AT_REST * max(line.total for line in first.scene.lines))
+    over = np.flatnonzero(apart > AMPLIFIED * PERTURBED * moved)
+    return float(first.t[over[0]]) if over.size else first.scene.run.duration
+
+
+def _loads(found: Record, like: list[dict[str, Any]] | None) -> list[dict[str, Any]]:
+    """Per line its loads and their chance, at the link with the largest tension or at the arc length of `like`."""
+    snaps = line_snaps(found, Settings())
+    rows = []
+    for i, where in enumerate(found.whole):
+        s, largest = arc(where.spec.length), found.largest[:, where.links]
+        at = float(s[int(np.argmax(largest.max(axis=0)))]) if like is None else like[i]["at_m"]
+        link = where.links.start + int(np.argmin(np.abs(s - at)))
+        rows.append(
+            {"line": where.name, "at_m": at, **_statistics(found, link), "snaps": (snaps[i]["most_events"], 0.0)}
+        )
+        rows[-1]["maximum"] = (float(largest.max()), rows[-1]["maximum"][1])
+        rows[-1]["minimum"] = (float(found.least[:, where.links].min()), rows[-1]["minimum"][1])
+    return rows
+
+
+def _statistics(found: Record, link: int) -> dict[str, tuple[float, float]]:
+    """Loads of one link [N], each with its standard error by chance."""
+    tension, square = found.tension[:, link], found.square[:, link]
+    tops, bottoms = (_windows(found, values[:, link]) for values in (found.largest, -found.least))
+    batches = [part for part in np.array_split(np.arange(len(tension)), BATCHES) if part.size]
+    means = np.array([tension[part].mean() for part in batches])
+    deviations = np.array([np.sqrt(max(square[part].mean() - tension[part].mean() ** 2, 0.0)) for part in batches])
+    spread = lambda x: float(x.std(ddof=1)) if len(x) > 1 else float("nan")  # noqa: E731
+    deviation = float(np.sqrt(max(square.mean() - tension.mean() ** 2, 0.0)))
+    return {
+        "mean": (float(tension.mean()), spread(means) / np.sqrt(len(means))),
+        "deviation": (deviation, spread(deviations) / np.sqrt(len(deviations))),
+        "window_maximum": (float(tops.mean()), spread(tops) / np.sqrt(len(tops))),
+        # largest of many: as wide as one window's maximum (a Gumbel distribution keeps its scale)
+        "maximum": (float(tops.max()), spread(tops)),
+        "minimum": (float(-bottoms.max()), spread(bottoms)),
+    }
+
+
+def _windows(found: Record, values: np.ndarray) -> np.ndarray:
+    """Largest values in windows of a peak period, or of 10 s; the whole record if it is shorter."""
+    period = _period(found.scene)
+    count = max(int(found.duration / period), 1)
+    edges = np.linspace(found.t_tension[0], found.t_tension[-1] + found.interval, count + 1)
+    window = np.clip(np.digitize(found.t_tension, edges) - 1, 0, count - 1)
+    return np.array([values[window == i].max() for i in range(count) if np.any(window == i)])
+
+
+def _period(scene: Scene) -> float:
+    """Period of the waves that carry most [s], else `WINDOW`."""
+    waves = None if scene.sea is None else scene.sea.waves
+    if waves is None or (waves.tp is None and waves.period is None):
+        return WINDOW
+    if waves.tp is not None:
+        return float(waves.tp)
+    period, amplitude = np.broadcast_arrays(np.atleast_1d(waves.period), waves.amplitude)
+    return float(period[np.argmax(amplitude)])
+
+
+def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[str, Any]:
+    first = made["1"][i]
+    row: dict[str, Any] = {"line": first["line"], "at_m": first["at_m"]}
+    for name in QUANTITIES:
+        values = {key: rows[i][name][0] for key, rows in made.items()}
+        value, chance = first[name]
+        step = _step_error(*(values[str(n)] for n in FINER), chaotic)
+        change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
+        links = LINKS * abs(change["links"]) if "links" in change else None
+        row[name] = {
+            "value": value,
+            "step": step,
+            "links": links,
+            "chance": None if np.isnan(chance) else chance,
+            "error": step + (links or 0.0),
+            **{key: change[key] for key in ("twice_damping", "twice_bed") if key in change},
+        }
+    return row
+
+
+def _step_error(whole: float, half: float, quarter: float, chaotic: bool) -> float:
+    """See `load_errors`."""
+    first, second = abs(whole - half), abs(half - quarter)
+    if chaotic:
+        return max(first, second, abs(whole - quarter))
+    ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in ORDERS))
+    return abs(whole - quarter) + second / (float(ratio) - 1.0)

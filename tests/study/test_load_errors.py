@@ -1,0 +1,108 @@
+"""Error bars of loads against truths that are known: SciPy's bouncing mass, a chain at rest, chaos."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.source import load_scene
+from dropper_jax.study.finer_links import twice_the_links
+
+PERIOD = 0.2
+
+
+@pytest.fixture(scope="module")
+def bounce(falling):
+    """The largest and the mean tension of the falling mass over its 0.4 s, from SciPy."""
+    scene = falling(PERIOD, 0.01)
+    mass = float(dj.build(scene)[0].node_mass[0])
+    EA, length = scene["line"][0]["axial"]["EA"], 2.0
+    pull = lambda z: EA / length * np.maximum(-z - length, 0.0)  # noqa: E731
+    rates = lambda t, y: [y[1], pull(y[0]) / mass - 9.81]  # noqa: E731
+    found = solve_ivp(rates, (0.0, 0.4), [-1.8, 0.0], rtol=1e-10, atol=1e-12, max_step=1e-4)
+    tension = pull(found.y[0])
+    return float(tension.max()), float(np.trapezoid(tension, found.t) / 0.4)
+
+
+def row(scene, **run):
+    found = dj.simulate(scene, errors=True, **run).settings["load_errors"]
+    return found, found["loads"][0]
+
+
+@pytest.mark.slow
+def test_errors_of_a_bounce_hold_and_are_not_much_too_large(falling, bounce):
+    """One link, so that the step is all there is to err; twice the links is another pendulum of springs."""
+    held = []
+    for steps in (10, 20, 40, 80):
+        _, found = row(falling(PERIOD, PERIOD / steps))
+        for name, truth in zip(("maximum", "mean"), bounce, strict=True):
+            error = abs(found[name]["value"] - truth)
+            held.append((error <= 2.0 * found[name]["step"] + 1e-6 * truth, found[name]["step"] / max(error, 1e-9)))
+    assert np.mean([ok for ok, _ in held]) >= 0.9
+    assert np.median([ratio for _, ratio in held]) < 4.0
+
+
+def hanging(links, **more):
+    """A rope of 10 m and 20 kg that hangs from one end."""
+    line = {"name": "rope", "from": "top", "to": "low", "links": links, "length": 10.0 / links, "mass": 20.0 / links}
+    return {
+        "run": {"dt": 0.01, "duration": 0.4},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "low", "kind": "free", "position": [0.0, 0.0, -10.0]},
+        ],
+        "line": [line | {"axial": {"law": "rope", "EA": 1e5, "damping": 100.0}, **more}],
+        "effects": {"weight": {}},
+    }
+
+
+def test_halves_of_links_are_the_same_line():
+    scene = load_scene(hanging(4, diameter=[0.1, 0.2, 0.3, 0.4]))
+    finer = twice_the_links(scene).lines[0]
+    assert finer.links == 8
+    assert finer.total == pytest.approx(10.0)
+    assert finer.mass.sum() == pytest.approx(20.0)
+    np.testing.assert_allclose(finer.diameter, np.repeat([0.1, 0.2, 0.3, 0.4], 2))
+    np.testing.assert_allclose(finer.EA, 1e5)
+    np.testing.assert_allclose(finer.axial_damping, 100.0)
+
+
+@pytest.mark.parametrize("name", ["paper-case-1", "edulis-longline", "dropper-current", "platform-longline"])
+def test_halves_of_packaged_scenes_have_the_same_numbers(name):
+    scene = load_scene(name)
+    finer = twice_the_links(scene)
+    for key in ("length", "mass"):
+        assert getattr(finer.line, key).sum() == pytest.approx(getattr(scene.line, key).sum())
+    assert finer.line.links == 2 * scene.line.links
+    assert twice_the_links(finer).line.links == 4 * scene.line.links
+
+
+def test_what_has_no_halves_is_refused():
+    scene = load_scene("dropper-release-a-compound")
+    with pytest.raises(SceneError, match="centre_of_mass: compound links have no halves"):
+        twice_the_links(scene)
+
+
+@pytest.mark.slow
+def test_a_rope_at_rest_has_no_errors(tmp_path):
+    """Its top link carries the whole weight, however many links hang below."""
+    solution = dj.simulate(hanging(4), errors=True)
+    found = solution.settings["load_errors"]
+    assert not found["chaotic"]
+    assert found["not_resolved"] == []
+    assert found["left_out"] == {}
+    assert found["loads"][0]["mean"]["value"] == pytest.approx(20.0 * 9.81, rel=1e-9)
+    assert all(found["loads"][0][name]["error"] < 1e-6 * 20.0 * 9.81 for name in ("mean", "deviation", "maximum"))
+    solution.save(tmp_path / "run.npz")
+    again = dj.Solution.load(tmp_path / "run.npz")
+    assert again.settings["load_errors"]["loads"][0]["line"] == "rope"
+    json.dumps(solution.summary())
+
+
+def test_a_step_that_fails_is_named():
+    scene = hanging(2)
+    scene["run"] |= {"integrator": "rk4", "dt": 0.2, "duration": 2.0}
+    assert dj.simulate(scene, errors=True).settings.get("load_errors") is None

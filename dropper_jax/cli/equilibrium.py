@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
+from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -29,14 +29,17 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.run.build import equilibrium
+    from dropper_jax.run.remarks import pose_remarks
     from dropper_jax.scene.slices import line_slices
 
     found = equilibrium(scene)
     lines = line_slices(scene)
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     failed = found.status != "ok"
+    remarks = () if failed else pose_remarks(scene, found.positions, found.tension)
+    print_warnings(remarks)
     if args.json:
-        print_json(_object(scene, found, angles))
+        print_json({**_object(scene, found, angles), "warnings": remarks})
     else:
         print(_text(lines, found, angles))
         if scene.branched and not failed:

@@ -20,7 +20,8 @@ class EndMotion(HeldMotion):
     """Displacement of a held point, and of others that move with it (a vessel's), from their positions.
 
     Harmonic: `x(t) = s(t) a sin(2 pi t / period + phase)`, with `s(t) = u^3 (10 - 15 u + 6 u^2)`, `u = min(t/ramp, 1)`
-    where a ramp is given: lower ones would start and end with a jump of the velocity or the acceleration.
+    where a ramp is given: lower ones would start and end with a jump of the velocity or the acceleration. Of a table
+    the ramp, from its first time, takes the way from the first row: `x = d0 + s (d - d0)`.
     Table: `displacement` (k, 3) at `time`, between them quintics with the slopes and curvatures of a parabola through
     three rows, so that velocity and acceleration are continuous. Before and after it rests: a table whose first two and
     last two rows are equal begins and ends without a jump.
@@ -30,9 +31,7 @@ class EndMotion(HeldMotion):
     amplitude: jax.Array | None = parameter("amplitude per axis", unit="m", shape="vector", optional=True)
     period: jax.Array | None = parameter("period", unit="s", low=0.0, open_low=True, optional=True)
     phase: jax.Array | None = parameter("phase", unit="rad", optional=True)
-    ramp: jax.Array | None = parameter(
-        "time to reach the full amplitude", unit="s", low=0.0, open_low=True, optional=True
-    )
+    ramp: jax.Array | None = parameter("time to reach the full motion", unit="s", low=0.0, open_low=True, optional=True)
     time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
     displacement: jax.Array | None = parameter("displacement at those times", unit="m", shape="vectors", optional=True)
     point: str = option("name of the point that moves", type=str, default="")
@@ -55,18 +54,21 @@ class EndMotion(HeldMotion):
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
         if self.time is not None:
-            return _interpolated(t, self.time, self.displacement)
+            row = _interpolated(t, self.time, self.displacement)
+            return row if self.ramp is None else self._ramped(t - self.time[0], row, self.displacement[0])
         phase = 0.0 if self.phase is None else self.phase
         wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
-        if self.ramp is None:
-            return self.amplitude * wave
-        u = jnp.clip(t / self.ramp, 0.0, 1.0)
-        return self.amplitude * (wave * u**3 * (10 - 15 * u + 6 * u * u))
+        motion = self.amplitude * wave
+        return motion if self.ramp is None else self._ramped(t, motion, jnp.zeros_like(motion))
+
+    def _ramped(self, since: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
+        u = jnp.clip(since / self.ramp, 0.0, 1.0)
+        return first + (full - first) * (u**3 * (10 - 15 * u + 6 * u * u))
 
     @property
     def kinks(self) -> jax.Array | None:
         if self.time is not None:
-            return self.time[jnp.array([0, -1])]
+            return self.time[jnp.array([0, -1] if self.ramp is None else [-1])]
         return jnp.zeros(1, self.amplitude.dtype) if self.ramp is None else None
 
 

@@ -19,6 +19,14 @@ ROUNDING = 1e-9
 MOST_LINKS = 200
 
 
+#: Curves of parts, K and m over the breaking load: a curve of chain says nothing about a rope.
+CURVES = (
+    "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
+)
+NO_LOAD = "no breaking load: give `breaking_load` in the scene, or --breaking-load"
+NO_CURVE = f"no curve of the part: give --curve-k and --curve-m, as {CURVES}"
+
+
 def turning_points(x: np.ndarray) -> np.ndarray:
     """First and last value of x (k,) and every peak and valley between; of equal neighbours one."""
     x = x[np.concatenate([[True], np.diff(x) != 0])]
@@ -73,8 +81,9 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
                         damage(c, load[j], settings.curve_k, settings.curve_m)
                         for c, j in zip(counted, picked, strict=True)
                     ]
-                    if load is not None
+                    if load is not None and settings.curve_k is not None
                     else None,
+                    NO_LOAD if load is None else NO_CURVE,
                 ),
             }
         )
@@ -86,12 +95,9 @@ def _equivalent(counted: np.ndarray, m: float) -> float:
     return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m)) if total > 0 else 0.0
 
 
-def _damages(record: Record, values: list[float] | None) -> dict[str, Any]:
+def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[str, Any]:
     if values is None:
-        return {
-            "damage": None,
-            "why_no_damage": "no breaking load: give `breaking_load` in the scene, or --breaking-load",
-        }
+        return {"damage": None, "why_no_damage": why_not}
     worst = max(values)
     yearly = worst * YEAR / record.duration
     return {

@@ -48,6 +48,7 @@ def tension(lines: list[dict[str, Any]]) -> str:
                 newton(max(line["percentiles_n"]["99"])),
                 f"{newton(line['largest']['n'])} at {line['largest']['at_m']:.1f} m, {line['largest']['t_s']:.2f} s",
                 "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
+                "-" if used is None else f"{100 * used['with_factor']:.1f} %",
             ]
         )
     head = [
@@ -58,6 +59,7 @@ def tension(lines: list[dict[str, Any]]) -> str:
         "99 % [N]",
         "largest [N]",
         "utilisation",
+        "with the safety factor",
     ]
     return _with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "utilisation")
 

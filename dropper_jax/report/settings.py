@@ -28,7 +28,12 @@ class Settings:
     breaking_load: float | None = _setting(
         "breaking load where a line has none of its own", "N", None, "--breaking-load"
     )
-    curve_k: float = _setting("K of the T-N curve N = K (range/breaking load)^-m", "-", 316.0, "--curve-k")
+    safety_factor: float = _setting(
+        "factor on the largest tension in the utilisation with a factor", "-", 1.67, "--safety-factor"
+    )
+    curve_k: float | None = _setting(
+        "K of the T-N curve N = K (range/breaking load)^-m, without it no damage", "-", None, "--curve-k"
+    )
     curve_m: float = _setting("m of the T-N curve", "-", 3.0, "--curve-m")
     contact: float = _setting("a node this near to the bed lies on it", "m", 0.01, "--contact")
     storm: float = _setting("length of the storm of the extremes", "s", 10800.0, "--storm")
@@ -41,7 +46,7 @@ class Settings:
                 continue
             if not math.isfinite(value) or value < 0:
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number >= 0")
-            if value == 0 and field.name in ("breaking_load", "curve_k", "curve_m", "storm", "snap"):
+            if value == 0 and field.name in ("breaking_load", "safety_factor", "curve_k", "curve_m", "storm", "snap"):
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0")
         if not 0 < self.confidence < 1:
             raise SceneError(f"--confidence: {self.confidence:g} is out of range; allowed: above 0 and below 1")

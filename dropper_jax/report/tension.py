@@ -17,7 +17,7 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """Per line: min, mean, standard deviation, max and percentiles of each link [N] against arc length [m].
 
     The largest and least of the line come with their place and time. Utilisation is the largest of max over breaking
-    load of the links.
+    load of the links, and the same with the safety factor.
     """
     return [_line(record, where, settings) for where in record.whole]
 
@@ -48,6 +48,7 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
         worst = int(np.argmax(share))
         found["utilisation"] = {
             "largest": float(share[worst]),
+            "with_factor": settings.safety_factor * float(share[worst]),
             "at_m": float(s[worst]),
             "breaking_load_n": float(load[worst]),
             "from": "the line" if spec.breaking_load is not None else "--breaking-load",

@@ -16,6 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import SimulationError
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
@@ -23,6 +24,7 @@ from dropper_jax.model import Frozen, Model, Parted, State, work_names
 from dropper_jax.residual import Implicit
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
+from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
@@ -277,6 +279,8 @@ def _solution(
             *scene.notes,
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
+            *motion_warnings(scene),
+            *_at_rest(scene, seen.positions[0], np.asarray(start.tension)),
             *(words(row) for row in broken),
         ),
     )
@@ -298,6 +302,10 @@ def _followed(solution: Solution, within: Within, refused: int) -> Solution:
         tension_square=square,
         settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
     )
+
+
+def _at_rest(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
+    return pose_remarks(scene, positions, tension) if scene.start.kind == "static" else ()
 
 
 def _precision(scene: Scene, model: Model) -> tuple[str, ...]:

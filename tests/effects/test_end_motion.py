@@ -59,3 +59,20 @@ def test_moving_the_end_of_a_hanging_mass_up_does_the_work_of_lifting_it(chain):
     np.testing.assert_allclose(solution.positions[-1, :, 2], [0.4, 0.1, -0.1], atol=1e-9)
     assert work["moving_ends"] + work["linear_damping"] == pytest.approx(0.3 * G * 0.4, rel=1e-9)
     assert work["linear_damping"] < 0
+
+
+def test_a_table_with_a_ramp_leaves_its_first_row_without_a_jump(chain):
+    rows, time = [[0.1, 0.0, 0.0], [0.5, 0.0, 0.2], [0.9, 0.0, 0.4], [1.3, 0.0, 0.6]], [0.0, 1.0, 2.0, 3.0]
+    plain, ramped = (
+        EndMotion(time=jnp.array(time), displacement=jnp.array(rows), point="end", **more)
+        for more in ({}, {"ramp": jnp.asarray(2.0)})
+    )
+    for t in (0.0, 0.5, 1.3, 2.0, 2.7):
+        u = min(t / 2.0, 1.0)
+        first = np.array(rows[0])
+        expected = first + (np.asarray(plain.displace(t)) - first) * (u**3 * (10 - 15 * u + 6 * u * u))
+        np.testing.assert_allclose(ramped.displace(t), expected, atol=1e-14)
+    velocity = jax.jacfwd(ramped.displace)
+    np.testing.assert_allclose(velocity(0.0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(jax.jacfwd(velocity)(0.0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(ramped.kinks, [3.0])

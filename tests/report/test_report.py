@@ -70,6 +70,9 @@ def test_yearly_damage_scales_the_record_and_lines_without_breaking_load_say_so(
     assert line["damage"] is None
     assert "breaking" in line["why_no_damage"]
     (line,) = report_run(solution, Settings(breaking_load=2000.0))["fatigue"]
+    assert line["damage"] is None
+    assert "--curve-k" in line["why_no_damage"]
+    (line,) = report_run(solution, Settings(breaking_load=2000.0, curve_k=316.0))["fatigue"]
     # the first sample belongs to no step: 99 half cycles of 200 N in the 10 s of the record
     ten_seconds = 99 * 0.5 * (200.0 / 2000.0) ** 3 / 316.0
     assert line["largest_damage"] == pytest.approx(ten_seconds, rel=1e-12)

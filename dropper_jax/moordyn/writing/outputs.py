@@ -13,6 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.moordyn.reading.points import read_ends
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
+from dropper_jax.moordyn.writing.weights import wet_weights
 from dropper_jax.run.solution import LineSlice, Solution
 from dropper_jax.scene.nodes import point_nodes
 
@@ -80,9 +81,10 @@ def write_out(
     """Write a MoorDyn-like table of a run: times [s], names, units, and one row per saved time.
 
     Lines and points have the IDs of the MoorDyn input where there is one (`numbers`), else they count from 1 as the
-    scene has them. Tensions [N] at an end are those of the link there; MoorDyn gives the force on the end node, with
-    half a segment's weight, some per cent more at the upper end. At an inner node they are the size of the mean of both
-    links' pulls. They belong to `solution.t_tension`, half a step before the row's time in midpoint schemes.
+    scene has them. Tensions [N] at an end are the size of the force on the end node, as MoorDyn's: the pull of the link
+    there and the weight in water of half of it (its drag and inertia, small beside them, are left out). At an inner
+    node they are the size of the mean of both links' pulls. They belong to `solution.t_tension`, half a step before
+    the row's time in midpoint schemes.
 
     Args:
         channels: what to write; default: tensions at all ends, places of free points.
@@ -151,7 +153,12 @@ def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> Li
 
 
 def _end_tension(solution: Solution, line: LineSlice, last: bool) -> np.ndarray:
-    return solution.tension[:, line.links.stop - 1 if last else line.links.start]
+    link = line.links.stop - 1 if last else line.links.start
+    end, inner = (line.nodes.stop - 1, line.nodes.stop - 2) if last else (line.nodes.start, line.nodes.start + 1)
+    along = solution.positions[:, inner] - solution.positions[:, end]
+    pull = solution.tension[:, link, None] * along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    pull[:, 2] -= 0.5 * wet_weights(solution.scene)[link]
+    return np.linalg.norm(pull, axis=1)
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:

@@ -1,0 +1,100 @@
+"""Remarks on poses at rest, and warnings of ends that start at once."""
+
+import json
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.cli import main
+from dropper_jax.load.checks_motion import motion_warnings
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.remarks import pose_remarks
+
+
+def moored(**motion):
+    """A spar on a rope from the bed, 30 m below, and friction there."""
+    return {
+        "run": {"dt": 0.02, "duration": 1.0},
+        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}],
+        "point": [
+            {"name": "anchor", "position": [0.0, 0.0, -30.0]},
+            {"name": "buoy", "kind": "free", "position": [0.0, 0.0, -2.5]},
+        ],
+        "line": [{"name": "rope", "from": "anchor", "to": "buoy", "type": "rope", "length": 40.0, "links": 4}],
+        "buoy": [{"name": "spar", "point": "buoy", "mass": 1200.0, "diameter": 0.79, "height": 8.0, "attachment": 1.0}],
+        "sea": {"depth": 30.0},
+        "effects": {
+            "weight": {},
+            "seabed": {},
+            "seabed_friction": {"kinetic": 0.5},
+            **({"end_motion": {"point": "anchor", **motion}} if motion else {}),
+        },
+    }
+
+
+@pytest.mark.parametrize(
+    ("z", "said"),
+    [(-2.5, []), (-7.5, ["under water"]), (-29.0, ["under water", "on the bed"])],
+)
+def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
+    positions = np.zeros((5, 3))
+    positions[-1, 2] = z
+    found = pose_remarks(load_scene(moored()), positions, np.zeros(4))
+    assert len(found) == len(said)
+    assert all(words in remark for words, remark in zip(said, found, strict=True))
+    if "under water" in said:
+        assert f"{-(z - 1.0 + 8.0):.3g} m under water" in found[0]
+
+
+def rope(breaking_load):
+    line = {"name": "rope", "from": "top", "to": "low", "links": 2, "length": 5.0, "mass": 10.0}
+    return {
+        "run": {"dt": 0.01, "duration": 0.02},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "low", "kind": "free", "position": [0.0, 0.0, -10.0]},
+        ],
+        "line": [line | {"breaking_load": breaking_load, "axial": {"law": "rope", "EA": 1e5}}],
+        "effects": {"weight": {}},
+    }
+
+
+def test_a_line_beyond_its_breaking_load_at_rest_is_remarked(tmp_path, capsys):
+    """It carries 196.2 N."""
+    weak = load_scene(rope(190.0))
+    assert any("196.2 N at rest, above its breaking load of 190 N" in w for w in dj.simulate(weak).warnings)
+    assert not any("breaking load" in w for w in dj.simulate(rope(200.0)).warnings)
+    toml = tmp_path / "scene.toml"
+    toml.write_text(as_toml(weak.to_dict()), encoding="utf-8")
+    assert main(["equilibrium", str(toml), "--json"]) == 0
+    shown = capsys.readouterr()
+    assert "above its breaking load" in json.loads(shown.out)["warnings"][0]
+    assert "warning: rope" in shown.err
+
+
+@pytest.mark.parametrize(
+    ("motion", "speed"),
+    [
+        ({"amplitude": [0.5, 0.0, 0.0], "period": 5.0}, "0.628 m/s"),
+        ({"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.4, 0.3, 0.0], [0.8, 0.6, 0.0]]}, "1 m/s"),
+        ({"amplitude": [0.5, 0.0, 0.0], "period": 5.0, "ramp": 5.0}, None),
+        ({"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.8, 0.6, 0.0]]}, None),
+        (
+            {"time": [0.0, 0.5, 1.0], "displacement": [[0.0, 0.0, 0.0], [0.4, 0.3, 0.0], [0.8, 0.6, 0.0]], "ramp": 1.0},
+            None,
+        ),
+    ],
+)
+def test_an_end_that_starts_at_once_over_a_bed_with_friction_is_warned_of(motion, speed):
+    found = motion_warnings(load_scene(moored(**motion)))
+    assert len(found) == (speed is not None)
+    if speed is not None:
+        assert f"anchor starts at {speed} at once" in found[0]
+
+
+def test_without_friction_on_the_bed_nothing_is_said():
+    scene = moored(amplitude=[0.5, 0.0, 0.0], period=5.0)
+    del scene["effects"]["seabed_friction"]
+    assert motion_warnings(load_scene(scene)) == ()

@@ -1,0 +1,132 @@
+"""Whether errors of loads hold: scenes times steps, the errors that `--errors` states against those of a finer run.
+
+    python benchmarks/error_bars.py [--scenes NAME ...]
+
+The truth of a scene is its run with four times the links and an eighth of the shortest step. A row per scene, step
+and load: value, stated error, true error, their ratio. At the end the share of true errors within twice the stated
+one and the median of stated over true; goals: 90 %, at most 4. Loads that are off by less than `EXACT` are left out
+of the median.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import dropper_jax as dj
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.simulate import simulate
+from dropper_jax.study.finer_links import twice_the_links
+from dropper_jax.study.load_errors import load_errors
+
+LOADS = ("mean", "deviation", "window_maximum", "maximum")
+#: Relative error that counts as none.
+EXACT = 1e-6
+#: Time left out at the start [s].
+SKIP = 2.0
+
+
+def chain(amplitude: float, period: float, duration: float) -> dict[str, Any]:
+    """A chain of 8 links between two points in still water, one of which is moved."""
+    return {
+        "run": {"dt": 0.01, "duration": duration},
+        "point": [
+            {"name": "low", "position": [0.0, 0.0, -20.0]},
+            {"name": "high", "position": [18.0, 0.0, -5.0]},
+        ],
+        "line": [
+            {
+                "name": "chain", "from": "low", "to": "high", "links": 8, "length": 25.0 / 8, "mass": 8.0 * 25.0 / 8,
+                "diameter": 0.04, "axial": {"law": "rope", "EA": 5e5, "damping": 2e3},
+            }
+        ],
+        "effects": {
+            "weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.6, "cdt": 0.05},
+            "end_motion": {"point": "high", "amplitude": [amplitude, 0, amplitude], "period": period, "ramp": period},
+        },
+        "sea": {"depth": 25.0},
+    }  # fmt: skip
+
+
+def pendulum() -> dict[str, Any]:
+    """A rope of 6 links let go slantwise, with damping."""
+    line = {"name": "rope", "from": "top", "to": "low", "links": 6, "length": 0.5, "mass": 1.0}
+    return {
+        "run": {"dt": 0.01, "duration": 8.0},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "low", "kind": "free", "position": [1.5, 0.0, -2.6]},
+        ],
+        "line": [line | {"axial": {"law": "elastic", "EA": 2e4, "damping": 50.0}}],
+        "effects": {"weight": {}, "linear_damping": {"b_l": 0.2}},
+        "start": {"kind": "angles", "polar": [1.0] * 6},
+    }
+
+
+SCENES: dict[str, tuple[Any, tuple[float, ...]]] = {
+    "driven gently": (chain(0.5, 5.0, 17.0), (0.16, 0.08, 0.04, 0.02, 0.01)),
+    "driven fast": (chain(1.2, 3.0, 14.0), (0.08, 0.04, 0.02, 0.01, 0.005)),
+    "driven until it snaps": (chain(1.8, 2.0, 12.0), (0.04, 0.02, 0.01, 0.005, 0.0025)),
+    "elastic pendulum": (pendulum(), (0.08, 0.04, 0.02, 0.01, 0.005)),
+    "dropper-regular-wave": ("dropper-regular-wave", (0.16, 0.08, 0.04, 0.02, 0.01)),
+}
+
+
+def stated(scene: Scene, dt: float) -> dict[str, Any]:
+    found = load_errors(scene.with_values({"run.dt": dt}), simulate, SKIP)
+    return {**found["loads"][0], "not_resolved": bool(found["not_resolved"]), "chaotic": found["chaotic"]}
+
+
+def truth(scene: Scene, dt: float, at: float) -> dict[str, float]:
+    """Loads of a run with four times the links and an eighth of the step, at the same arc length."""
+    from dropper_jax.report.record import record
+    from dropper_jax.study.load_errors import _loads
+
+    fine = twice_the_links(twice_the_links(scene)).with_values({"run.dt": dt / 8})
+    (row,) = _loads(record(dj.simulate(fine), SKIP), [{"at_m": at}])
+    return {name: row[name][0] for name in LOADS}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+    held, ratios, called = [], [], []
+    print("| scene | step [s] | load | value [N] | stated | true | stated/true | |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for name in parser.parse_args().scenes:
+        given, steps = SCENES[name]
+        scene = load_scene(given)
+        scene = scene.with_values({"run.duration": min(scene.run.duration, 20.0)})
+        right: dict[float, dict[str, float]] = {}
+        for dt in steps:
+            found = stated(scene, dt)
+            at = found["at_m"]
+            right.setdefault(at, truth(scene, steps[-1], at))
+            for load in LOADS:
+                value, error = found[load]["value"], found[load]["error"]
+                true = abs(value - right[at][load])
+                held.append(true <= 2.0 * error or true < EXACT * abs(value))
+                if true > EXACT * abs(value):
+                    ratios.append(error / true)
+                if load == "maximum":
+                    called.append((found["not_resolved"], true / abs(right[at][load])))
+                note = "chaotic" if found["chaotic"] else ""
+                print(
+                    f"| {name} | {dt} | {load} | {value:.5g} | {error:.2g} | {true:.2g} | {error / max(true, 1e-12):.2g} | {note} |",
+                    flush=True,
+                )
+    wrongly = [share for said, share in called if said and share < 0.02]
+    missed = [share for said, share in called if not said and share > 0.05]
+    print(
+        f"\n{np.mean(held):.0%} of {len(held)} true errors within twice the stated; median stated/true {np.median(ratios):.2g}"
+    )
+    print(
+        f"'not resolved' said below a true error of 2 %: {len(wrongly)}; not said above 5 %: {len(missed)} of {len(called)}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -25,6 +25,7 @@ COMMANDS = {
     "accuracy_north_sea": ["accuracy", "dropper-north-sea", "--quick", "--json", "--quiet"],
 }
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
+PEERS = ("moordyn rk2", "moordyn default")
 
 
 def measure() -> None:
@@ -51,6 +52,23 @@ def stability(found: dict[str, Any]) -> str:
         holds = "yes" if row["ok"] else "**no**"
         rows.append((row["name"], row["claim"], measured, f"{row['limit']:.0e}", holds, *baselines))
     return markdown(rows)
+
+
+def stability_peers(found: dict[str, Any]) -> str:
+    """The cases that MoorDyn was given as well."""
+    rows = [("case", "here", "limit", *PEERS)]
+    for row in found["cases"]:
+        compared = row.get("peers")
+        if compared:
+            ours = f"{row['measured']:.0e} {row['unit']}"
+            rows.append((row["name"], ours, f"{row['limit']:.0e}", *(_peer(compared[label]) for label in PEERS)))
+    return markdown(rows)
+
+
+def _peer(found: dict[str, Any]) -> str:
+    if found["status"] != "ok":
+        return f"{found['status']} at {found['failed_at_s']:.3g} s"
+    return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"
 
 
 def thesis(found: dict[str, Any]) -> str:
@@ -190,6 +208,7 @@ TABLES = {
     "report_damping": ("report_examples", report_damping),
     "report_storm": ("report_examples", report_storm),
     "stability": ("stability", stability),
+    "stability_peers": ("stability", stability_peers),
     "thesis": ("stability", thesis),
     "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),
     "north_sea": ("north_sea", north_sea),

@@ -11,13 +11,13 @@ from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet
 from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, progress, table
 
-help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes"
+help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes and MoorDyn"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--short", action="store_true", help="shortened runs, without the thesis' schemes")
+    parser.add_argument("--short", action="store_true", help="shortened runs, with nobody beside them")
     add_quiet(parser)
 
 
@@ -53,9 +53,11 @@ def report(rows: list[dict[str, Any]], as_json: bool) -> int:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """A table for people."""
-    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES)]
+    beside = PEERS if any("peers" in row for row in rows) else ()
+    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)]
     for row in rows:
         compared = row["baseline_thesis"] or {}
+        others = row.get("peers") or {}
         cells.append(
             (
                 row["name"],
@@ -65,12 +67,15 @@ def text(rows: list[dict[str, Any]]) -> str:
                 "yes" if row["ok"] else "NO",
                 row["status"],
                 *(_short(compared.get(label)) for label in BASELINES),
+                *(_peer(others.get(label)) for label in beside),
             )
         )
     return "\n".join([table(cells), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
 
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
+#: The column is left out where the package `moordyn` is not installed.
+PEERS = ("moordyn rk2", "moordyn default")
 
 
 def _short(found: dict[str, Any] | None) -> str:
@@ -82,3 +87,12 @@ def _short(found: dict[str, Any] | None) -> str:
     if "failed_at_s" in found:
         return f"{found['status']} at {found['failed_at_s']:.3g} s"
     return found["status"]
+
+
+def _peer(found: dict[str, Any] | None) -> str:
+    """MoorDyn in a cell: whether the claim holds there, and what was measured."""
+    if found is None:
+        return "-"
+    if found["status"] != "ok":
+        return f"{found['status']} at {found['failed_at_s']:.3g} s"
+    return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"

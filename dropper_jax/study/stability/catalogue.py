@@ -4,23 +4,42 @@ from __future__ import annotations
 
 from typing import Any
 
-from dropper_jax.study.stability import accuracy_cases, damping_cases, energy_cases, gradient_cases
+from dropper_jax.study.stability import (
+    accuracy_cases,
+    breaking_cases,
+    contact_cases,
+    damping_cases,
+    energy_cases,
+    gradient_cases,
+    moving_end_cases,
+    rope_cases,
+    sea_cases,
+)
 from dropper_jax.study.stability.case import Case
 from dropper_jax.study.stability.runner import baselines
+from dropper_jax.study.stability.watch import moordyn_there, peers
+
+PARTS = (
+    *(energy_cases, damping_cases, accuracy_cases, gradient_cases),
+    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases),
+)
 
 
 def all_cases() -> list[Case]:
     """The catalogue."""
-    parts = (energy_cases, damping_cases, accuracy_cases, gradient_cases)
-    return [case for part in parts for case in part.CASES]
+    return [case for part in PARTS for case in part.CASES]
 
 
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str, Any]:
-    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}."""
+    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}.
+
+    Where the package `moordyn` is installed (extra `peers`) there is `peers` as well, None for cases that MoorDyn is not
+    given.
+    """
     found = case.measure(short)
     ok = found.status == case.expected and found.measured <= case.limit
     baseline = baselines(*found.compare) if compare and found.compare else None
-    return {
+    row = {
         "name": case.name,
         "claim": case.claim,
         "measured": found.measured,
@@ -30,3 +49,6 @@ def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str,
         "status": found.status,
         "baseline_thesis": baseline,
     }
+    if moordyn_there():
+        row["peers"] = peers(found.watched, case.limit) if compare and found.watched else None
+    return row

@@ -1,0 +1,131 @@
+"""A point of a system of lines in MoorDyn v2, at equal steps."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.moordyn.writing.writer import write_moordyn
+
+#: MoorDyn's time integrators that are compared, by label; the last is what a file gets that names neither scheme nor
+#: step: the step then follows from the natural frequencies of the lines.
+SCHEMES = {"moordyn rk2": "rk2", "moordyn default": None}
+#: Places beyond this distance [m] are no motion of these scenes any more.
+FAR = 1e4
+
+Drive = Callable[[float], np.ndarray]
+
+
+class Path3(NamedTuple):
+    """Places (k, 3) [m] of a point at times t (k,) [s], the start with them, and whether the run went to its end."""
+
+    t: np.ndarray
+    places: np.ndarray
+    ok: bool
+
+
+def installed() -> bool:
+    """Whether the package `moordyn` is there (extra `peers`)."""
+    try:
+        import moordyn  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def run_point(scene: Scene, point: str, dt: float, duration: float, scheme: str | None, drive: Drive | None) -> Path3:
+    """Where a point goes.
+
+    Args:
+        scene: a system of lines of equal links each.
+        point: its name.
+        dt: time between rows [s], and MoorDyn's step where a scheme is named.
+        duration: simulated time [s].
+        scheme: MoorDyn's `tScheme`; None leaves scheme and step to MoorDyn.
+        drive: displacement (3,) [m] over time of the points that `end_motion` moves.
+    """
+    import moordyn
+
+    options: dict[str, Any] = {"disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
+    with tempfile.TemporaryDirectory() as folder, _inside(folder), _quiet():
+        file = Path(folder) / "mooring.txt"
+        write_moordyn(scene, file, dt=dt, options=options if scheme is None else {**options, "tScheme": scheme})
+        if scheme is None:
+            lines = file.read_text().splitlines()
+            file.write_text("\n".join(line for line in lines if not line.endswith(" dtM")) + "\n")
+        system = moordyn.Create(str(file))
+        try:
+            return _march(moordyn, system, scene, point, dt, round(duration / dt), drive)
+        finally:
+            moordyn.Close(system)
+
+
+def _march(moordyn: Any, system: Any, scene: Scene, point: str, dt: float, steps: int, drive: Drive | None) -> Path3:
+    motion = scene.effects.get("end_motion")
+    moved = [] if motion is None else [scene.point(name).position for name in (motion["point"], *motion["also"])]
+
+    def held(t: float) -> np.ndarray:
+        return np.concatenate([place + drive(t) for place in moved]) if moved else np.zeros(0)
+
+    where = _place(moordyn, system, scene, point)
+    places, ok = [], True
+    try:
+        moordyn.Init(system, held(0.0).tolist(), ((held(1e-6) - held(0.0)) / 1e-6).tolist())
+        places.append(where())
+        for i in range(steps):
+            speed = (held((i + 1) * dt) - held(i * dt)) / dt
+            moordyn.Step(system, held(i * dt).tolist(), speed.tolist(), i * dt, dt)
+            places.append(where())
+            if not np.all(np.abs(places[-1]) < FAR):
+                ok = False
+                break
+    except RuntimeError:
+        ok = False
+    return Path3(dt * np.arange(len(places)), np.array(places, float).reshape(-1, 3), ok and len(places) == steps + 1)
+
+
+def _place(moordyn: Any, system: Any, scene: Scene, point: str) -> Callable[[], Any]:
+    """What gives the place of a point: its own, or the end of a line on the base of its buoy."""
+    buoys = {buoy.point for buoy in scene.buoys}
+    if point not in buoys:
+        order = [p.name for p in scene.points if p.name not in buoys]
+        own = moordyn.GetPoint(system, order.index(point) + 1)
+        return lambda: moordyn.GetPointPos(own)
+    i, line = next((i, line) for i, line in enumerate(scene.lines) if point in (line.start, line.end))
+    found = moordyn.GetLine(system, i + 1)
+    node = 0 if line.start == point else moordyn.GetLineN(found)
+    return lambda: moordyn.GetLineNodePos(found, node)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing of what a library prints on the standard streams."""
+    with open(os.devnull, "w") as nothing:
+        kept = [os.dup(i) for i in (1, 2)]
+        sys.stdout.flush()
+        for i in (1, 2):
+            os.dup2(nothing.fileno(), i)
+        try:
+            yield
+        finally:
+            for i, saved in zip((1, 2), kept, strict=True):
+                os.dup2(saved, i)
+                os.close(saved)
+
+
+@contextlib.contextmanager
+def _inside(folder: str) -> Iterator[None]:
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)

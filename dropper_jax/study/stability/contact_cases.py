@@ -1,0 +1,153 @@
+"""Impact on the bed, slopes, and friction that sticks and slips, against closed forms."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.study.stability.case import Watched
+from dropper_jax.study.stability.systems import BED, THICK, THREAD, G, weight_on_rope, weight_on_thread
+from dropper_jax.study.stability.watch import watch
+
+MASS = 50.0
+#: Impact [m/s] and the height it takes [m].
+SPEED = 8.9
+FALL = SPEED**2 / (2 * G)
+#: Time for which the bed of the impact touches a weight [s], and its stiffness under one [N/m].
+TOUCH = 0.04
+HARD = MASS * (np.pi / TOUCH) ** 2
+AREA = 0.5 * THREAD * THICK
+
+#: The slope falls by 1 in 2 along +x.
+SLOPE = 0.5
+DOWN = np.array([1.0, 0.0, -SLOPE]) / np.hypot(1.0, SLOPE)
+STEEP = float(np.arctan(SLOPE))
+#: Stiffness of the beds that are slid on, under a weight [N/m], and their damping [N s/m].
+FIRM, DULL = 1e6, 1e4
+
+
+def dropped() -> Scene:
+    """A weight that falls onto a bed without damping."""
+    bed = {"seabed": {"depth": BED, "stiffness": HARD / AREA, "damping": 0.0}}
+    return weight_on_thread("bed-impact", {"mass": MASS}, [0.0, 0.0, FALL - BED], bed)
+
+
+def _deepest(t: np.ndarray, places: np.ndarray) -> float:
+    """`p = m g/k + sqrt((m g/k)^2 + m v^2/k)`."""
+    rest = MASS * G / HARD
+    peak = rest + np.sqrt(rest**2 + MASS * SPEED**2 / HARD)
+    return abs(float(-BED - np.min(places[:, 2])) / peak - 1.0)
+
+
+def _rebound(t: np.ndarray, places: np.ndarray) -> float:
+    back = np.max(places[np.argmin(places[:, 2]) :, 2])
+    return abs(float(back + BED) / FALL - 1.0)
+
+
+def _gain(t: np.ndarray, places: np.ndarray) -> float:
+    """How far a weight comes above where it was let go [m]."""
+    return float(np.max(places[:, 2]) - places[0, 2])
+
+
+def _impact(dt: float, duration: float, measure: Any) -> Any:
+    return lambda short: Watched(dropped(), dt, min(duration, 4.0) if short else duration, "weight", measure)
+
+
+@cache
+def sloping(friction: float | None) -> Scene:
+    """A weight on a slope, let go."""
+    place = (2.0 * DOWN + np.array([0.0, 0.0, -BED])).tolist()
+    bed: dict[str, Any] = {
+        "seabed": {
+            **{"stiffness": FIRM / AREA, "damping": DULL / AREA, "bed_x": [0.0, 100.0], "bed_y": [-5.0, 5.0]},
+            "bed_depth": [BED, BED, BED + 100.0 * SLOPE, BED + 100.0 * SLOPE],
+        }
+    }
+    if friction is not None:
+        bed["seabed_friction"] = {"kinetic": friction}
+    return weight_on_thread("slope", {"mass": MASS}, place, bed)
+
+
+def _slid(friction: float | None, duration: float) -> Any:
+    """Error of the distance after the run, `g (sin - mu cos) t^2/2`, relative."""
+    pull = G * (np.sin(STEEP) - (friction or 0.0) * np.cos(STEEP))
+
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        return abs(float((places[-1] - places[0]) @ DOWN) / (0.5 * pull * t[-1] ** 2) - 1.0)
+
+    return lambda short: Watched(sloping(friction), 0.01, duration, "weight", measure)
+
+
+def _moved(t: np.ndarray, places: np.ndarray) -> float:
+    """After the first second, in which the weight sinks into the bed."""
+    late = places[t >= 1.0]
+    return float(np.max(np.linalg.norm(late - late[0], axis=1)))
+
+
+#: The sledge: its spring [N/m], the speed at which that is pulled [m/s], and what holds the sledge and slows it.
+SPRING, PULLED, STATIC, KINETIC = 5000.0, 0.05, 0.5, 0.3
+STRETCH = STATIC * MASS * G / SPRING
+#: Half of what it slips by were it pulled infinitely slowly [m].
+HALF = (STATIC - KINETIC) * MASS * G / SPRING
+
+
+def sledge() -> Scene:
+    """A weight on the bed, pulled along by a spring whose other end moves evenly."""
+    length = 5.0
+    bed = {
+        "seabed": {"depth": BED, "stiffness": FIRM / (0.5 * length * 0.01), "damping": DULL / (0.5 * length * 0.01)},
+        "seabed_friction": {"kinetic": KINETIC, "static": STATIC},
+        "end_motion": {"point": "top", "time": [0.0, 100.0], "displacement": [[0.0] * 3, [100.0 * PULLED, 0.0, 0.0]]},
+    }
+    table = weight_on_rope("stick-slip", MASS, SPRING, length, length, effects=bed).to_dict()
+    table["point"][0]["position"], table["point"][1]["position"] = [0.0, 0.0, -BED], [-length, 0.0, -BED]
+    return Scene.from_dict(table)
+
+
+def _sledge_path(t: np.ndarray) -> np.ndarray:
+    """Where the sledge is [m] after the start: it waits while the spring stretches, then
+
+    stretch = kinetic part + HALF cos w s + V/w sin w s,    until its speed V (1 - cos w s) + HALF w sin w s is zero.
+    """
+    w = np.sqrt(SPRING / MASS)
+    slip = 2 * (np.pi - np.arctan(HALF * w / PULLED)) / w
+    found, place, begin = np.zeros_like(t), 0.0, STRETCH / PULLED
+    while begin < t[-1]:
+        s = np.clip(t - begin, 0.0, slip)
+        way = PULLED * (s - np.sin(w * s) / w) + HALF * (1.0 - np.cos(w * s))
+        found = np.where(t > begin, place + way, found)
+        place += PULLED * slip + 2 * HALF
+        begin += slip + 2 * HALF / PULLED
+    return found
+
+
+def _stick_slip(short: bool) -> Watched:
+    """Ends while the sledge waits, after four slips or after eight."""
+
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        return abs(float((places[-1, 0] - places[0, 0]) / _sledge_path(t)[-1]) - 1.0)
+
+    drive = lambda t: np.array([PULLED * t, 0.0, 0.0])  # noqa: E731
+    return Watched(sledge(), 0.002, 4.8 if short else 9.6, "weight", measure, drive)
+
+
+CASES = [
+    watch("bed-impact-depth", f"{MASS:g} kg hit the bed at {SPEED:g} m/s, no damping, 20 steps in contact: error of "
+          "the greatest depth", 0.01, "relative", _impact(0.002, 2.0, _deepest)),
+    watch("bed-impact-rebound", "the same: error of the height it comes back to", 0.01, "relative",
+          _impact(0.002, 2.0, _rebound)),
+    watch("bed-impact-coarse", "the same, bouncing for 20 s at steps longer than it touches the bed: how far it comes "
+          "above where it was let go", 1e-9, "m", _impact(0.05, 20.0, _gain)),
+    watch("slope-smooth", "a weight slides down a slope of 1 in 2 without friction, 3 s at dt 0.01 s: error of the "
+          "distance", 0.01, "relative", _slid(None, 3.0)),
+    watch("slope-rough", "the same with friction 0.2", 0.01, "relative", _slid(0.2, 3.0)),
+    watch("slope-lets-go", "the same with 0.99 of the friction that would hold it, 10 s", 0.01, "relative",
+          _slid(0.99 * SLOPE, 10.0)),
+    watch("slope-holds", "the same with 1.01 of the friction that holds it, 60 s at dt 0.05 s: movement after the first", 1e-9, "m",
+          lambda short: Watched(sloping(1.01 * SLOPE), 0.05, 10.0 if short else 60.0, "weight", _moved)),
+    watch("stick-slip", "a weight on the bed pulled by a spring sticks and slips eight times in 9.6 s, dt 0.002 s: "
+          "error of the way", 0.01, "relative", _stick_slip),
+]  # fmt: skip

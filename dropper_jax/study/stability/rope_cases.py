@@ -1,0 +1,188 @@
+"""Ropes that go slack, tauten and snap, and links of very unequal stiffness, against closed forms and SciPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.simulate import simulate
+from dropper_jax.run.solution import Solution
+from dropper_jax.study.stability.case import Case, Outcome, Watched
+from dropper_jax.study.stability.systems import G, weight_on_rope
+from dropper_jax.study.stability.watch import outcome, watch
+
+MASS, LENGTH = 100.0, 2.0
+
+
+def falling(fall: float, period: float) -> Scene:
+    """A weight that falls before its rope tautens, on which it would swing with a period [s]."""
+    return weight_on_rope("slack-to-taut", MASS, MASS * (2 * np.pi / period) ** 2, LENGTH, LENGTH - fall)
+
+
+def _stretch(fall: float, period: float) -> float:
+    """Greatest stretch `m g/k + sqrt((m g/k)^2 + 2 m g fall/k)` [m]."""
+    rest = G / (2 * np.pi / period) ** 2
+    return rest + np.sqrt(rest**2 + 2 * rest * fall)
+
+
+def _peak(fall: float, period: float) -> Callable[[np.ndarray, np.ndarray], float]:
+    return lambda t, places: abs(float(-LENGTH - np.min(places[:, 2])) / _stretch(fall, period) - 1.0)
+
+
+def _return(fall: float) -> Callable[[np.ndarray, np.ndarray], float]:
+    """What is missing of the height that the weight fell from, or beyond it, when it comes up the first time."""
+
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        z = places[:, 2]
+        return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / fall
+
+    return measure
+
+
+def _gain(t: np.ndarray, places: np.ndarray) -> float:
+    return float(np.max(places[:, 2]) - places[0, 2])
+
+
+@cache
+def _snapped() -> Solution:
+    """A fall of 10 m/s into a rope that is taut for 4 ms, saved every 20 ms."""
+    return simulate(falling(1.9, 0.008), dt=0.02, duration=1.3, step_tolerance=0.05)
+
+
+def _snap_peak(short: bool) -> Outcome:
+    """Of the largest tension within the saved intervals, `m g + sqrt((m g)^2 + k m v^2)`."""
+    run = _snapped()
+    exact = MASS * (2 * np.pi / 0.008) ** 2 * _stretch(1.9, 0.008)
+    return Outcome(abs(float(np.max(run.tension_max)) / exact - 1.0), run.status)
+
+
+def _snap_return(short: bool) -> Outcome:
+    run = _snapped()
+    watched = Watched(run.scene, 0.02, 1.3, "weight", _return(1.9))
+    return outcome(run, watched)
+
+
+#: A rope of several links: the masses of its nodes [kg] and of the weight, stiffness of a link [N/m].
+LINKS, NODE, SPRING = 4, 1.0, 4e5
+
+
+def slack_rope() -> Scene:
+    """A weight on links with masses between that all are slack at first; all fall and snap taut in turn."""
+    names = ["top", *(f"node-{i}" for i in range(1, LINKS)), "weight"]
+    each = LENGTH / LINKS
+    points = [
+        {"name": name, "kind": "free", "position": [0.0, 0.0, -0.9 * each * i], "mass": NODE}
+        for i, name in enumerate(names)
+    ]
+    points[0] = {"name": "top", "position": [0.0, 0.0, 0.0]}
+    points[-1]["mass"] = MASS
+    return load_scene(
+        {
+            "name": "snapping-rope",
+            "run": {"dt": 0.002, "duration": 0.3},
+            "line_type": [{"name": "rope", "mass": 1e-6, "diameter": 0.01, "EA": SPRING * each}],
+            "point": points,
+            "line": [
+                {"name": f"link-{i}", "from": start, "to": end, "type": "rope", "length": each, "links": 1}
+                for i, (start, end) in enumerate(pairwise(names))
+            ],
+            "effects": {"weight": {"gravity": G}},
+            "start": {"kind": "points"},
+        }
+    )
+
+
+def _rope_by_scipy(t: np.ndarray) -> np.ndarray:
+    """Height of the weight: point masses on springs that do not push, all on one vertical line."""
+    mass = np.array([NODE] * (LINKS - 1) + [MASS])
+    each = LENGTH / LINKS
+
+    def fall(_: float, y: np.ndarray) -> np.ndarray:
+        z, v = y[:LINKS], y[LINKS:]
+        d = np.diff(np.concatenate([[0.0], z]))
+        pull = SPRING * np.maximum(np.abs(d) - each, 0.0) * np.sign(d)
+        return np.concatenate([v, -G - (pull - np.append(pull[1:], 0.0)) / mass])
+
+    start = np.concatenate([-0.9 * each * np.arange(1, LINKS + 1), np.zeros(LINKS)])
+    found = solve_ivp(fall, (0.0, t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-10, max_step=2e-4)
+    return found.y[LINKS - 1]
+
+
+def _snapping_rope(short: bool) -> Watched:
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        return float(np.max(np.abs(places[:, 2] - _rope_by_scipy(t)))) / (0.1 * LENGTH)
+
+    return Watched(slack_rope(), 0.002, 0.3, "weight", measure)
+
+
+#: Soft link above a stiff one: stiffness [N/m], masses [kg].
+SOFT, STIFF, ABOVE, BELOW, EACH = 2000.0, 2e7, 10.0, 50.0, 5.0
+SWING = 0.2
+
+
+def stiffness_ratio() -> Scene:
+    """Two weights, the lower one on a link 1e4 times as stiff as that of the upper one, let go below their rest."""
+    top = EACH + (ABOVE + BELOW) * G / SOFT + SWING
+    low = top + EACH + BELOW * G / STIFF
+    kind = {"mass": 1e-6, "diameter": 0.01}
+    ends = [("soft", "top", "between"), ("stiff", "between", "weight")]
+    return load_scene(
+        {
+            "name": "stiffness-ratio",
+            "run": {"dt": 0.005, "duration": 5.0},
+            "line_type": [{"name": "soft", "EA": SOFT * EACH, **kind}, {"name": "stiff", "EA": STIFF * EACH, **kind}],
+            "point": [
+                {"name": "top", "position": [0.0, 0.0, 0.0]},
+                {"name": "between", "kind": "free", "position": [0.0, 0.0, -top], "mass": ABOVE},
+                {"name": "weight", "kind": "free", "position": [0.0, 0.0, -low], "mass": BELOW},
+            ],
+            "line": [
+                {"name": name, "from": start, "to": end, "type": name, "length": EACH, "links": 1}
+                for name, start, end in ends
+            ],
+            "effects": {"weight": {"gravity": G}},
+            "start": {"kind": "points"},
+        }
+    )
+
+
+def _modes(t: np.ndarray) -> np.ndarray:
+    """Height of the lower weight from the two normal modes, rest at zero."""
+    stiffness = np.array([[SOFT + STIFF, -STIFF], [-STIFF, STIFF]])
+    root = np.sqrt([ABOVE, BELOW])
+    squares, shapes = np.linalg.eigh(stiffness / np.outer(root, root))
+    start = shapes.T @ (root * np.array([-SWING, -SWING]))
+    return (shapes @ (start[:, None] * np.cos(np.sqrt(squares)[:, None] * t)) / root[:, None])[1]
+
+
+def _ratio(short: bool) -> Watched:
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        return float(np.max(np.abs(places[:, 2] - places[0, 2] - _modes(t) - SWING))) / SWING
+
+    return Watched(stiffness_ratio(), 0.005, 2.0 if short else 5.0, "weight", measure)
+
+
+CASES = [
+    watch("slack-taut-stretch", "a weight falls 0.2 m into its rope, 10 steps in tension: error of the greatest "
+          "stretch", 0.02, "relative",
+          lambda short: Watched(falling(0.2, 0.2), 0.01, 0.6, "weight", _peak(0.2, 0.2))),
+    watch("slack-taut-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
+          lambda short: Watched(falling(0.2, 0.2), 0.01, 0.6, "weight", _return(0.2))),
+    watch("slack-taut-coarse", "the same for 60 s at steps of half the time in tension: how far it comes above where "
+          "it was let go", 1e-9, "m",
+          lambda short: Watched(falling(0.2, 0.2), 0.05, 10.0 if short else 60.0, "weight", _gain)),
+    Case("snap-peak", "a weight of 100 kg snaps a rope taut within 4 ms at 6 m/s, steps follow within 20 ms: error of "
+         "the largest tension", 0.01, "relative", _snap_peak),
+    Case("snap-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
+         _snap_return),
+    watch("snapping-rope", "a weight on four links, masses between, that snap taut one after another, dt 0.002 s: distance of the "
+          "weight from SciPy over its fall", 0.02, "relative", _snapping_rope),
+    watch("stiffness-ratio", "a link 1e4 times as stiff as its neighbour, its swing 8 times faster than the step: "
+          "distance from the normal modes over the swing", 0.02, "relative", _ratio),
+]  # fmt: skip

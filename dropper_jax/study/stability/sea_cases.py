@@ -1,0 +1,263 @@
+"""In and out of the water, strong currents, steep waves and many floats, against closed forms and SciPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.study.stability.case import Watched
+from dropper_jax.study.stability.systems import G, weight_on_thread
+from dropper_jax.study.stability.watch import watch
+
+RHO = 1025.0
+
+
+def _wet(height: np.ndarray | float, diameter: float) -> Any:
+    """Wet share of a sphere whose middle is `height` [m] below the surface, as the float's law says it."""
+    s = np.clip(0.5 + height / diameter, 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s)
+
+
+def _diameter(volume: float) -> float:
+    return float(np.cbrt(6 * volume / np.pi))
+
+
+#: A float: mass [kg], volume [m^3], drag area [m^2], coefficient of added mass.
+BALL = {"mass": 200.0, "volume": 0.5, "drag_area": 0.15, "added_mass": 0.5}
+DROP = 2.0
+
+
+def _ball_by_scipy(t: np.ndarray) -> np.ndarray:
+    """Height of a ball that falls into the water, pops out and falls in again."""
+    mass, volume, area, added = (BALL[key] for key in ("mass", "volume", "drag_area", "added_mass"))
+
+    def fall(_: float, y: np.ndarray) -> list[float]:
+        wet = _wet(-y[0], _diameter(volume))
+        force = -mass * G + RHO * G * volume * wet - 0.5 * RHO * area * wet * abs(y[1]) * y[1]
+        return [y[1], force / (mass + RHO * volume * wet * added)]
+
+    return solve_ivp(fall, (0.0, t[-1]), [DROP, 0.0], t_eval=t, rtol=1e-10, atol=1e-10, max_step=0.01).y[0]
+
+
+def _crossing(short: bool) -> Watched:
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        return float(np.max(np.abs(places[:, 2] - _ball_by_scipy(t)))) / DROP
+
+    scene = weight_on_thread("dry-wet", BALL, [0.0, 0.0, DROP], {}, sea={"depth": 30.0, "density": RHO})
+    return Watched(scene, 0.01, 4.0 if short else 10.0, "weight", measure)
+
+
+#: A spar: mass [kg], diameter, height [m] and drag coefficient of its base; how high its base starts [m].
+SPAR = {"mass": 1000.0, "diameter": 0.8, "height": 4.0, "cdn": 0.0, "cdt": 0.3, "can": 0.0, "cat": 0.0}
+ABOVE = 4.0
+
+
+def dropped_spar() -> Scene:
+    """A spar buoy that falls into the water, goes under and comes out again."""
+    table = weight_on_thread("buoy-under", {}, [0.0, 0.0, ABOVE], {}, sea={"depth": 60.0, "density": RHO}).to_dict()
+    table["buoy"] = [{"name": "spar", "point": "weight", **SPAR}]
+    return Scene.from_dict(table)
+
+
+def _spar_by_scipy(t: np.ndarray) -> np.ndarray:
+    area = 0.25 * np.pi * SPAR["diameter"] ** 2
+
+    def fall(_: float, y: np.ndarray) -> list[float]:
+        wet = np.clip(-y[0], 0.0, SPAR["height"])
+        drag = 0.5 * RHO * SPAR["cdt"] * area * abs(y[1]) * y[1] if wet > 0.0 else 0.0
+        return [y[1], -G + (RHO * G * area * wet - drag) / SPAR["mass"]]
+
+    return solve_ivp(fall, (0.0, t[-1]), [ABOVE, 0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.01).y[0]
+
+
+def _under(short: bool) -> Watched:
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        return float(np.max(np.abs(places[:, 2] - _spar_by_scipy(t)))) / (ABOVE + SPAR["height"])
+
+    return Watched(dropped_spar(), 0.01, 4.0 if short else 10.0, "weight", measure)
+
+
+#: A light rope with a weight in a current [m/s]; rope: length, diameter [m], drag coefficient.
+CURRENT, ROPE, WIDE, DRAG, HEAVY = 5.0, 10.0, 0.05, 1.2, 50.0
+
+
+def streaming() -> Scene:
+    """A weight on one link in a current that moves the link with the water within a thousandth of a step."""
+    neutral = RHO * 0.25 * np.pi * WIDE**2
+    return load_scene(
+        {
+            "name": "strong-current",
+            "run": {"dt": 0.1, "duration": 60.0},
+            "line_type": [{"name": "rope", "mass": neutral, "diameter": WIDE, "EA": 1e6, "cdn": DRAG, "cdt": 0.0}],
+            "point": [
+                {"name": "top", "position": [0.0, 0.0, -5.0]},
+                {"name": "weight", "kind": "free", "position": [0.0, 0.0, -5.0 - ROPE], "mass": HEAVY},
+            ],
+            "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": ROPE, "links": 1}],
+            "sea": {"depth": 30.0, "density": RHO, "current": {"kind": "uniform", "speed": CURRENT}},
+            "effects": {"weight": {"gravity": G}, "buoyancy": {}, "morison_drag": {}},
+            "start": {"kind": "points"},
+        }
+    )
+
+
+def _streams(short: bool) -> Watched:
+    """At its end half of the link's drag `c cos^2 a` across it carries the weight, `m g sin a`."""
+    pull = 0.25 * RHO * DRAG * WIDE * ROPE * CURRENT**2
+    sine = brentq(lambda s: pull * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
+
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        x, z = places[-1, 0], places[-1, 2] + 5.0
+        return abs(float(np.arctan2(x, -z) - np.arcsin(sine)))
+
+    return Watched(streaming(), 0.1, 60.0, "weight", measure)
+
+
+#: Waves at a share of the height at which they break: depth [m], period [s].
+DEPTH, PERIOD, NEARLY = 10.0, 6.0, 0.95
+DRIFTER = {"mass": 20.0, "volume": 0.03, "drag_area": 0.1, "added_mass": 0.5}
+
+
+@cache
+def _wave_number() -> float:
+    omega = 2 * np.pi / PERIOD
+    return float(brentq(lambda k: G * k * np.tanh(k * DEPTH) - omega**2, 1e-4, 10.0))
+
+
+def _amplitude() -> float:
+    """Half of `NEARLY` times Miche's height, 0.142 L tanh kd [m]."""
+    k = _wave_number()
+    return 0.5 * NEARLY * 0.142 * 2 * np.pi / k * float(np.tanh(k * DEPTH))
+
+
+def _airy(x: Any, z: Any, t: float, a: float) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Elevation, velocity and local acceleration (..., 2) under a wave of amplitude a, stretched as Wheeler does."""
+    k, omega = _wave_number(), 2 * np.pi / PERIOD
+    phase = k * x - omega * t
+    eta = a * np.cos(phase)
+    h = np.minimum(DEPTH * (z - eta) / (DEPTH + eta), 0.0) + DEPTH
+    c, s = np.cosh(k * h) / np.sinh(k * DEPTH), np.sinh(k * h) / np.sinh(k * DEPTH)
+    velocity = a * omega * np.stack([c * np.cos(phase), s * np.sin(phase)], axis=-1)
+    return eta, velocity, a * omega**2 * np.stack([c * np.sin(phase), -s * np.cos(phase)], axis=-1)
+
+
+def _drifter_by_scipy(body: dict[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    mass, volume, area, added = (body[key] for key in ("mass", "volume", "drag_area", "added_mass"))
+    amplitude = _amplitude()
+
+    def move(t: float, y: np.ndarray) -> np.ndarray:
+        eta, u, change = _airy(y[0], y[1], t, amplitude)
+        wet = _wet(eta - y[1], _diameter(volume))
+        w = u - y[2:]
+        displaced = RHO * volume * wet
+        force = 0.5 * RHO * area * wet * np.hypot(*w) * w + (1 + added) * displaced * change
+        force = force + np.array([0.0, displaced * G - mass * G])
+        return np.concatenate([y[2:], force / (mass + added * displaced)])
+
+    def path(t: np.ndarray, start: np.ndarray) -> np.ndarray:
+        y = np.concatenate([start, [0.0, 0.0]])
+        return solve_ivp(move, (0.0, t[-1]), y, t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.01).y[:2].T
+
+    return path
+
+
+def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[[bool], Watched]:
+    path = _drifter_by_scipy(body)
+
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        miss = places[:, [0, 2]] - path(t, places[0, [0, 2]])
+        return float(np.max(np.linalg.norm(miss, axis=1))) / _amplitude()
+
+    waves = {"kind": "regular", "amplitude": _amplitude(), "period": PERIOD}
+    sea = {"depth": DEPTH, "density": RHO, "waves": waves}
+    scene = weight_on_thread("near-breaking", body, [0.0, 0.0, height], {}, sea=sea)
+    return lambda short: Watched(scene, 0.01, duration, "weight", measure)
+
+
+#: Floats in a row, tied to one another and to an anchor at either end: their number, distance [m], stiffness of the
+#: ropes between them [N], and the wave they ride: amplitude [m], period [s].
+FLOATS, APART, TIE = 24, 4.0, 3e5
+RIDDEN = 0.6
+
+
+def row_of_floats() -> Scene:
+    """Floats let go at the surface, their ropes just taut."""
+    places = [[APART * i, 0.0, 0.0 if 0 < i <= FLOATS else -3.0] for i in range(FLOATS + 2)]
+    points: list[dict[str, Any]] = [
+        {"name": f"float-{i}", "kind": "free", "position": place, **DRIFTER} for i, place in enumerate(places)
+    ]
+    points[0] = {"name": "float-0", "position": places[0]}
+    points[-1] = {"name": f"float-{FLOATS + 1}", "position": places[-1]}
+    sizes = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    lines = [
+        {"name": f"tie-{i}", "from": f"float-{i}", "to": f"float-{i + 1}", "type": "tie", "length": size, "links": 1}
+        for i, size in enumerate(sizes.tolist())
+    ]
+    waves = {"kind": "regular", "amplitude": RIDDEN, "period": PERIOD}
+    return load_scene(
+        {
+            "name": "many-floats",
+            "run": {"dt": 0.02, "duration": 8.0},
+            "line_type": [{"name": "tie", "mass": 1e-6, "diameter": 1e-4, "EA": TIE}],
+            "point": points,
+            "line": lines,
+            "sea": {"depth": DEPTH, "density": RHO, "waves": waves},
+            "effects": {"weight": {"gravity": G}},
+            "start": {"kind": "points"},
+        }
+    )
+
+
+def _row_by_scipy(t: np.ndarray) -> np.ndarray:
+    """Places (k, floats, 2) of the floats: bodies of Morison's law on springs that do not push."""
+    mass, volume, area, added = (DRIFTER[key] for key in ("mass", "volume", "drag_area", "added_mass"))
+    ends = np.array([[0.0, -3.0], [APART * (FLOATS + 1), -3.0]])
+    start = np.stack([APART * np.arange(1, FLOATS + 1), np.zeros(FLOATS)], axis=1)
+    lengths = np.linalg.norm(np.diff(np.concatenate([ends[:1], start, ends[1:]]), axis=0), axis=1)
+
+    def move(t: float, y: np.ndarray) -> np.ndarray:
+        r, v = y.reshape(2, FLOATS, 2)
+        eta, u, change = _airy(r[:, 0], r[:, 1], t, RIDDEN)
+        wet = _wet(eta - r[:, 1], _diameter(volume))[:, None]
+        d = np.diff(np.concatenate([ends[:1], r, ends[1:]]), axis=0)
+        size = np.linalg.norm(d, axis=1)
+        pull = (TIE / lengths * np.maximum(size - lengths, 0.0) / size)[:, None] * d
+        w, displaced = u - v, RHO * volume * wet
+        force = 0.5 * RHO * area * wet * np.linalg.norm(w, axis=1)[:, None] * w + (1 + added) * displaced * change
+        force = force + (displaced - mass) * [0.0, G] + pull[1:] - pull[:-1]
+        return np.concatenate([v.ravel(), (force / (mass + added * displaced)).ravel()])
+
+    y = np.concatenate([start.ravel(), np.zeros(2 * FLOATS)])
+    found = solve_ivp(move, (0.0, t[-1]), y, t_eval=t, method="DOP853", rtol=1e-7, atol=1e-8)
+    return found.y[: 2 * FLOATS].T.reshape(-1, FLOATS, 2)
+
+
+def _row(short: bool) -> Watched:
+    watched = FLOATS // 2
+
+    def measure(t: np.ndarray, places: np.ndarray) -> float:
+        miss = places[:, [0, 2]] - _row_by_scipy(t)[:, watched - 1]
+        return float(np.max(np.linalg.norm(miss, axis=1))) / RIDDEN
+
+    return Watched(row_of_floats(), 0.02, 2.0 if short else 8.0, f"float-{watched}", measure)
+
+
+CASES = [
+    watch("dry-wet-crossing", "a ball falls 2 m into the water, pops out and bobs, 10 s at dt 0.01 s: distance from "
+          "SciPy over the fall", 0.01, "relative", _crossing),
+    watch("buoy-under", "a spar falls into the water, goes under and comes out again, 10 s at dt 0.01 s: distance "
+          "from SciPy over its way", 0.01, "relative", _under),
+    watch("strong-current", "a weight on one link in 5 m/s, dt 0.1 s: error of its angle after 60 s", 1e-4, "rad",
+          _streams),
+    watch("near-breaking-float", "a float in waves of 0.95 of the breaking height, 12 s at dt 0.01 s: distance from "
+          "SciPy over the amplitude", 0.01, "relative", _drifts(DRIFTER, 0.0, 12.0)),
+    watch("many-floats", "24 floats tied in a row ride a wave of 0.6 m, 8 s at dt 0.02 s: distance of one in the "
+          "middle from SciPy over the amplitude", 0.02, "relative", _row),
+]  # fmt: skip

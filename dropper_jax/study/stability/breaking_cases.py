@@ -25,7 +25,7 @@ def _cut_off(short: bool) -> Watched:
         exact = -0.5 * G * np.maximum(t - CUT, 0.0) ** 2
         return float(np.max(np.abs(places[:, 2] - places[0, 2] - exact)))
 
-    return Watched(scene, 0.01, 2.0, "weight", measure)
+    return Watched(scene, 0.002, 1.6, "weight", measure)
 
 
 #: Tension at which the link parts, over the weight.
@@ -45,7 +45,7 @@ def _overloaded(short: bool) -> Watched:
         exact = -REST * (1.0 - np.cos(OMEGA * held)) - speed * since - 0.5 * G * since**2
         return float(np.max(np.abs(places[:, 2] - places[0, 2] - exact))) / float(np.max(np.abs(exact)))
 
-    return Watched(scene, 0.002, 1.5, "weight", measure)
+    return Watched(scene, 0.002, 1.6, "weight", measure)
 
 
 #: The weight between two ropes: their points stand this far to its sides and above it [m].
@@ -95,7 +95,7 @@ def _one_of_two(short: bool) -> Watched:
 
 
 CASES = [
-    watch("cut-off", "a weight at rest is cut off: distance from free fall after 1.5 s", 1e-9, "m", _cut_off),
+    watch("cut-off", "a weight at rest is cut off: distance from free fall after 1.1 s", 1e-9, "m", _cut_off),
     watch("parts-at-load", "a weight parts its rope at 1.5 times its weight and flies on, dt 0.002 s: distance from "
           "the closed form over its way", 0.01, "relative", _overloaded),
     watch("one-of-two-parts", "one of two ropes parts, the weight swings on the other for 2.5 s at dt 0.005 s: "

@@ -33,8 +33,7 @@ def all_cases() -> list[Case]:
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str, Any]:
     """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}.
 
-    Where the package `moordyn` is installed (extra `peers`) there is `peers` as well, None for cases that MoorDyn is not
-    given.
+    Where the package `moordyn` is installed (extra `peers`) there is `peers` as well, None for what it is not given.
     """
     found = case.measure(short)
     ok = found.status == case.expected and found.measured <= case.limit

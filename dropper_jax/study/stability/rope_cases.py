@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -165,24 +166,26 @@ def _ratio(short: bool) -> Watched:
     def measure(t: np.ndarray, places: np.ndarray) -> float:
         return float(np.max(np.abs(places[:, 2] - places[0, 2] - _modes(t) - SWING))) / SWING
 
-    return Watched(stiffness_ratio(), 0.005, 2.0 if short else 5.0, "weight", measure)
+    return Watched(stiffness_ratio(), 0.005, 5.0, "weight", measure)
+
+
+def _falls(dt: float, duration: float, measure: Callable[[np.ndarray, np.ndarray], float]) -> Any:
+    return lambda short: Watched(falling(0.2, 0.2), dt, duration, "weight", measure)
 
 
 CASES = [
     watch("slack-taut-stretch", "a weight falls 0.2 m into its rope, 10 steps in tension: error of the greatest "
-          "stretch", 0.02, "relative",
-          lambda short: Watched(falling(0.2, 0.2), 0.01, 0.6, "weight", _peak(0.2, 0.2))),
+          "stretch", 0.02, "relative", _falls(0.01, 12.0, _peak(0.2, 0.2))),
     watch("slack-taut-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
-          lambda short: Watched(falling(0.2, 0.2), 0.01, 0.6, "weight", _return(0.2))),
+          _falls(0.01, 12.0, _return(0.2))),
     watch("slack-taut-coarse", "the same for 60 s at steps of half the time in tension: how far it comes above where "
-          "it was let go", 1e-9, "m",
-          lambda short: Watched(falling(0.2, 0.2), 0.05, 10.0 if short else 60.0, "weight", _gain)),
+          "it was let go", 1e-9, "m", _falls(0.05, 60.0, _gain)),
     Case("snap-peak", "a weight of 100 kg snaps a rope taut within 4 ms at 6 m/s, steps follow within 20 ms: error of "
          "the largest tension", 0.01, "relative", _snap_peak),
     Case("snap-return", "the same: what is missing of the height it comes back to", 0.02, "of the fall",
          _snap_return),
-    watch("snapping-rope", "a weight on four links, masses between, that snap taut one after another, dt 0.002 s: distance of the "
-          "weight from SciPy over its fall", 0.02, "relative", _snapping_rope),
-    watch("stiffness-ratio", "a link 1e4 times as stiff as its neighbour, its swing 8 times faster than the step: "
-          "distance from the normal modes over the swing", 0.02, "relative", _ratio),
+    watch("snapping-rope", "a weight on four links with masses between, snapped taut one after another, dt 0.002 s: "
+          "distance of the weight from SciPy over its fall", 0.02, "relative", _snapping_rope),
+    watch("stiffness-ratio", "a link 1e4 times as stiff as its neighbour, its swing 8 radians in a step: distance from "
+          "the normal modes over the swing", 0.01, "relative", _ratio),
 ]  # fmt: skip

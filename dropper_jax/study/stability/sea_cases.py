@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.study.stability.case import Watched
+from dropper_jax.run.simulate import simulate
+from dropper_jax.study.stability.case import Case, Outcome, Watched
 from dropper_jax.study.stability.systems import G, weight_on_thread
 from dropper_jax.study.stability.watch import watch
 
@@ -20,7 +21,7 @@ RHO = 1025.0
 
 
 def _wet(height: np.ndarray | float, diameter: float) -> Any:
-    """Wet share of a sphere whose middle is `height` [m] below the surface, as the float's law says it."""
+    """Wet share of what is `height` [m] below the surface and so large [m] upwards, as the laws of the water say it."""
     s = np.clip(0.5 + height / diameter, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 
@@ -181,6 +182,63 @@ def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[
     return lambda short: Watched(scene, 0.01, duration, "weight", measure)
 
 
+#: A pendulum through the surface: its link (length, diameter [m], mass [kg]), its point's height [m], coefficients of
+#: drag and added mass, and the amplitude of the wave that swings it [m].
+ROD, ROUND, BOB, UP, ACROSS, ADDED = 1.0, 0.1, 12.0, 0.7, 1.0, 1.0
+SWELL = 0.4
+
+
+def pendulum() -> Scene:
+    """A pendulum half in the water, which waves drench and leave dry."""
+    waves = {"kind": "regular", "amplitude": SWELL, "period": PERIOD}
+    return load_scene(
+        {
+            "name": "pendulum-in-waves",
+            "run": {"dt": 0.01, "duration": 20.0},
+            "point": [
+                {"name": "pivot", "position": [0.0, 0.0, UP]},
+                {"name": "bob", "kind": "free", "position": [0.0, 0.0, UP - ROD]},
+            ],
+            "line": [
+                {"name": "rod", "from": "pivot", "to": "bob", "links": 1, "length": ROD, "mass": BOB}
+                | {"diameter": ROUND}
+            ],
+            "sea": {"depth": DEPTH, "density": RHO, "waves": waves},
+            "effects": {
+                "weight": {"gravity": G},
+                "buoyancy": {},
+                "morison_drag": {"cdn": ACROSS},
+                "morison_inertia": {"can": ADDED, "cat": 0.0},
+            },
+            "start": {"kind": "angles", "zero": "down", "polar": [0.0]},
+        }
+    )
+
+
+def _pendulum_by_scipy(t: np.ndarray) -> np.ndarray:
+    """Angle from the vertical: what acts on the far end across the rod, over its inertia."""
+    volume = 0.25 * np.pi * ROUND**2 * ROD
+
+    def swing(t: float, y: np.ndarray) -> list[float]:
+        along, across = np.array([np.sin(y[0]), -np.cos(y[0])]), np.array([np.cos(y[0]), np.sin(y[0])])
+        place = np.array([0.0, UP]) + ROD * along
+        eta, u, change = _airy(*place, t, SWELL)
+        wet = _wet(eta - place[1], ROUND + ROD * abs(along[1]))
+        w = u @ across - ROD * y[1]
+        force = (RHO * volume * wet - BOB) * G * across[1] + 0.5 * RHO * ACROSS * ROUND * ROD * wet * abs(w) * w
+        force = force + (1 + ADDED) * RHO * volume * wet * (change @ across)
+        return [y[1], force / (BOB + ADDED * RHO * volume * wet) / ROD]
+
+    return solve_ivp(swing, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.01).y[0]
+
+
+def _swings(short: bool) -> Outcome:
+    run = simulate(pendulum(), duration=5.0 if short else 20.0)
+    d = run.positions[:, 1] - run.positions[:, 0]
+    miss = np.arctan2(d[:, 0], -d[:, 2]) - _pendulum_by_scipy(run.t)
+    return Outcome(float(np.max(np.abs(miss))), run.status)
+
+
 #: Floats in a row, tied to one another and to an anchor at either end: their number, distance [m], stiffness [N] and
 #: damping [N s] of the ropes between them, and the amplitude of the wave they ride [m].
 FLOATS, APART, TIE, LOSS = 24, 4.0, 1e5, 1200.0
@@ -260,6 +318,8 @@ CASES = [
           "from SciPy over its way", 0.01, "relative", _under),
     watch("strong-current", "a weight on one link in 5 m/s, dt 0.1 s: error of its angle after 60 s", 1e-4, "rad",
           _streams),
+    Case("pendulum-in-waves", "a pendulum through the surface that waves drench and leave dry, 20 s at dt 0.01 s: "
+         "distance from SciPy", 0.01, "rad", _swings),
     watch("near-breaking-float", "a float in waves of 0.95 of the breaking height, 12 s at dt 0.01 s: distance from "
           "SciPy over the amplitude", 0.01, "relative", _drifts(DRIFTER, 0.0, 12.0)),
     watch("many-floats", "24 floats tied in a row ride a wave of 0.6 m, 4 s at dt 0.02 s: distance of one in the "

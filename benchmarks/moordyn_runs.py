@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,6 +22,7 @@ from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+from dropper_jax.study.peers.moordyn_run import inside, quiet
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1
@@ -140,32 +139,6 @@ def wheel() -> Any:
     return moordyn
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Nothing of what a library prints on the standard streams."""
-    with open(os.devnull, "w") as nothing:
-        kept = [os.dup(i) for i in (1, 2)]
-        sys.stdout.flush()
-        for i in (1, 2):
-            os.dup2(nothing.fileno(), i)
-        try:
-            yield
-        finally:
-            for i, saved in zip((1, 2), kept, strict=True):
-                os.dup2(saved, i)
-                os.close(saved)
-
-
-@contextlib.contextmanager
-def _inside(folder: str) -> Iterator[None]:
-    before = os.getcwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
     """Tension [N] at an end, negative where the damper of a slack segment pushes (MoorDyn's tables give its size)."""
     pull = np.array(moordyn.GetLineNodeTen(line, end))
@@ -208,7 +181,7 @@ def theirs(
     moordyn = wheel()
     options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
     inner, rows, wall, cpu = max(1, round(SAMPLE / look)), [], 0.0, 0.0
-    with tempfile.TemporaryDirectory() as folder, _inside(folder), _quiet():
+    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
         if grid:
             options.update({"WaveKin": 3, "dtWave": GRID_STEP})
             _write_grid(scene, Path(folder), duration)

@@ -55,7 +55,7 @@ def run_point(scene: Scene, point: str, dt: float, duration: float, scheme: str 
     import moordyn
 
     options: dict[str, Any] = {"disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
-    with tempfile.TemporaryDirectory() as folder, _inside(folder), _quiet():
+    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
         file = Path(folder) / "mooring.txt"
         write_moordyn(scene, file, dt=dt, options=options if scheme is None else {**options, "tScheme": scheme})
         if scheme is None:
@@ -106,7 +106,7 @@ def _place(moordyn: Any, system: Any, scene: Scene, point: str) -> Callable[[], 
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Nothing of what a library prints on the standard streams."""
     with open(os.devnull, "w") as nothing:
         kept = [os.dup(i) for i in (1, 2)]
@@ -122,7 +122,7 @@ def _quiet() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _inside(folder: str) -> Iterator[None]:
+def inside(folder: str) -> Iterator[None]:
     before = os.getcwd()
     os.chdir(folder)
     try:

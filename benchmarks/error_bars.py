@@ -83,10 +83,10 @@ def stated(scene: Scene, dt: float) -> dict[str, Any]:
 def truth(scene: Scene, dt: float, at: float) -> dict[str, float]:
     """Loads of a run with four times the links and an eighth of the step, at the same arc length."""
     from dropper_jax.report.record import record
-    from dropper_jax.study.load_errors import _loads
+    from dropper_jax.study.load_errors import line_loads
 
     fine = twice_the_links(twice_the_links(scene)).with_values({"run.dt": dt / 8})
-    (row,) = _loads(record(dj.simulate(fine), SKIP), [{"at_m": at}])
+    (row,) = line_loads(record(dj.simulate(fine), SKIP), [{"at_m": at}])
     return {name: row[name][0] for name in LOADS}
 
 

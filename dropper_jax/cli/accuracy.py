@@ -81,11 +81,26 @@ def text(found: dict[str, Any]) -> str:
         "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
         "\n".join(item["text"] for item in found["advice"]),
     ]
+    if "loads" in found:
+        parts.append(_loads(found["loads"]))
     if "numerical_damping" in found:
         parts.append(found["numerical_damping"]["thesis"]["text"])
         kept = sum(row["holds"] for row in found["euler"])
         parts.append(f"Euler's schemes on the pendulums: {kept} of {len(found['euler'])} measured claims hold")
     return "\n\n".join(parts)
+
+
+def _loads(found: dict[str, Any]) -> str:
+    """Errors of the loads over the step, and from which step they are small."""
+    if not found["rows"]:
+        return f"loads: {found['skipped']}"
+    names = ("mean", "deviation", "window_maximum", "maximum")
+    rows = [("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")]
+    for row in found["rows"]:
+        errors = (_short(row["errors"][name], "{:.2%}") for name in names)
+        rows.append((f"{row['dt']:.4g}", *errors, f"{row['us_per_step']:.3g}", row["status"]))
+    head = f"errors of loads, the worst line's, against {found['reference_dt']:.4g} s:"
+    return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
 
 
 HEAD = (

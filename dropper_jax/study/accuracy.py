@@ -12,6 +12,7 @@ from dropper_jax.run.build import build
 from dropper_jax.study.advice import advice
 from dropper_jax.study.convergence import convergence
 from dropper_jax.study.euler import euler_claims
+from dropper_jax.study.load_convergence import load_convergence
 from dropper_jax.study.numerical_damping import numerical_damping
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.reference import Reference, reference, trusted_span
@@ -43,7 +44,8 @@ def accuracy(
         peers: also rows of other simulators, where they are installed and can describe the scene.
 
     Returns:
-        rows, orders, advice, reference, refused, skipped, and the extras, as the command prints them.
+        rows, orders, advice, reference, refused, skipped, for lines that stretch `loads` (see `load_convergence`), and
+        the extras, as the command prints them.
     """
     say = say or silent
     model, s = build(scene, "float64")
@@ -56,7 +58,7 @@ def accuracy(
     saves = max(2, int(min(trusted, LONGEST) / grid) if span is None else round(span / grid))
     say(0.1, f"reference over {saves * grid:.3g} s")
     target = reference(model, s, grid, saves, exponent)
-    part = 0.5 if extras else 0.8
+    part = 0.4 if extras else 0.6
     rows, skipped = measure(model, s, chosen, list(dts), target, say=lambda f, text: say(0.2 + part * f, text))
     if peers:
         others, left = peer_rows(scene, model, s, target)
@@ -70,6 +72,8 @@ def accuracy(
         "refused": refused,
         "skipped": skipped,
     }
+    if model.line.axial.elastic:
+        found["loads"] = load_convergence(scene, dts, say=lambda f, text: say(0.6 + 0.1 * f, text))
     return {**found, **(_extras(model, s, target, dts, say) if extras else {})}
 
 

@@ -86,7 +86,7 @@ def load_errors(
         if name == "perturbed":
             horizon = _horizon(first, solution)
             continue
-        made[name] = _loads(record(solution, skip), made.get("1"))
+        made[name] = line_loads(record(solution, skip), made.get("1"))
     chaotic = horizon < scene.run.duration
     rows = [_row(i, made, chaotic) for i in range(len(made["1"]))]
     return {
@@ -133,8 +133,11 @@ def _horizon(first: Solution, other: Solution) -> float:
     return float(first.t[over[0]]) if over.size else first.scene.run.duration
 
 
-def _loads(found: Record, like: list[dict[str, Any]] | None) -> list[dict[str, Any]]:
-    """Per line its loads and their chance, at the link with the largest tension or at the arc length of `like`."""
+def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[dict[str, Any]]:
+    """Per line its loads {line, at_m, name: (value, standard error by chance)}, see `QUANTITIES`.
+
+    They are those of the link with the largest tension, or at the arc length that `like` (of another run) says.
+    """
     snaps = line_snaps(found, Settings())
     rows = []
     for i, where in enumerate(found.whole):

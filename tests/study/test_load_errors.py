@@ -10,6 +10,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.source import load_scene
 from dropper_jax.study.finer_links import twice_the_links
+from dropper_jax.study.load_convergence import load_convergence
 
 PERIOD = 0.2
 
@@ -106,3 +107,18 @@ def test_a_step_that_fails_is_named():
     scene = hanging(2)
     scene["run"] |= {"integrator": "rk4", "dt": 0.2, "duration": 2.0}
     assert dj.simulate(scene, errors=True).settings.get("load_errors") is None
+
+
+@pytest.mark.slow
+def test_loads_of_a_bounce_converge_and_the_advice_counts_from_below(falling, bounce):
+    largest, mean = bounce
+    found = load_convergence(load_scene(falling(PERIOD, 0.01)), (0.02, 0.01, 0.005, 0.0025))
+    (loads,) = found["loads"]
+    assert loads["maximum"] == pytest.approx(largest, rel=2e-3)
+    assert loads["mean"] == pytest.approx(mean, rel=2e-3)
+    errors = [row["errors"]["maximum"] for row in found["rows"]]
+    assert errors == sorted(errors, reverse=True)
+    for item in found["advice"]:
+        passed = [row["errors"][item["load"]] <= item["within"] for row in found["rows"]]
+        first = next((i for i in range(len(passed)) if all(passed[i:])), None)
+        assert item["dt"] == (None if first is None else found["rows"][first]["dt"])

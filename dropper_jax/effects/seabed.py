@@ -16,6 +16,9 @@ from dropper_jax.base.springs import lag, mean_pull, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
+#: Part of a cell, on either side of a line between cells, over which the bed turns from one slope into the next.
+ROUNDED = 0.02
+
 
 @component
 class Seabed(Effect):
@@ -24,7 +27,8 @@ class Seabed(Effect):
     `A = D L` is the plan area of the node's halves of its links, as in MoorDyn; p is measured along the normal and 0
     above the bed. As in a rope the damper never gives more than the spring: the force is continuous where a node
     touches down, never sticks, and takes energy only. Over a step the spring stands as `springs` says. Where `bed_x`,
-    `bed_y` and `bed_depth` are given the bed is that grid, bilinear between.
+    `bed_y` and `bed_depth` are given the bed is that grid, bilinear between, its creases rounded: in the bottom of a
+    valley the force of either side alone would leave nothing at rest.
     """
 
     name: ClassVar[str] = "seabed"
@@ -68,11 +72,9 @@ class Seabed(Effect):
         if self.bed_x is None:
             return -self.depth * jnp.ones_like(r[:, 2])
         grid = self.bed_depth.reshape(self.bed_x.shape[0], self.bed_y.shape[0])
-        i, a = _cell(self.bed_x, r[:, 0])
-        j, b = _cell(self.bed_y, r[:, 1])
-        low = (1 - b) * grid[i, j] + b * grid[i, j + 1]
-        high = (1 - b) * grid[i + 1, j] + b * grid[i + 1, j + 1]
-        return -((1 - a) * low + a * high)
+        i, a = _shares(self.bed_x, r[:, 0])
+        j, b = _shares(self.bed_y, r[:, 1])
+        return -jnp.sum(a[:, None] * b * grid[i[:, None], j], axis=(0, 1))
 
     def upward(self, r: jax.Array) -> jax.Array:
         """Unit normals (nodes, 3) of the bed under places r (nodes, 3), or (3,) of a flat one."""
@@ -114,8 +116,21 @@ class Seabed(Effect):
         return self.normal(k)[:, None] * self.upward(k.r)
 
 
-def _cell(knots: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Cell of each x and where in it, 0 to 1; the edge values go on outside."""
-    x = jnp.clip(x, knots[0], knots[-1])
-    i = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, knots.shape[0] - 2)
-    return i, (x - knots[i]) / (knots[i + 1] - knots[i])
+def _shares(knots: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Three knots around each x and their shares, each (3, n): linear between, rounded at knots, level outside."""
+    last = knots.shape[0] - 1
+    i = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, last - 1)
+    near = jnp.where(2.0 * x > knots[i] + knots[i + 1], i + 1, i)
+    before, after = jnp.maximum(near - 1, 0), jnp.minimum(near + 1, last)
+    left, right = knots[near] - knots[before], knots[after] - knots[near]
+    width = ROUNDED * jnp.minimum(left, right)  # none at the edges
+    one = jnp.ones_like(width)
+    up = _ramp(x - knots[near], width) / jnp.where(right > 0.0, right, one)
+    down = _ramp(knots[near] - x, width) / jnp.where(left > 0.0, left, one)
+    return jnp.stack([before, near, after]), jnp.stack([down, 1.0 - up - down, up])
+
+
+def _ramp(x: jax.Array, width: jax.Array) -> jax.Array:
+    """`max(x, 0)`, a parabola within `width` of the corner."""
+    inside = jnp.abs(x) < width
+    return jnp.where(inside, (x + width) ** 2 / jnp.where(inside, 4.0 * width, 1.0), jnp.maximum(x, 0.0))

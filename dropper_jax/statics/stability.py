@@ -20,23 +20,27 @@ from dropper_jax.statics.rest_problem import (
     static_solver,
     static_tolerance,
 )
+from dropper_jax.statics.system import force_scale
 
 #: First displacement from an unstable pose, in lengths of a link, and steps of the fall that follows.
 NUDGE = 0.1
 FALL_STEPS = 80
+#: Difference of a stiffness from its transpose, over its largest entry, beyond which it has no energy.
+TURNING = 1e-8
 
 
 def stable(model: Model, s: State) -> bool:
     """Whether no displacement that keeps rigid links' lengths lowers the energy to second order.
 
-    Smallest eigenvalue of the stiffness on the null space of the constraints, against the mean weight per length. A
+    Smallest eigenvalue of the stiffness on the null space of the constraints (least real part where drag makes it
+    unsymmetric: every slow motion returns), against the mean tension, or weight, per length. A
     line whose links are all in tension under dead loads is stable, and long ones are not looked at further.
     """
     if bool(jnp.all(s.tension > 0)) and model.constant_force:
         return True
     if SOLVERS["dense"].size(model) > DENSE_LIMIT:
         return True
-    scale = float(jnp.mean(jnp.abs(s.tension)) / jnp.mean(model.line.length))
+    scale = max(float(jnp.mean(jnp.abs(s.tension))), float(force_scale(model))) / float(jnp.mean(model.line.length))
     return softest(model, s)[0] > -1e-6 * scale
 
 
@@ -54,7 +58,12 @@ def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
     if not k.size:
         return np.inf, np.zeros(s.r.shape)
     values, vectors = np.linalg.eigh(0.5 * (k + k.T))
-    return float(values[0]), (free @ vectors[:, 0]).reshape(s.r.shape)
+    if values[0] < 0.0 and np.max(np.abs(k - k.T)) > TURNING * np.max(np.abs(k)):
+        # drag turns with the links: what it adds on one way it may take on the way back
+        values, vectors = np.linalg.eig(k)
+        values, vectors = values.real, vectors.real
+    least = int(np.argmin(values))
+    return float(values[least]), (free @ vectors[:, least]).reshape(s.r.shape)
 
 
 def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[State, float]:

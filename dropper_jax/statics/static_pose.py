@@ -6,6 +6,7 @@ F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import Any
 
 import jax
@@ -21,6 +22,7 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang
 from dropper_jax.statics.laid_out import laid_out
+from dropper_jax.statics.relaxation import relax
 from dropper_jax.statics.rest_problem import (
     DENSE_LIMIT,
     LeastNorm,
@@ -99,7 +101,7 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
     if isinstance(model.geometry, Graph):
-        return _of_system(full, model, loads, t)
+        return _by_descent(full, model, loads, t)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
     if not (residual <= static_tolerance(model) and stable(model, s)):
@@ -110,19 +112,24 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
         message = _complaint(model, s, loads, share, residual)
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+    if message and not model.line.compound:  # slack links, a bed or the surface on the way
+        lower = _by_descent(full, model, loads, t)
+        if lower.status == "ok" and stable(model, lower.state):
+            return lower
     return _result(full, s, residual, message)
 
 
-def _of_system(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
+def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
     rigid, model = model.line, model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
-    if not residual <= tolerance:
-        softly = find_softened(model, guess(model, t), loads, tolerance)
-        s, residual = (s, residual) if residual <= softly[1] else softly
+    for otherwise in (find_softened, relax):
+        if not residual <= tolerance:
+            s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     friction = full.effect("seabed_friction")
-    if not message and friction is not None and friction.statics == "outward":
+    outward = friction is not None and friction.statics == "outward" and isinstance(model.geometry, Graph)
+    if not message and outward:
         model, rounding = laid_out(model, s, friction.kinetic)
         tolerance = max(tolerance, rounding)
         s, residual = find_rest(model, s, loads, tolerance)

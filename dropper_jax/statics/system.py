@@ -19,8 +19,8 @@ import numpy as np
 
 from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Kinematics, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, StepProblem, Unknowns, add
+from dropper_jax.model import Graph, Kinematics, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, add
 from dropper_jax.solvers.dense import Dense
 from dropper_jax.solvers.network import Network
 
@@ -95,12 +95,17 @@ def force_scale(model: Model) -> jax.Array:
 
 
 @kept()
-def _unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
     x = jnp.zeros_like(s.r)
     tension = problem.tension(x)
     return problem.residual(Unknowns(x, tension)).x, tension
+
+
+def _solver(model: Model) -> Solver:
+    """The network's matrix has no bending in it, and is of systems."""
+    return Network() if isinstance(model.geometry, Graph) and model.reach == 0 else Dense()
 
 
 @kept()
@@ -109,38 +114,38 @@ def _round(
 ) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
     problem = RestProblem(model, s, loads, kappa)
-    solver = Dense() if model.reach > 0 else Network()  # the network's matrix has no bending in it
+    solver = _solver(model)
     u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
     rows = problem.residual(u)
     dx = -solver.apply(solver.factor(problem, u), rows).x
     dx = dx * jnp.minimum(1.0, reach / jnp.maximum(jnp.max(jnp.sqrt(jnp.sum(dx * dx, axis=1))), 1e-300))
 
     def along(share: jax.Array) -> jax.Array:
-        unbalanced, _ = _unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
-        return -jnp.sum(unbalanced * dx)
+        left, _ = unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
+        return -jnp.sum(left * dx)
 
     shares = jnp.asarray(SHARES, model.dtype)
     good = jax.vmap(along)(shares) >= OVERSHOOT * jnp.sum(rows.x * dx)  # rows are minus the forces
     share = shares[jnp.argmax(good.at[-1].set(True))]
     r = s.r + share * dx
-    after, tension = _unbalanced(model, state(model, r, t=s.t), loads)
+    after, tension = unbalanced(model, state(model, r, t=s.t), loads)
     return state(model, r, tension=tension, t=s.t), jnp.max(jnp.abs(after)) / force_scale(model), share
 
 
 def guess(model: Model, t: float = 0.0) -> State:
     """Every line straight between its points, where the scene puts these."""
-    graph = model.geometry
+    geometry = model.geometry
     places = np.array([np.asarray(p.position, float) for p in model.points])
     moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).places, float)
-    places[graph.held_points] = moved
-    r = np.zeros((graph.free, 3))
+    places[geometry.held_points] = moved
+    r = np.zeros((geometry.free, 3))
     length = np.asarray(model.line.length, float)
-    for member, path, span in zip(graph.members, graph.paths, graph.spans, strict=True):
+    for member, path, span in zip(geometry.members, geometry.paths, geometry.spans, strict=True):
         along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
         line = places[member.start] + along[:, None] * (places[member.end] - places[member.start])
-        if member.start == member.end:  # a loop hangs below its point
+        if np.array_equal(places[member.start], places[member.end]):  # a loop hangs below its point
             line[:, 2] -= 0.5 * np.sum(length[span]) * np.sin(np.pi * along)
-        inner = path < graph.free
+        inner = (path >= 0) & (path < geometry.free)
         r[path[inner]] = line[inner]
     return state(model, jnp.asarray(r), t=t)
 
@@ -148,7 +153,7 @@ def guess(model: Model, t: float = 0.0) -> State:
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
     length, scale = float(jnp.mean(model.line.length)), float(force_scale(model))
-    rows, tension = _unbalanced(model, s, loads)
+    rows, tension = unbalanced(model, s, loads)
     s = state(model, s.r, tension=tension, t=s.t)
     residual = float(jnp.max(jnp.abs(rows))) / scale
     first, best = s, (s, residual)
@@ -197,7 +202,7 @@ def tighten(model: Model, s: State, loads: jax.Array) -> tuple[State, jax.Array]
     """
     scale = force_scale(model)
     problem = RestProblem(model, s, loads, SMALLEST * scale / jnp.mean(model.line.length))
-    solver = Dense() if model.reach > 0 else Network()
+    solver = _solver(model)
 
     def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
         return add(u, solver.apply(solver.factor(problem, u), problem.residual(u)), -1.0), None
@@ -210,7 +215,7 @@ def tighten(model: Model, s: State, loads: jax.Array) -> tuple[State, jax.Array]
 
 def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:
     """Which node is farthest from balance in a pose that was not found, and why."""
-    rows = np.asarray(_unbalanced(model, s, loads)[0])
+    rows = np.asarray(unbalanced(model, s, loads)[0])
     node = int(np.argmax(np.max(np.abs(rows), axis=1)))
     if not np.all(np.isfinite(rows)):
         node = int(np.flatnonzero(~np.all(np.isfinite(rows), axis=1))[0])
@@ -225,6 +230,8 @@ def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:
 def name_of(model: Model, node: int) -> str:
     """A free node in words: its point, or its line and number."""
     graph = model.geometry
+    if not isinstance(graph, Graph):
+        return f"node {node + 1}"
     if node >= graph.inner:
         return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
     for member, path in zip(graph.members, graph.paths, strict=True):

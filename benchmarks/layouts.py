@@ -363,6 +363,12 @@ def checked(seed: int) -> Scene:
     return {"moved": moved, "pulled": pulled, "failed": int(np.sum(path.failed)), "same": min(moved, pulled) <= SAME}
 
 
+def write(path: Path | None, rows: list[Scene]) -> None:
+    """The rows so far."""
+    if path is not None:
+        atomic_write(path, json.dumps(jsonable({"rows": rows}), indent=1) + "\n")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300)
@@ -380,14 +386,14 @@ def main() -> int:
         if not row["ok"] or args.only:
             numbers = " | ".join(f"{row.get(key, np.nan):.1e}" for key in ("residual", "stiffness", "seconds"))
             print(f"| {row['name']} | {numbers} | {row['why']} |", flush=True)
+        write(args.out, rows)
     good = [row for row in rows if row["ok"]]
     print(f"found: {len(good)} of {len(rows)}, {len(good) / len(rows):.1%}")
     # evenly over topologies and beds, one after another as they stand
     for row in good[:: max(len(good) // args.check, 1)][: args.check] if args.check else ():
         row |= checked(row["seed"])
         print(f"| {row['name']} | moved {row['moved']:.1e} | pulled {row['pulled']:.1e} | {row['same']} |", flush=True)
-    if args.out is not None:
-        atomic_write(args.out, json.dumps(jsonable({"rows": rows}), indent=1) + "\n")
+        write(args.out, rows)
     return int(len(good) < 0.99 * len(rows))
 
 

@@ -67,13 +67,13 @@ class Seabed(Effect):
             values["depth"] = scene.sea.depth
         return cls(**values)
 
-    def bed(self, r: jax.Array) -> jax.Array:
-        """Height z of the bed (nodes,) [m] under places r (nodes, 3)."""
+    def bed(self, r: jax.Array, rounded: float = ROUNDED) -> jax.Array:
+        """Height z of the bed (nodes,) [m] under places r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None:
             return -self.depth * jnp.ones_like(r[:, 2])
         grid = self.bed_depth.reshape(self.bed_x.shape[0], self.bed_y.shape[0])
-        i, a = _shares(self.bed_x, r[:, 0])
-        j, b = _shares(self.bed_y, r[:, 1])
+        i, a = _shares(self.bed_x, r[:, 0], rounded)
+        j, b = _shares(self.bed_y, r[:, 1], rounded)
         return -jnp.sum(a[:, None] * b * grid[i[:, None], j], axis=(0, 1))
 
     def upward(self, r: jax.Array) -> jax.Array:
@@ -116,14 +116,14 @@ class Seabed(Effect):
         return self.normal(k)[:, None] * self.upward(k.r)
 
 
-def _shares(knots: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, jax.Array]:
     """Three knots around each x and their shares, each (3, n): linear between, rounded at knots, level outside."""
     last = knots.shape[0] - 1
     i = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, last - 1)
     near = jnp.where(2.0 * x > knots[i] + knots[i + 1], i + 1, i)
     before, after = jnp.maximum(near - 1, 0), jnp.minimum(near + 1, last)
     left, right = knots[near] - knots[before], knots[after] - knots[near]
-    width = ROUNDED * jnp.minimum(left, right)  # none at the edges
+    width = rounded * jnp.minimum(left, right)  # none at the edges
     one = jnp.ones_like(width)
     up = _ramp(x - knots[near], width) / jnp.where(right > 0.0, right, one)
     down = _ramp(knots[near] - x, width) / jnp.where(left > 0.0, left, one)

@@ -23,7 +23,7 @@ def surface_over(scene: SceneData, places: np.ndarray, times: np.ndarray) -> np.
 
 
 def bed_height(scene: SceneData, places: np.ndarray) -> np.ndarray | None:
-    """Height z [m] of the bed under places (..., 3) [m]; None for a scene without [effects.seabed]."""
+    """Height z [m] of the bed, as given, under places (..., 3) [m]; None for a scene without [effects.seabed]."""
     if "seabed" not in scene.effects:
         return None
     values = scene.effects["seabed"]
@@ -31,4 +31,4 @@ def bed_height(scene: SceneData, places: np.ndarray) -> np.ndarray | None:
         depth = values["depth"] if values["depth"] is not None else scene.sea.depth
         return np.full(places.shape[:-1], -float(depth))
     bed = EFFECTS["seabed"].build(values, scene)
-    return np.asarray(bed.bed(places.reshape(-1, 3))).reshape(places.shape[:-1])
+    return np.asarray(bed.bed(places.reshape(-1, 3), rounded=0.0)).reshape(places.shape[:-1])

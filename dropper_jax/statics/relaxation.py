@@ -32,6 +32,9 @@ LEFT, EASY = 1e-2, 3
 LONGER, AS_LONG, SHORTER = 4.0, 1.5, 0.2
 #: Least tau that is tried [s/s].
 SHORTEST = 1e-8
+#: Free nodes up to which stability is looked at, how negative a stiffness (over the weight of a link per its length)
+#: may be for rounding, and the first displacement from an unstable pose, in lengths of a link.
+FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
 
 
 class Pattern(NamedTuple):
@@ -112,6 +115,34 @@ def relax(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[S
         size = float(np.max(np.abs(force)))
         best = (s, size) if size < best[1] else best
     return best[0], best[1] / scale
+
+
+def steadied(model: Model, s: State, residual: float, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+    """From a pose that is not stable to a stable one beside it, where slow motion finds one; else the pose as it is.
+
+    A rope laid out along a current may rest in line with it, and drift aside at the least push.
+    """
+    way = parting(model, s, loads)
+    if way is None:
+        return s, residual
+    nudge = NUDGE * float(jnp.mean(model.line.length)) * way
+    for start in (s.r + nudge, s.r - nudge):
+        found, size = relax(model, state(model, start, t=s.t), loads, tolerance)
+        if size <= tolerance and parting(model, found, loads) is None:
+            return found, size
+    return s, residual
+
+
+def parting(model: Model, s: State, loads: jax.Array) -> np.ndarray | None:
+    """How a slow motion leaves a pose (free, 3), at most 1; None where it returns, or where nodes are many."""
+    if model.free_nodes > FEW:
+        return None
+    values, vectors = np.linalg.eig(stiffness(model, s, loads).toarray())
+    least = int(np.argmin(values.real))
+    if values[least].real >= -ROUNDING * float(force_scale(model)) / float(jnp.mean(model.line.length)):
+        return None
+    way = vectors[:, least].real.reshape(s.r.shape)
+    return way / np.max(np.abs(way))
 
 
 def _moved(

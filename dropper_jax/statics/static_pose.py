@@ -22,7 +22,7 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.relaxation import relax
+from dropper_jax.statics.relaxation import relax, steadied
 from dropper_jax.statics.rest_problem import (
     DENSE_LIMIT,
     LeastNorm,
@@ -126,6 +126,9 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     for otherwise in (find_softened, relax):
         if not residual <= tolerance:
             s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
+    drifting = model.sea is not None and model.sea.current is not None and bool(jnp.any(s.tension <= 0.0))
+    if residual <= tolerance and drifting:
+        s, residual = steadied(model, s, residual, loads, tolerance)
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     friction = full.effect("seabed_friction")
     outward = friction is not None and friction.statics == "outward" and isinstance(model.geometry, Graph)

@@ -340,6 +340,9 @@ def judged(seed: int) -> Scene:
     return found | {"ok": not reasons, "why": "; ".join(reasons)}
 
 
+run = jax.jit(dj.integrate, static_argnames=("stepper", "steps", "save_every"))
+
+
 def checked(seed: int) -> Scene:
     """Misfits of a pose and the end of a damped run that begins beside it."""
     scene = dj.load_scene(layout(seed))
@@ -350,12 +353,10 @@ def checked(seed: int) -> Scene:
     size = float(np.max(np.ptp(pose.positions, axis=0)))
     r = pose.state.r
     bow = np.sin(np.pi * np.asarray(r) / size + np.arange(3)) * 0.02 * size
-    start = replace(pose.state, r=r + jnp.asarray(bow))
-    stepper = dj.make_stepper(model, "energy_momentum", "network")
+    start = dj.state(model, r + jnp.asarray(bow), tension=pose.state.tension)
+    stepper = dj.make_stepper(model, "energy_momentum", "network", track_work=False)
     steps = round(DURATION / STEP)
-    end, path = jax.jit(dj.integrate, static_argnames=("stepper", "steps", "save_every"))(
-        stepper, model, start, STEP, steps, save_every=steps // 10
-    )
+    end, path = run(stepper, model, start, STEP, steps, save_every=steps // 10)
     longest = max(float(np.sum(line.length)) for line in scene.lines)
     moved = float(np.max(np.abs(np.asarray(end.r - r)))) / longest
     most = max(float(np.max(pose.tension)), 9.81 * float(jnp.mean(model.line.mass)))

@@ -138,24 +138,37 @@ def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[
 
     They are those of the link with the largest tension, or at the arc length that `like` (of another run) says.
     """
-    snaps = line_snaps(found, Settings())
+    snaps, within = line_snaps(found, Settings()), found.square - found.tension**2
     rows = []
     for i, where in enumerate(found.whole):
         s, largest = arc(where.spec.length), found.largest[:, where.links]
         at = float(s[int(np.argmax(largest.max(axis=0)))]) if like is None else like[i]["at_m"]
-        link = where.links.start + int(np.argmin(np.abs(s - at)))
+        parts = (a[:, where.links] for a in (found.tension, found.least, found.largest, within))
         rows.append(
-            {"line": where.name, "at_m": at, **_statistics(found, link), "snaps": (snaps[i]["most_events"], 0.0)}
+            {
+                "line": where.name,
+                "at_m": at,
+                **_statistics(found, *(_at(part, s, at) for part in parts)),
+                "snaps": (snaps[i]["most_events"], 0.0),
+            }
         )
-        rows[-1]["maximum"] = (float(largest.max()), rows[-1]["maximum"][1])
-        rows[-1]["minimum"] = (float(found.least[:, where.links].min()), rows[-1]["minimum"][1])
     return rows
 
 
-def _statistics(found: Record, link: int) -> dict[str, tuple[float, float]]:
-    """Loads of one link [N], each with its standard error by chance."""
-    tension, square = found.tension[:, link], found.square[:, link]
-    tops, bottoms = (_windows(found, values[:, link]) for values in (found.largest, -found.least))
+def _at(values: np.ndarray, s: np.ndarray, at: float) -> np.ndarray:
+    """Values (q, n) of links with their middles at arc lengths s (n,), linear between them."""
+    place = np.interp(at, s, np.arange(len(s)))
+    low = min(int(place), max(len(s) - 2, 0))
+    share = place - low
+    return values[:, low] if share == 0 else (1.0 - share) * values[:, low] + share * values[:, low + 1]
+
+
+def _statistics(
+    found: Record, tension: np.ndarray, least: np.ndarray, largest: np.ndarray, within: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """Loads at one place of a line (q,) [N], each with its standard error by chance; `within` samples' variance."""
+    square = tension**2 + within
+    tops, bottoms = (_windows(found, values) for values in (largest, -least))
     batches = [part for part in np.array_split(np.arange(len(tension)), BATCHES) if part.size]
     means = np.array([tension[part].mean() for part in batches])
     deviations = np.array([np.sqrt(max(square[part].mean() - tension[part].mean() ** 2, 0.0)) for part in batches])
@@ -204,7 +217,7 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
             "value": value,
             "step": step,
             "links": links,
-            "chance": None if np.isnan(chance) else chance,
+            "chance": None if np.isnan(chance) else float(chance),
             "error": step + (links or 0.0),
             **{key: change[key] for key in ("twice_damping", "twice_bed") if key in change},
         }

@@ -82,9 +82,16 @@ def test_step_of_a_packaged_scene_has_the_golden_number_of_operations(golden, na
     assert dict(operations(name)) == golden[name]
 
 
-@pytest.mark.parametrize("name", ["conical-pendulum", "string", "dropper-release-3d", "dropper-release-a-compound"])
-def test_scenes_without_water_have_no_transcendental_functions(name):
+UNDAMPED = ["conical-pendulum", "string", "dropper-release-3d-undamped", "dropper-release-a-compound-undamped"]
+
+
+@pytest.mark.parametrize("name", UNDAMPED)
+def test_scenes_without_water_and_drag_have_no_transcendental_functions(name):
     assert not TRANSCENDENTAL & set(operations(name))
+
+
+def test_drag_brings_the_one_function_of_its_weight():
+    assert TRANSCENDENTAL & set(operations("dropper-release-3d")) == {"tanh"}
 
 
 def test_a_harmonic_end_brings_its_sine_and_nothing_else_does():

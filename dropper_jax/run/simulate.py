@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SimulationError
+from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_motion import motion_warnings
@@ -36,7 +36,7 @@ from dropper_jax.stepping.stepper import Stepper
 
 #: A run is cut into at least this many pieces of one compiled program, so that progress can be shown and a stop loses
 #: little; pieces have one of these numbers of saved times, so that runs of other lengths and steps share the program.
-PIECES, SAVES = 20, (1, 8, 64, 512)
+PIECES, SAVES = 12, (1, 2, 16, 128, 1024)
 
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
@@ -106,6 +106,7 @@ def simulate(
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene
+    _check_skip(skip, errors, scene.run.duration)
     say = progress or (lambda fraction, text: None)
     choice = None
     if tolerance is not None:
@@ -155,6 +156,13 @@ def _within(solution: Solution, tolerance: float, choice: Any) -> Solution:
         return solution
     text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad: take a smaller step"
     return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
+
+
+def _check_skip(skip: float, errors: bool, duration: float) -> None:
+    if skip and not errors:
+        raise SceneError(f"--skip: {skip:g} s is left out of the loads with errors; allowed: beside --errors")
+    if not 0.0 <= skip < duration:
+        raise SceneError(f"--skip: {skip:g} is out of range; allowed: 0 to less than the {duration:g} s of the run")
 
 
 def _with_errors(

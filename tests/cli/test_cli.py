@@ -361,7 +361,17 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys
     assert set(found["loads"][0]["mean"]) == {"value", "step", "links", "chance", "error"}
 
 
-def test_errors_over_too_short_a_record_are_refused(tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--errors", "--skip", "0.1"], "--skip: 0.1 is out of range"),
+        (["--errors", "--skip", "-1"], "--skip: -1 is out of range"),
+        (["--errors", "--skip", "nan"], "--skip: nan is out of range"),
+        (["--errors", "--skip", "0.09"], "allowed: a run with at least 3"),
+        (["--skip", "0.02"], "allowed: beside --errors"),
+    ],
+)
+def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, said, tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(GOOD, encoding="utf-8")
-    assert "--skip" in one_line_refusal(capsys, ["run", str(scene), "--errors", "--skip", "0.1", "--quiet"])
+    assert said in one_line_refusal(capsys, ["run", str(scene), *options, "--quiet"])

@@ -24,6 +24,12 @@ def cross(a: jax.Array, b: jax.Array) -> jax.Array:
     return jnp.stack([x, y, z], axis=-1)
 
 
+def upright(z: jax.Array) -> jax.Array:
+    """Vectors (..., 3) along z of these lengths."""
+    none = jnp.zeros_like(z)
+    return jnp.stack([none, none, z], axis=-1)
+
+
 def safe_norm(x: jax.Array, floor: float = 1e-30) -> jax.Array:
     """|x| of 3-vectors (..., 3), with finite derivatives at zero (the floor is 1e-15 in |x|)."""
     return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))

@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import upright
 from dropper_jax.base.read import Plain
 from dropper_jax.effects.wetting import parts, wetted
 from dropper_jax.model import Effect, Kinematics
@@ -48,7 +49,7 @@ class Buoyancy(Effect):
         for part in parts(k):
             wet = wetted(k, part, water.tangents, water.motion.elevation)
             up = up + part.collect(part.share * part.take(lift) * wet)
-        return jnp.zeros_like(k.r).at[:, 2].set(up)
+        return upright(up)
 
 
 #: Relative disagreement of two ways to give a volume that is still taken for rounding of printed values.

@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.place import place
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -71,4 +72,4 @@ class NodalForce(Effect):
     def force(self, k: Kinematics) -> jax.Array:
         index = np.array(self.nodes) - 1
         movable = index < k.free  # a force on a held node moves nothing
-        return jnp.zeros_like(k.r).at[index[movable]].add(self.factor(k.t) * self.force_n[np.flatnonzero(movable)])
+        return place(index[movable], self.factor(k.t) * self.force_n[np.flatnonzero(movable)], k.free)

@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.place import place
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import SceneData
 
@@ -52,12 +53,12 @@ class PointBodies(Effect):
         return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + SMALLEST**3), SMALLEST)
 
     def point_mass(self, model: ModelView) -> jax.Array:
-        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
+        return place(self.nodes(model), self.mass, model.free_nodes)
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]: of the sphere of the volume."""
         area = 0.25 * jnp.pi * self._diameter() ** 2
-        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(area)
+        return place(self.nodes(model), area, model.free_nodes)
 
     def _wet_mass(self, k: Kinematics) -> jax.Array:
         """Mass of the displaced water (bodies,) [kg]."""
@@ -78,7 +79,7 @@ class PointBodies(Effect):
             drag = 0.5 * k.model.sea.density * self.drag_area * share * safe_norm(u)
             total = total - (displaced * k.model.sea.gravity)[:, None] * down + drag[:, None] * u
             total = total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
-        return jnp.zeros_like(k.r).at[nodes].add(total)
+        return place(nodes, total, k.free)
 
 
 @component
@@ -89,7 +90,7 @@ class WetPointBodies(PointBodies):
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
-        return jnp.zeros_like(a).at[nodes].add((self.added_mass * self._wet_mass(k))[:, None] * a[nodes])
+        return place(nodes, (self.added_mass * self._wet_mass(k))[:, None] * a[nodes], k.free)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)

@@ -80,7 +80,7 @@ class Seabed(Effect):
         """Unit normals (nodes, 3) of the bed under places r (nodes, 3), or (3,) of a flat one."""
         if self.bed_x is None:
             return jnp.array([0.0, 0.0, 1.0], r.dtype)
-        x, y = (jax.jvp(self.bed, (r,), (jnp.zeros_like(r).at[:, i].set(1.0),))[1] for i in (0, 1))
+        x, y = (jax.jvp(self.bed, (r,), (jnp.broadcast_to(jnp.eye(3, dtype=r.dtype)[i], r.shape),))[1] for i in (0, 1))
         n = jnp.stack([-x, -y, jnp.ones_like(x)], axis=-1)
         return n / jnp.sqrt(dot(n, n))[:, None]
 

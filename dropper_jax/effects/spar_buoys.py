@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.base.place import place
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Sea
 
@@ -69,11 +70,11 @@ class SparBuoys(Effect):
         return 0.25 * jnp.pi * self.diameter**2
 
     def point_mass(self, model: ModelView) -> jax.Array:
-        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.mass)
+        return place(self.nodes(model), self.mass, model.free_nodes)
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]."""
-        return jnp.zeros(model.free_nodes, self.mass.dtype).at[self.nodes(model)].add(self.area)
+        return place(self.nodes(model), self.area, model.free_nodes)
 
     def draught(self, base: jax.Array, elevation: jax.Array) -> jax.Array:
         """Wet height (buoys,) [m], smooth at either end."""
@@ -104,16 +105,16 @@ class SparBuoys(Effect):
         across = (displaced * (1.0 + self.can))[:, None] * mean[:, :2]
         # drag
         u = around.velocity - v[:, None, :]
-        level = u.at[..., 2].set(0.0)
+        level = jnp.concatenate([u[..., :2], jnp.zeros_like(u[..., :1])], axis=-1)
         weights = jnp.asarray(WEIGHTS, v.dtype) * safe_norm(level)
         drag = (0.5 * sea.density * self.cdn * self.diameter * wet)[:, None] * jnp.sum(
-            weights[..., None] * level[..., :2], axis=1
+            weights[..., None] * u[..., :2], axis=1
         )
         base = u[:, 0, 2]
         under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
         heave = 0.5 * sea.density * self.cdt * self.area * under * jnp.abs(base) * base
         total = jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1)
-        return jnp.zeros_like(k.r).at[nodes].add(total)
+        return place(nodes, total, k.free)
 
     def _end_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
         """Added mass along (buoys,) [kg]."""
@@ -130,7 +131,7 @@ class SparBuoys(Effect):
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
         wet = self.draught(k.r[nodes, 2] - self.attachment, k.prepared(self).elevation)
-        return jnp.zeros_like(a).at[nodes].add(self._added(k.model.sea, wet) * a[nodes])
+        return place(nodes, self._added(k.model.sea, wet) * a[nodes], k.free)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)

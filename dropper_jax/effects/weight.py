@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import upright
 from dropper_jax.model import Effect, Kinematics, Line
 
 
@@ -36,7 +37,7 @@ class Weight(Effect):
         return k.line.node_share(self.per_link(k.line))
 
     def force(self, k: Kinematics) -> jax.Array:
-        return jnp.zeros_like(k.r).at[:, 2].set(-self.weights(k))
+        return upright(-self.weights(k))
 
     def potential(self, k: Kinematics) -> jax.Array:
         return jnp.sum(self.weights(k) * k.r[:, 2])

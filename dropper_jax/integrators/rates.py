@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
-from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.numerics import inverse3
+from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import AddedMass, Kinematics, Model, State, booked, turning
 from dropper_jax.residual import node_blocks
 
@@ -39,7 +39,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
         force = force - line.inertia_force(jnp.zeros_like(force), model.end_acceleration(t))
     off = line.blocks()[1][1:free]
     zero = jnp.zeros_like(diagonal[:1])
-    return tridiagonal_solve(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
+    return solve_tridiagonal(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
 
 
 def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> jax.Array:

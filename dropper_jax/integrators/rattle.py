@@ -14,9 +14,9 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.numerics import dot
+from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import Kinematics, Model, State, booked
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 
@@ -109,7 +109,7 @@ class RattleProblem(StepProblem):
         off = -shared * dot(pull[1:], pull[:-1])
         rhs = dot(pull, rate)
         lower, upper = jnp.concatenate([zero, off]), jnp.concatenate([off, zero])
-        return tridiagonal_solve(lower, diagonal, upper, rhs[:, None])[:, 0]
+        return solve_tridiagonal(lower, diagonal, upper, rhs)
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
         model, h = self.model, self.h

@@ -170,7 +170,8 @@ def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array
 
     def cut(blocks: jax.Array, end: int) -> jax.Array:
         """With fewer blocks than colours a missing neighbour would alias an existing one."""
-        return blocks.at[end].set(0.0)
+        none = jnp.zeros_like(blocks[:1])
+        return jnp.concatenate([blocks[:-1], none] if end else [none, blocks[1:]])
 
     diagonal = coupling(0) + jnp.asarray(np.eye(layout.size) * layout.padding[:, None, :], packed.dtype)
     return cut(coupling(-1), 0), diagonal, cut(coupling(1), -1)

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.lax.linalg import tridiagonal_solve
 
 from dropper_jax.base.components import Components, components, dot, inverse_rows
+from dropper_jax.base.tridiagonal import solve_tridiagonal
 from dropper_jax.model import Model, Path, gather_links, link_differences
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns
 
@@ -71,7 +71,7 @@ def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
     loose = _times(f.inverse, components(rows.x))
     moved = tuple(link_differences(c, None, ends) for c in loose)
     b = rows.y - dot(f.gradient, moved)
-    y = tridiagonal_solve(f.lower, f.diagonal, f.upper, b[:, None])[:, 0]
+    y = solve_tridiagonal(f.lower, f.diagonal, f.upper, b)
     back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.pull))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 

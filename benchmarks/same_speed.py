@@ -3,9 +3,9 @@
     python benchmarks/same_speed.py OTHER_CHECKOUT [--pairs 7] [--cases NAME ...]
 
 Each checkout runs in a process of its own, one thread, on the same processor; the two take turns, so that a machine
-which slows down slows both. A row per case: microseconds per step of the other checkout and of this one, their ratio
-(median of the pairs' ratios, and the range of the middle half), and the same of compilation. Only public names are
-used, so that the other may be old.
+which slows down slows both. One that can make a run one kernel does (`--plain`: neither does). A row per case:
+microseconds per step of the other checkout and of this one, their ratio (median of the pairs' ratios, and the range of
+the middle half), and the same of compilation. Only public names are used, so that the other may be old.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ CASES: dict[str, dict[str, Any]] = {
     "100 links": {"links": 100, "dt": 0.003, "steps": 1000},
     "100 links, rattle": {"links": 100, "dt": 0.003, "steps": 2000, "integrator": "rattle"},
     "1000 links": {"links": 1000, "dt": 0.0005, "steps": 100},
+    "1000 links, rattle": {"links": 1000, "dt": 0.0005, "steps": 300, "integrator": "rattle"},
     "lab dropper, gradient": {"scene": "dropper-release-a", "dt": 0.005, "steps": 1000, "gradient": True},
     "lab dropper, rattle, gradient": {
         "scene": "dropper-release-a", "dt": 0.005, "steps": 2000, "integrator": "rattle", "gradient": True,
@@ -85,8 +86,12 @@ def serve(case: dict[str, Any]) -> None:
 class Side:
     """A checkout at work."""
 
-    def __init__(self, tree: Path, case: str) -> None:
+    def __init__(self, tree: Path, case: str, plain: bool) -> None:
         flags = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+        if (tree / "dropper_jax" / "base" / "one_kernel.py").exists() and not plain:
+            from dropper_jax.base.one_kernel import with_option  # the other checkout may have none
+
+            flags = with_option(flags)
         environment = {**os.environ, "PYTHONPATH": str(tree), "XLA_FLAGS": flags}
         call = [sys.executable, __file__, "--serve", case]
         self.process = subprocess.Popen(
@@ -119,6 +124,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=7)
     parser.add_argument("--compilations", type=int, default=3)
     parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--plain", action="store_true", help="with the kernels that XLA makes by itself")
     parser.add_argument("--serve", choices=list(CASES), help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.serve:
@@ -128,7 +134,7 @@ def main() -> None:
         parser.error("OTHER_CHECKOUT: a folder with dropper_jax/ is needed")
     print(f"{'case':34s} {'us/step':>9s} {'now':>9s} {'ratio':>7s} {'middle half':>13s}   compile    now ratio")
     for name in args.cases:
-        other, own = Side(args.other, name), Side(HERE, name)
+        other, own = Side(args.other, name, args.plain), Side(HERE, name, args.plain)
         built = pairs(other, own, "compile", args.compilations)
         pairs(other, own, "run", 1)  # warm
         ran = pairs(other, own, "run", args.pairs)

@@ -40,6 +40,9 @@ def _compile_quickly() -> None:
 
 
 _compile_quickly()
+# Commands called within a test would set these for all tests after it; those that are about them say so.
+os.environ.setdefault("DROPPER_ONE_KERNEL", "off")
+os.environ.setdefault("DROPPER_COMPILE_CACHE", "off")
 # Two workers share two cores: further threads of OpenBLAS only wait (a twelfth of the time of test_bending.py).
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Tracing makes millions of objects that stay: they are searched for garbage less often (another twelfth).

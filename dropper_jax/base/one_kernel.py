@@ -13,15 +13,10 @@ from __future__ import annotations
 import os
 import sys
 
-import jax
-
 LIMIT = "xla_cpu_small_while_loop_byte_threshold"
 FLAG = "--xla_backend_extra_options"
-OPTION = f"{LIMIT}=1000000000000"
-#: The first JAX whose compiler has a limit of its own that lets small lines through.
-UNASKED = (0, 12)
-#: Longest line that stays below that limit.
-UNASKED_ROWS = 100
+BYTES = 1_000_000_000_000
+OPTION = f"{LIMIT}={BYTES}"
 
 
 def one_kernel() -> bool:
@@ -30,8 +25,7 @@ def one_kernel() -> bool:
     Sets `XLA_FLAGS` for this process and those it starts; to be called before the first array is made.
 
     Returns:
-        Whether runs are compiled so from here on: False where JAX has begun already, or something else stands first
-        in `XLA_FLAGS` that keeps options after it from being read.
+        Whether runs are compiled so from here on: False where JAX has begun already.
     """
     if in_force():
         return True
@@ -55,16 +49,9 @@ def in_force() -> bool:
     for word in os.environ.get("XLA_FLAGS", "").split():
         if not word.startswith("--"):
             return False
-        if word.startswith(f"{FLAG}=") and LIMIT in word:
-            return True
+        if word.startswith(f"{FLAG}="):
+            return OPTION in word.removeprefix(f"{FLAG}=").split(",")
     return False
-
-
-def compiled_whole(rows: int) -> bool:
-    """Whether a run with `rows` unknowns in a line becomes one kernel if nothing in it stands in the way."""
-    if jax.default_backend() != "cpu":
-        return False
-    return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
 
 
 def _begun() -> bool:

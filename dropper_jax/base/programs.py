@@ -19,6 +19,8 @@ from typing import Generic, ParamSpec, TypeVar
 
 import jax
 
+from dropper_jax.base.compile_cache import open_cache
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -91,6 +93,8 @@ class Store:
 
 
 STORE = Store()
+# Here, since whatever runs a scene comes by, and programs of other processes can be taken only from now on.
+open_cache()
 
 
 class Kept(Generic[P, R]):

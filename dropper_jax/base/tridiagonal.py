@@ -4,6 +4,8 @@ Where a run becomes one kernel they are solved by cyclic reduction, written out:
 log2(n) rounds of elementwise work, nothing that calls a library. It does not pivot: meant for matrices like
 `G M^-1 G'`, whose pivots are as large as what they carry. Elsewhere the device's library solves them, as one call among
 many kernels.
+
+Of more than `WHOLE` rows a quarter is left to elimination row by row: as fast there, with a fifth of the code.
 """
 
 from __future__ import annotations
@@ -12,7 +14,14 @@ import jax
 import jax.numpy as jnp
 from jax.lax import linalg
 
-from dropper_jax.base.one_kernel import compiled_whole
+from dropper_jax.base.one_kernel import in_force
+
+#: The first JAX that makes one kernel of a run unasked, and up to how many rows.
+UNASKED, UNASKED_ROWS = (0, 12), 100
+#: Rows up to which a system is reduced to a single one.
+WHOLE = 128
+#: Rows that a trip of the elimination row by row takes together.
+TOGETHER = 4
 
 
 def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
@@ -22,7 +31,7 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
         lower, diagonal, upper: (n,) each; the first lower and the last upper entry must be zero.
         rhs: (n,) or (n, c).
     """
-    if compiled_whole(diagonal.shape[0]):
+    if one_kernel_of(diagonal.shape[0]):
         if rhs.ndim == 1:
             return _reduced(lower, diagonal, upper, rhs)
         return jax.vmap(_reduced, in_axes=(None, None, None, 1), out_axes=1)(lower, diagonal, upper, rhs)
@@ -30,9 +39,16 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
     return linalg.tridiagonal_solve(lower, diagonal, upper, columns).reshape(rhs.shape)
 
 
+def one_kernel_of(rows: int) -> bool:
+    """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing in it stands in the way."""
+    if jax.default_backend() != "cpu":
+        return False
+    return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
+
+
 @jax.custom_jvp
 def _reduced(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
-    return _halved(lower, diagonal, upper, rhs)
+    return _halved(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
 
 
 @_reduced.defjvp
@@ -44,11 +60,13 @@ def _reduced_jvp(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
     return x, _reduced(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
-def _halved(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
-    """The same, every second row put into its neighbours."""
+def _halved(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, least: int) -> jax.Array:
+    """The same, every second row put into its neighbours, again and again until at most `least` rows are left."""
     n = diagonal.shape[0]
     if n == 1:
         return rhs / diagonal
+    if n <= least:
+        return _row_by_row(lower, diagonal, upper, rhs)
     odd = n // 2
     even = n - odd
     pivot = 1.0 / diagonal[1::2]
@@ -57,7 +75,7 @@ def _halved(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Ar
     low1, up1, b1 = (_shifted(a, 0, even) for a in (low, up, b))
     left, right = lower[0::2], upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0
-    kept = _halved(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0)
+    kept = _halved(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, least)
     following = kept[1 : odd + 1] if even > odd else _shifted(kept[1:], 0, odd)
     between = b - low * kept[:odd] - up * following
     both = jnp.stack([kept, _shifted(between, 0, even)], axis=1)
@@ -68,3 +86,23 @@ def _shifted(a: jax.Array, before: int, length: int) -> jax.Array:
     """`a` with `before` zeros in front, cut or filled up with zeros to `length`."""
     a = a[: length - before]
     return jnp.pad(a, (before, length - before - a.shape[0]))
+
+
+def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+    """The same by elimination from the first row to the last, and back."""
+    Row = tuple[jax.Array, ...]
+
+    def down(before: Row, row: Row) -> tuple[Row, Row]:
+        ahead, y = before
+        left, own, right, b = row
+        pivot = 1.0 / (own - left * ahead)
+        after = right * pivot, (b - left * y) * pivot
+        return after, after
+
+    def back(x: jax.Array, row: Row) -> tuple[jax.Array, jax.Array]:
+        x = row[1] - row[0] * x
+        return x, x
+
+    none = jnp.zeros_like(rhs[0])
+    rows = jax.lax.scan(down, (none, none), (lower, diagonal, upper, rhs), unroll=TOGETHER)[1]
+    return jax.lax.scan(back, none, rows, reverse=True, unroll=TOGETHER)[1]

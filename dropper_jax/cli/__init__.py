@@ -1,8 +1,9 @@
 """The command line `dropper`: commands are found by the entry-point group `dropper.commands`.
 
 A command is imported when it is asked for, and imports JAX when its arguments and files have been looked at; only
-here and in the package's root may imports stand inside functions. With `--json` each command prints exactly one object
-on standard output, whatever the exit code.
+here and in the package's root may imports stand inside functions. Runs are compiled to one kernel each, and
+programs are kept for the next start. With `--json`
+each command prints exactly one object on standard output, whatever the exit code.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.before_jax import prepare
 from dropper_jax.cli.codes import INTERRUPTED, INVALID_INPUT, OK
 from dropper_jax.cli.commands import parse
 from dropper_jax.cli.output import failure_object, print_json, print_line
@@ -21,6 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = "--json" in argv
+    prepare()
     try:
         args = parse(argv)
         code = args.run(args)

@@ -20,22 +20,52 @@ FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 SEARCHED, CIRCLING = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03), 0.5
 #: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
+#: With a law, or many iterations, corrections end at this part of the tolerance, near rounding, so that what is held
+#: does not creep and energy is kept.
+SETTLED = 1e-3
+#: Rows within the tolerance that are more than this share of what they were are rounding.
+STALLED = 0.3
+#: So few iterations are always done.
+FEW = 2
 #: Least corrections of a step: in float32 a guess may be within the tolerance of rounding, and a line stand still.
 LEAST = {"float32": 2}
 #: Most preconditioned corrections of a derivative solve. The condensed solver needs about as many as Newton does.
 REFINEMENTS = 200
 
 
-def newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
-    """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row."""
+def newton(
+    problem: StepProblem, solver: Solver, u: Unknowns, iterations: int, limit: float | None = None
+) -> tuple[Unknowns, jax.Array]:
+    """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row.
 
-    prepared = solver.prepare(problem, u)
+    With a limit corrections that have nothing left to correct are left out: once the rows are at `SETTLED` of it, or
+    below it and no longer falling.
+    """
 
-    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-        return add(u, solver.apply(solver.factor(problem, u, prepared), problem.residual(u)), -1.0), None
+    prepared, scale = solver.prepare(problem, u), problem.row_scale()
 
-    u, _ = jax.lax.scan(correct, u, None, length=iterations)
-    return u, norm(problem.residual(u), problem.row_scale())
+    def corrected(u: Unknowns, rows: Unknowns) -> Unknowns:
+        return add(u, solver.apply(solver.factor(problem, u, prepared), rows), -1.0)
+
+    if limit is None or iterations <= FEW:
+        u, _ = jax.lax.scan(lambda u, _: (corrected(u, problem.residual(u)), None), u, None, length=iterations)
+        return u, norm(problem.residual(u), scale)
+    enough = SETTLED * limit
+
+    def correct(now: tuple[Any, ...]) -> tuple[Any, ...]:
+        u, rows, size, _ = now
+        u = corrected(u, rows)
+        rows = problem.residual(u)
+        after = norm(rows, scale)
+        return u, rows, after, (after <= enough) | ((after <= limit) & (after > STALLED * size))
+
+    def once(now: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
+        return jax.lax.cond(now[3], lambda now: now, correct, now), None
+
+    rows = problem.residual(u)
+    size = norm(rows, scale)
+    u, _, size, _ = jax.lax.scan(once, (u, rows, size, size <= enough), None, length=iterations)[0]
+    return u, size
 
 
 def newton_until(

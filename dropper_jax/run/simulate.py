@@ -190,16 +190,36 @@ def _compile(stepper: Stepper, model: Model, start: State, run: RunSpec) -> _Pie
     dt = jnp.asarray(run.dt, model.dtype)
     progress = begin(stepper, model, start)
     if run.step_tolerance is None:
-        fixed = _advance.program(stepper, model, progress, dt, saves=saves, save_every=run.save_every)
-
-        def go_on(carry: Progress) -> tuple[Progress, tuple[Trajectory, None]]:
-            carry, piece = fixed(model, carry, dt)
-            return carry, (piece, None)
-
-        return _Pieces(go_on, progress, saves)
+        return _Pieces(_FixedSteps(stepper, model, progress, dt, saves, run.save_every), progress, saves)
     carry, limit = adaptive_start(progress, dt), jnp.asarray(run.step_tolerance, model.dtype)
     following = _advance_adaptively.program(stepper, model, carry, dt, limit, saves=saves)
     return _Pieces(lambda carry: following(model, carry, dt, limit), carry, saves)
+
+
+class _FixedSteps:
+    """Pieces of equal steps: by a program for steps that solve at once, until one does not.
+
+    That piece is then taken again, and all after it, by the program that has means for steps that resist. Most runs
+    never compile it: it is four times as large.
+    """
+
+    def __init__(
+        self, stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int
+    ) -> None:
+        self.stepper, self.model, self.dt = stepper, model, dt
+        self.counts = {"saves": saves, "save_every": save_every}
+        self.plain = True
+        self.program = self._program(stepper.plain, progress)
+
+    def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
+        return _advance.program(stepper, self.model, progress, self.dt, **self.counts)
+
+    def __call__(self, carry: Progress) -> tuple[Progress, tuple[Trajectory, None]]:
+        after, piece = self.program(self.model, carry, self.dt)
+        if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
+            self.plain, self.program = False, self._program(self.stepper, carry)
+            after, piece = self.program(self.model, carry, self.dt)
+        return after, (piece, None)
 
 
 def _run(

@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
+from dropper_jax.residual import SETTLED, Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.stepper import FULL_STEP, SETTLED, Stepper
+from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 
 def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
@@ -31,7 +31,7 @@ def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Arr
         enough = SETTLED * stepper.limit(model)
         u, residual = newton_until(problem, solver, problem.guess(), stepper.iterations, enough)
     else:
-        u, residual = newton(problem, solver, problem.guess(), stepper.iterations)
+        u, residual = newton(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
     first = problem.finish(u), u, residual, jnp.full((), FULL_STEP, jnp.int32)
     if not (stepper.extra or stepper.halvings):
         return first
@@ -59,6 +59,8 @@ def _solve_or_halve(stepper: Stepper, model: Model, s: State, h: jax.Array, aliv
 
     What a system of lines takes: a second copy of its equations would double the time to compile.
     """
+    if not stepper.halvings:
+        return *substep(stepper, model, s, h), jnp.full((), FULL_STEP, jnp.int32)
     limit = stepper.limit(model)
     problem = stepper.integrator.problem(model, s, h)
     unsolved = jnp.full((), jnp.inf, model.dtype)

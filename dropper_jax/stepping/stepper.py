@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
@@ -14,11 +14,6 @@ from dropper_jax.residual import Integrator
 #: The one tolerance: largest scaled residual row of a converged step. Rounding leaves about 1e-14 (7 links) to
 #: 1e-12 (1000 links, nodes far from the origin) in float64; in float32 about 1e-5.
 TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
-
-
-#: With a law iterations end at this part of the tolerance, near rounding, so that what is held does not creep. Most
-#: steps slide on and are there after two, one in which a joint turns round takes three or four.
-SETTLED = 1e-3
 
 
 FULL_STEP = -1  # level of a step that needed no retry
@@ -51,6 +46,11 @@ class Stepper:
     track_work: bool = True
     until_converged: bool = False
     reverse: bool = True
+
+    @property
+    def plain(self) -> Stepper:
+        """The same without anything for steps that resist: a quarter of the code to compile."""
+        return replace(self, extra=0, halvings=0) if self.iterations else self
 
     def limit(self, model: Model) -> float:
         return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance

@@ -1,0 +1,130 @@
+"""Compiled programs kept from one process to the next, in a folder of the user's.
+
+JAX keeps compiled programs in a folder if it is told one, but writes them in place and never replaces what it cannot
+read. `Entries` stands in for its own files: each is written beside and moved into place, carries a digest, is removed
+where that is wrong, and the ones not used for longest go when the folder grows beyond `LARGEST`.
+
+A folder belongs to one JAX and one kind of processor: programs hold its instructions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import tempfile
+import time
+import warnings
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+
+import jax
+
+try:
+    from jax._src import compilation_cache
+except ImportError:
+    compilation_cache = None
+
+#: The variable that says where: a folder, `off`, or nothing (none; the command line then takes the user's own).
+VARIABLE = "DROPPER_COMPILE_CACHE"
+OFF = "off"
+#: Bytes in a folder beyond which programs go.
+LARGEST = 1_000_000_000
+#: Seconds after which a file that was never moved into place is left over from a process that was stopped.
+ABANDONED = 3600.0
+#: What a file begins with, before the digest and the program.
+MARK, UNFINISHED = b"dropper1", ".unfinished"
+DIGEST = hashlib.sha256().digest_size
+
+
+def open_cache() -> Path | None:
+    """Begin to keep programs where `DROPPER_COMPILE_CACHE` says; the folder, or None where there is none to be had."""
+    folder = os.environ.get(VARIABLE, OFF)
+    return None if folder in ("", OFF) else compile_cache(folder)
+
+
+def compile_cache(folder: str | Path) -> Path | None:
+    """Keep compiled programs in a folder and take those that are there.
+
+    Returns:
+        The folder within it of this JAX and processor; None where it cannot be written, or this JAX is built otherwise.
+    """
+    store = _jax_store()
+    if store is None:
+        return None
+    place = Path(folder) / f"jax-{jax.__version__}-{_processor()}"
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=place).close()
+    except OSError:
+        return None
+    jax.config.update("jax_compilation_cache_dir", str(place))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    store.reset_cache()
+    store._cache, store._cache_initialized = Entries(place), True
+    # programs of another kind of processor are compiled again and replaced
+    warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
+    return place
+
+
+class Entries:
+    """Files of a folder as JAX's cache asks for them: bytes by key."""
+
+    def __init__(self, folder: Path, largest: int = LARGEST) -> None:
+        self._path, self.largest = folder, largest
+
+    def get(self, key: str) -> bytes | None:
+        """The program of that key; None where there is none, or a damaged one, which is removed."""
+        file = self._path / key
+        try:
+            found = file.read_bytes()
+        except OSError:
+            return None
+        head, program = found[: len(MARK) + DIGEST], found[len(MARK) + DIGEST :]
+        with suppress(OSError):
+            if head != MARK + hashlib.sha256(program).digest():
+                file.unlink()
+                return None
+            os.utime(file)
+        return program
+
+    def put(self, key: str, value: bytes) -> None:
+        """Keep a program, in place of one that may be there."""
+        with suppress(OSError):
+            with tempfile.NamedTemporaryFile(dir=self._path, suffix=UNFINISHED, delete=False) as beside:
+                beside.write(MARK + hashlib.sha256(value).digest() + value)
+            os.replace(beside.name, self._path / key)
+            self._make_room()
+
+    def _make_room(self) -> None:
+        files = []
+        for file in self._path.iterdir():
+            with suppress(OSError):
+                about = file.stat()
+                if file.suffix != UNFINISHED:
+                    files.append((about.st_mtime, about.st_size, file))
+                elif about.st_mtime < time.time() - ABANDONED:
+                    file.unlink()
+        size = sum(bytes_ for _, bytes_, _ in files)
+        for _, bytes_, file in sorted(files):
+            if size <= self.largest:
+                return
+            with suppress(OSError):
+                file.unlink()
+            size -= bytes_
+
+
+def _jax_store() -> ModuleType | None:
+    """JAX's own module of kept programs, where it is built as known here."""
+    known = all(hasattr(compilation_cache, name) for name in ("_cache", "_cache_initialized", "reset_cache"))
+    return compilation_cache if known else None
+
+
+def _processor() -> str:
+    """A short name of this kind of processor."""
+    said = platform.machine() + platform.processor()
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        said += "".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))
+    return hashlib.sha256(said.encode()).hexdigest()[:12]

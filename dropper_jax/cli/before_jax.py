@@ -1,0 +1,37 @@
+"""What the command line asks of JAX, which reads it when it starts: so before it is imported."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from dropper_jax.base.one_kernel import one_kernel
+
+#: `off` in one of these leaves it be; the second else names the folder.
+ONE_KERNEL, COMPILE_CACHE = "DROPPER_ONE_KERNEL", "DROPPER_COMPILE_CACHE"
+OFF = "off"
+
+
+def prepare() -> None:
+    """Runs as one kernel each, and compiled programs kept for the next start, unless the user says otherwise."""
+    if os.environ.get(ONE_KERNEL) != OFF:
+        one_kernel()
+    with suppress(RuntimeError):  # a user without a home
+        os.environ.setdefault(COMPILE_CACHE, str(users_folder()))
+    if os.environ.get(COMPILE_CACHE, OFF) != OFF:
+        # reloading programs, XLA writes hundreds of kB about features of the processor; its errors reach Python anyway
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def users_folder() -> Path:
+    """Where this system's programs keep what can be made again."""
+    home = Path.home()
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return base / "dropper-jax"

@@ -1,0 +1,105 @@
+"""Programs kept from one process to the next: what is damaged is made again, and nobody hears of it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from dropper_jax.base.compile_cache import ABANDONED, UNFINISHED, Entries
+
+RUN = "import sys; from dropper_jax.cli import main; sys.exit(main(['run', 'conical-pendulum', '--duration', '0.1']))"
+
+
+def environment(folder, **more):
+    own = ("DROPPER_COMPILE_CACHE", "TF_CPP_MIN_LOG_LEVEL")
+    kept = {key: value for key, value in os.environ.items() if key not in own}
+    return {**kept, "DROPPER_COMPILE_CACHE": str(folder), **more}
+
+
+def run(folder, **more):
+    call = [sys.executable, "-c", RUN]
+    return subprocess.run(call, env=environment(folder, **more), capture_output=True, text=True, check=True)
+
+
+def entries(folder):
+    (place,) = folder.iterdir()
+    return [file for file in place.iterdir() if file.suffix != UNFINISHED]
+
+
+def test_what_is_put_is_got_and_what_is_damaged_goes(tmp_path):
+    cache = Entries(tmp_path)
+    assert cache.get("a") is None
+    cache.put("a", b"program")
+    assert cache.get("a") == b"program"
+    for spoil in (
+        lambda whole: whole[:-1],
+        lambda whole: whole[:3],
+        lambda whole: whole[:-1] + b"x",
+        lambda whole: b"",
+    ):
+        cache.put("a", b"program")
+        (tmp_path / "a").write_bytes(spoil((tmp_path / "a").read_bytes()))
+        assert cache.get("a") is None
+        assert not (tmp_path / "a").exists()
+
+
+def test_the_ones_not_used_for_longest_go(tmp_path):
+    cache = Entries(tmp_path, largest=3 * 140)
+    for i, key in enumerate("abc"):
+        cache.put(key, bytes(100))
+        os.utime(tmp_path / key, (i, i))
+    assert cache.get("a") is not None  # used now
+    cache.put("d", bytes(100))
+    assert {file.name for file in tmp_path.iterdir()} == {"a", "c", "d"}
+
+
+def test_what_a_stopped_process_left_goes_after_a_while(tmp_path):
+    old, new = tmp_path / f"old{UNFINISHED}", tmp_path / f"new{UNFINISHED}"
+    for file in (old, new):
+        file.write_bytes(b"half")
+    then = time.time() - 2 * ABANDONED
+    os.utime(old, (then, then))
+    Entries(tmp_path).put("a", b"program")
+    assert not old.exists()
+    assert new.exists()
+
+
+@pytest.mark.slow
+def test_a_second_start_takes_the_programs_and_damaged_ones_are_made_again(tmp_path):
+    first = run(tmp_path)
+    files = entries(tmp_path)
+    assert len(files) > 5
+    times = {file.name: file.stat().st_ino for file in files}
+    second = run(tmp_path)
+    assert {file.name: file.stat().st_ino for file in entries(tmp_path)} == times  # none was written again
+    for file in files[::2]:
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    third = run(tmp_path)
+    assert {file.name for file in entries(tmp_path)} == set(times)
+    assert len({numbers(output.stdout) for output in (first, second, third)}) == 1
+    # what was damaged is whole again
+    assert all(Entries(file.parent).get(file.name) is not None for file in entries(tmp_path))
+    assert "persistent" not in second.stderr + third.stderr
+    assert "feature" not in second.stderr + third.stderr
+
+
+def numbers(text):
+    """The lines of a run's output that do not tell times."""
+    return "\n".join(line for line in text.splitlines() if "compil" not in line and " s" not in line)
+
+
+@pytest.mark.slow
+def test_a_process_killed_while_it_writes_leaves_only_whole_programs(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", RUN], env=environment(tmp_path), stdout=subprocess.DEVNULL)
+    for _ in range(600):
+        time.sleep(0.05)
+        if any(tmp_path.glob("*/*")):
+            break
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    for file in entries(tmp_path):
+        assert Entries(file.parent).get(file.name) is not None
+    assert "persistent" not in run(tmp_path).stderr

@@ -197,6 +197,14 @@ def scene_sensitivity(found: dict[str, Any]) -> str:
     )
 
 
+def one_kernel(found: dict[str, Any]) -> str:
+    rows = [("run", "launched one by one [us per step]", "one kernel", "times faster", "compilation [s]", "one kernel")]
+    for row in found["rows"]:
+        times = (f"{row['plain_us']:.3g}", f"{row['one_kernel_us']:.3g}", f"{row['times_faster']:.1f}")
+        rows.append((row["case"], *times, f"{row['plain_compile_s']:.1f}", f"{row['one_kernel_compile_s']:.1f}"))
+    return markdown(rows)
+
+
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 TABLES = {
     **{
@@ -213,6 +221,7 @@ TABLES = {
     "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),
     "north_sea": ("north_sea", north_sea),
     "peers": ("peers", peers),
+    "one_kernel": ("one_kernel", one_kernel),
 }
 
 

@@ -1,0 +1,50 @@
+"""What runs gain by being one kernel: each case with the option and without it, alternately, one thread.
+
+python benchmarks/one_kernel.py [--pairs 5] [--cases NAME ...] [--out benchmarks/results/one_kernel.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import jax
+from machine import describe
+from same_speed import CASES, HERE, Side, pairs
+
+
+def row(name: str, count: int) -> dict[str, object]:
+    """Microseconds per step and seconds of compilation, without and with the option."""
+    plain, whole = Side(HERE, name, True), Side(HERE, name, False)
+    compiled = pairs(plain, whole, "compile", 1)
+    pairs(plain, whole, "run", 1)  # warm
+    ran = pairs(plain, whole, "run", count)
+    plain.close()
+    whole.close()
+    scale = 1e6 / CASES[name]["steps"]
+    return {
+        "case": name,
+        "plain_us": ran[0] * scale,
+        "one_kernel_us": ran[1] * scale,
+        "times_faster": 1.0 / ran[2][len(ran[2]) // 2],
+        "plain_compile_s": compiled[0],
+        "one_kernel_compile_s": compiled[1],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=5)
+    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--out", type=Path, default=HERE / "benchmarks" / "results" / "one_kernel.json")
+    args = parser.parse_args()
+    rows = []
+    for name in args.cases:
+        rows.append(row(name, args.pairs))
+        print(json.dumps(rows[-1]), flush=True)
+    args.out.write_text(json.dumps({"machine": describe(), "jax": jax.__version__, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

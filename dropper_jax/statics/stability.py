@@ -46,12 +46,11 @@ def stable(model: Model, s: State) -> bool:
 
 def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
     """The least stiffness [N/m] of a pose and the displacement (free nodes, 3) of size one that meets it."""
-    problem = StaticProblem(model, s, jnp.zeros_like(s.r))
-    stiffness = residual_matrix(problem, Unknowns(s.r, s.tension))
+    stiffness = np.asarray(_stiffness(model, s))
     nodes = 3 * model.free_nodes
-    k, g, c = np.asarray(stiffness[:nodes, :nodes]), np.asarray(stiffness[nodes:, :nodes]), stiffness[nodes:, nodes:]
+    k, g, c = stiffness[:nodes, :nodes], stiffness[nodes:, :nodes], stiffness[nodes:, nodes:]
     if model.line.axial.elastic:
-        k, free = k - np.asarray(stiffness[:nodes, nodes:]) @ np.linalg.solve(np.asarray(c), g), np.eye(nodes)
+        k, free = k - stiffness[:nodes, nodes:] @ np.linalg.solve(c, g), np.eye(nodes)
     else:
         free = _null_space(g)
         k = free.T @ k @ free
@@ -64,6 +63,12 @@ def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
         values, vectors = values.real, vectors.real
     least = int(np.argmin(values))
     return float(values[least]), (free @ vectors[:, least]).reshape(s.r.shape)
+
+
+@kept()
+def _stiffness(model: Model, s: State) -> jax.Array:
+    """The matrix of the static rows by places and tensions."""
+    return residual_matrix(StaticProblem(model, s, jnp.zeros_like(s.r)), Unknowns(s.r, s.tension))
 
 
 def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[State, float]:

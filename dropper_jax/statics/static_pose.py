@@ -16,7 +16,8 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Graph, Law, Model, State, state
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Ends, Graph, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics.catenary import catenary_guess
@@ -77,13 +78,14 @@ def rest(model: Model) -> Model:
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; none where `nodes` is None."""
-    loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    loads = np.zeros((model.free_nodes, 3), model.dtype)
     if nodes is None or len(nodes) == 0:
-        return loads
+        return jnp.asarray(loads)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
-    return loads.at[index].add(jnp.asarray(forces, model.dtype))
+    np.add.at(loads, index, np.asarray(forces))
+    return jnp.asarray(loads)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) -> Equilibrium:
@@ -155,12 +157,9 @@ def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, fl
 
 
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
-    time = jnp.asarray(t, model.dtype)
-    ends, line = model.ends(time), model.line
-    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if near is None else near.r
-    k = model.kinematics(r, jnp.zeros_like(r), time, ends)
-    k = model.kinematics(r, jnp.zeros_like(r), time, ends, prepared=model.prepare(k))
-    total = np.asarray(model.force(k) + loads, float)
+    line = model.line
+    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
+    total = np.asarray(force, float) + np.asarray(loads, float)
     if not np.any(total):
         raise SceneError(
             "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
@@ -176,6 +175,15 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
         np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
     )
     return state(model, nodes, tension=tension, t=t)
+
+
+@kept()
+def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
+    """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
+    ends = model.ends(t)
+    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
+    k = model.kinematics(r, jnp.zeros_like(r), t, ends)
+    return ends, model.force(model.kinematics(r, jnp.zeros_like(r), t, ends, prepared=model.prepare(k)))
 
 
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:

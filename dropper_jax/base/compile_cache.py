@@ -12,12 +12,15 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import jax
 
@@ -33,6 +36,8 @@ OFF = "off"
 LARGEST = 1_000_000_000
 #: Seconds after which a file that was never moved into place is left over from a process that was stopped.
 ABANDONED = 3600.0
+#: Names of JAX's module that are relied on.
+NEEDED = ("_cache", "_cache_initialized", "reset_cache", "get_executable_and_time")
 #: What a file begins with, before the digest and the program.
 MARK, UNFINISHED = b"dropper1", ".unfinished"
 DIGEST = hashlib.sha256().digest_size
@@ -63,6 +68,8 @@ def compile_cache(folder: str | Path) -> Path | None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     store.reset_cache()
     store._cache, store._cache_initialized = Entries(place), True
+    if not isinstance(store.get_executable_and_time, _Quietly):
+        store.get_executable_and_time = _Quietly(store.get_executable_and_time)
     # programs of another kind of processor are compiled again and replaced
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
     return place
@@ -115,9 +122,34 @@ class Entries:
             size -= bytes_
 
 
+class _Quietly:
+    """A function without what libraries write to standard error meanwhile.
+
+    Reloading a program makes XLA write kilobytes about features of the processor, some of which are its own hints; what
+    is truly wrong raises.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        sys.stderr.flush()
+        try:
+            kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+        except OSError:  # no standard error, or no file left to open
+            return self.function(*args, **kwargs)
+        try:
+            os.dup2(nowhere, 2)
+            return self.function(*args, **kwargs)
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nowhere)
+
+
 def _jax_store() -> ModuleType | None:
     """JAX's own module of kept programs, where it is built as known here."""
-    known = all(hasattr(compilation_cache, name) for name in ("_cache", "_cache_initialized", "reset_cache"))
+    known = all(hasattr(compilation_cache, name) for name in NEEDED)
     return compilation_cache if known else None
 
 

@@ -20,9 +20,6 @@ def prepare() -> None:
         one_kernel()
     with suppress(RuntimeError):  # a user without a home
         os.environ.setdefault(COMPILE_CACHE, str(users_folder()))
-    if os.environ.get(COMPILE_CACHE, OFF) != OFF:
-        # reloading programs, XLA writes hundreds of kB about features of the processor; its errors reach Python anyway
-        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def users_folder() -> Path:

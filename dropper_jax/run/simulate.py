@@ -262,7 +262,8 @@ def _solution(
     seen = jax.tree.map(np.asarray, _observe(model, *moved, jnp.asarray(t, model.dtype), parted, own))
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
-    work = join(np.zeros(len(work_names(model))), kept.work)
+    names = work_names(model) if stepper.track_work else ()
+    work = join(np.zeros(len(names)), kept.work)
     status, first_bad = "ok", None
     if bad_step >= 0:
         residual = float(run.residual[min(bad_step // every, len(run.residual) - 1)])
@@ -292,7 +293,7 @@ def _solution(
         kinetic=seen.kinetic,
         potential=seen.potential,
         work=work,
-        work_names=work_names(model),
+        work_names=names,
         step_status=np.zeros(good + 1, np.int8),
         status=status,
         failed_steps=int(np.sum(run.failed)) if bad_step < 0 else 1,

@@ -14,9 +14,7 @@ RUN = "import sys; from dropper_jax.cli import main; sys.exit(main(['run', 'coni
 
 
 def environment(folder, **more):
-    own = ("DROPPER_COMPILE_CACHE", "TF_CPP_MIN_LOG_LEVEL")
-    kept = {key: value for key, value in os.environ.items() if key not in own}
-    return {**kept, "DROPPER_COMPILE_CACHE": str(folder), **more}
+    return {**os.environ, "DROPPER_COMPILE_CACHE": str(folder), **more}
 
 
 def run(folder, **more):

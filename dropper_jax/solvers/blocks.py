@@ -1,15 +1,26 @@
-"""Systems of small blocks: products, and block-tridiagonal solves by cyclic reduction. Elementwise work, batched.
-
-Cyclic reduction eliminates every other row at once, so that m rows take log2(m) rounds of whole-array work; a scan over
-rows would take m rounds of a few tiny kernels each. No pivoting: meant for matrices like inertia plus stiffness.
-"""
+"""Products and inverses of small blocks: elementwise work, batched."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.numerics import inverse3
+Tree = TypeVar("Tree")
+
+
+def settled(tree: Tree) -> Tree:
+    """The same arrays, computed once: a loop that makes no trip, into which the compiler fuses nothing.
+
+    Without it all that makes a block is computed again for each element that reads it: of a longline of 99 nodes a
+    correction takes 285 us without and 132 us with it. (XLA's CPU compiler drops its optimization barriers before.)
+    """
+    first = jax.tree.leaves(tree)[0]
+    # false but for a matrix that is no number, which nothing mends; not known when compiling
+    never = jnp.isnan(jnp.ravel(first)[0]) if first.size else jnp.zeros((), bool)
+    changed = lambda c: (jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1]))  # noqa: E731
+    return jax.lax.while_loop(lambda c: c[0], changed, (never, tree))[1]
 
 
 def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
@@ -20,54 +31,15 @@ def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 def inverse(m: jax.Array) -> jax.Array:
-    """Inverses of blocks (..., k, k)."""
-    if m.shape[-1] == 3:
-        return inverse3(m)
-    return _inverse_bordered(m) if m.shape[-1] == 4 else jnp.linalg.inv(m)
+    """Inverses of blocks (..., k, k), row by row without pivoting: inertia and stiffness first, a constraint last.
 
-
-def _inverse_bordered(m: jax.Array) -> jax.Array:
-    """Inverses of blocks (..., 4, 4) of three forces and a constraint: the places first, then the tension."""
-    inner = inverse3(m[..., :3, :3])
-    right, below = multiply(inner, m[..., :3, 3:]), multiply(m[..., 3:, :3], inner)
-    last = 1.0 / (m[..., 3:, 3:] - multiply(m[..., 3:, :3], right))
-    top = jnp.concatenate([inner + right * last * below, -right * last], axis=-1)
-    return jnp.concatenate([top, jnp.concatenate([-last * below, last], axis=-1)], axis=-2)
-
-
-def _product(a: jax.Array, b: jax.Array) -> jax.Array:
-    return multiply(a, b) if a.shape[-1] <= 4 else a @ b
-
-
-def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
-    """Solve `lower_i x_(i-1) + diagonal_i x_i + upper_i x_(i+1) = rhs_i`.
-
-    Args:
-        lower, diagonal, upper: (batch, m, k, k); the first lower and the last upper block are not used.
-        rhs: (batch, m, k, c).
+    Not by cofactors: they lose twice as many digits. A chain of links 1e6 times as stiff as inertia is solved to 4e-6
+    (LAPACK's inverses: 4e-6; cofactors: 7e-3).
     """
-    m, k = diagonal.shape[1], diagonal.shape[-1]
-    if m == 0:
-        return rhs
-    if m == 1:
-        return _product(inverse(diagonal), rhs)
-    if m % 2:
-        one = jnp.broadcast_to(jnp.eye(k, dtype=diagonal.dtype), (diagonal.shape[0], 1, k, k))
-        lower, upper, rhs = (jnp.pad(a, ((0, 0), (0, 1), (0, 0), (0, 0))) for a in (lower, upper.at[:, -1].set(0), rhs))
-        diagonal = jnp.concatenate([diagonal, one], axis=1)
-        return solve_tridiagonal(lower, diagonal, upper, rhs)[:, :m]
-    inner = _product(
-        inverse(diagonal[:, 1::2]), jnp.concatenate([lower[:, 1::2], upper[:, 1::2], rhs[:, 1::2]], axis=-1)
-    )
-    before = jnp.concatenate([jnp.zeros_like(inner[:, :1]), inner[:, :-1]], axis=1)
-    low, up = lower[:, 0::2], upper[:, 0::2]
-    down, above = _product(up, inner), _product(low, before)
-    x = solve_tridiagonal(
-        -above[..., :k],
-        diagonal[:, 0::2] - down[..., :k] - above[..., k : 2 * k],
-        -down[..., k : 2 * k],
-        rhs[:, 0::2] - down[..., 2 * k :] - above[..., 2 * k :],
-    )
-    following = jnp.concatenate([x[:, 1:], jnp.zeros_like(x[:, :1])], axis=1)
-    odd = inner[..., 2 * k :] - _product(inner[..., :k], x) - _product(inner[..., k : 2 * k], following)
-    return jnp.stack([x, odd], axis=2).reshape(rhs.shape)
+    k = m.shape[-1]
+    wide = jnp.concatenate([m, jnp.broadcast_to(jnp.eye(k, dtype=m.dtype), m.shape)], axis=-1)
+    rows = [wide[..., i, :] for i in range(k)]
+    for i in range(k):
+        rows[i] = rows[i] / rows[i][..., i, None]
+        rows = [row if j == i else row - row[..., i, None] * rows[i] for j, row in enumerate(rows)]
+    return jnp.stack(rows, axis=-2)[..., k:]

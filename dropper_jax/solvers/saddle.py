@@ -2,12 +2,13 @@
 
     A x + D'(G D x + p y) = r_x,    g . D x + c y = r_y        (c = 0 of rigid links; D takes differences over links)
 
-Along a line each inner node goes with the link before it, four unknowns, in one batched block-tridiagonal elimination.
-The last link of each line goes with the points where lines join: it closes the line, as the points do.
+Each inner node of a line goes with the link before it, four unknowns. The last link of a line closes it: its tension
+waits for the line's inner nodes and for a point of its own at one of its ends, so that it has something to move.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -15,9 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Graph
-from dropper_jax.solvers.blocks import multiply, solve_tridiagonal
-from dropper_jax.solvers.layout import LineRows, line_rows, point_matrix
-from dropper_jax.solvers.points import solve_points
+from dropper_jax.solvers.elimination import Elimination, eliminate, solve
+from dropper_jax.solvers.order import Order, elimination_order
 
 #: Compliance of a line's last link, relative to that of its points. It makes no difference but where a straight line
 #: between held points leaves nothing to move.
@@ -32,93 +32,99 @@ class LinkParts(NamedTuple):
     gradient: jax.Array
     compliance: jax.Array
 
-
-def solve_saddle(
-    graph: Graph, node: jax.Array, links: LinkParts, force: jax.Array, stretch: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Places x (free, 3) and tensions y (n,) for A = `node` (free, 3, 3), r_x = `force`, r_y = `stretch`."""
-    diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
-    rows, points = line_rows(graph), len(graph.free_points)
-    last = np.array([span.stop - 1 for span in graph.spans])
-    found = _eliminate_lines(rows, diagonal, links, force, stretch)
-    border = _solve_border(graph, rows, found, diagonal[graph.inner :], links, force[graph.inner :], stretch)
-    at_points, closing = border[:points], border[points:, 0]
-    y = jnp.zeros_like(stretch).at[last].set(closing)
-    if not rows.nodes.size:
-        return at_points, y
-    padded = jnp.concatenate([at_points, jnp.zeros((1, 3), force.dtype)])  # held points do not move
-    long = closing[np.flatnonzero([m.links > 1 for m in graph.members])]
-    given = jnp.concatenate([padded[rows.start], padded[rows.end], long[:, None]], axis=-1)
-    moved = found[..., 0] + multiply(found[..., 1:], given[:, None, :, None])[..., 0]
-    inner = moved.reshape(-1, 4)[rows.position]
-    return jnp.concatenate([inner[:, :3], at_points]), y.at[graph.before].set(inner[:, 3])
+    def transposed(self) -> LinkParts:
+        turn, pull, gradient, compliance = self
+        return LinkParts(jnp.swapaxes(turn, -1, -2), gradient, pull, compliance)
 
 
-def _eliminate_lines(
-    rows: LineRows, diagonal: jax.Array, links: LinkParts, force: jax.Array, stretch: jax.Array
-) -> jax.Array:
-    """Inner nodes and the links before them (lines, m, 4, 8): under their loads, for unit moves of the start and of the
-    end, and for a unit tension of the last link."""
-    if not rows.nodes.size:
-        return jnp.zeros((0, 0, 4, 8), force.dtype)
-    real, first, last = (a[..., None, None] for a in (rows.real, rows.first, rows.last))
-    before, after = rows.link_before, rows.link_before + 1
+class Saddle(NamedTuple):
+    """The factored matrix: free nodes, an inner one with the link before it, and the lines' last links."""
 
-    def block(top: jax.Array, right: jax.Array, below: jax.Array, corner: jax.Array) -> jax.Array:
-        upper = jnp.concatenate([top, right[..., None]], axis=-1)
-        return jnp.concatenate([upper, jnp.concatenate([below, corner[..., None]], axis=-1)[..., None, :]], axis=-2)
+    graph: Graph
+    groups: Elimination
 
-    turn, pull, gradient, compliance = (x[before] for x in links)
-    none, nothing = jnp.zeros_like(pull), jnp.zeros_like(compliance)
-    inner = jnp.where(real, block(diagonal[rows.nodes], pull, gradient, compliance), jnp.eye(4, dtype=force.dtype))
-    from_start = block(turn, none, gradient, nothing)
-    lower = jnp.where(real & ~first, -from_start, 0.0)
-    from_end = block(links.turn[after], links.pull[after], none, nothing)
-    upper = jnp.where(real & ~last, -from_end, 0.0)
-    load = jnp.concatenate([force[rows.nodes], stretch[before][..., None]], axis=-1)[..., None]
-    columns = [jnp.where(real, load, 0.0), jnp.where(first, from_start[..., :3], 0.0), jnp.where(last, from_end, 0.0)]
-    return solve_tridiagonal(lower, inner, upper, jnp.concatenate(columns, axis=-1))
+    @classmethod
+    def of(cls, graph: Graph, node: jax.Array, links: LinkParts) -> Saddle:
+        """From A = `node` (free, 3, 3)."""
+        diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
+        size = jnp.max(jnp.abs(diagonal)) if graph.free else jnp.max(jnp.abs(links.turn)) + 1.0
+        before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.before, _last(graph)))
+        none, nothing = jnp.zeros_like(before.pull), jnp.zeros_like(before.compliance)
+        bare, zero = jnp.zeros_like(last.pull), jnp.zeros_like(last.compliance)
+        points = len(graph.free_points)
+        point = jnp.zeros((points, 3), node.dtype)
+        unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
+        values = [
+            _block(diagonal[: graph.inner], before.pull, before.gradient, before.compliance),
+            _block(diagonal[graph.inner :], point, point, jnp.ones((points,), node.dtype)),
+            _block(unit, bare, bare, last.compliance - CLOSING / size),
+            _block(-before.turn, none, -before.gradient, nothing),
+            _block(-before.turn, -before.pull, none, nothing),
+            *(_block(-last.turn, bare, bare, zero),) * 2,
+            _block(jnp.zeros_like(last.turn), -last.pull, bare, zero),
+            _block(jnp.zeros_like(last.turn), bare, -last.gradient, zero),
+            _block(jnp.zeros_like(last.turn), last.pull, bare, zero),
+            _block(jnp.zeros_like(last.turn), bare, last.gradient, zero),
+        ]
+        return cls(graph, eliminate(_group_order(graph), jnp.concatenate(values)))
+
+    def transposed(self) -> Saddle:
+        return self._replace(groups=self.groups.transposed())
+
+    def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
+        graph = self.graph
+        last, points = _last(graph), len(graph.free_points)
+        own = jnp.concatenate([stretch[graph.before], jnp.zeros((points,), force.dtype), stretch[last]])
+        moved = jnp.concatenate([force, jnp.zeros((len(last), 3), force.dtype)])
+        found = solve(self.groups, jnp.concatenate([moved, own[:, None]], axis=-1))
+        number = np.empty(graph.links, int)
+        number[graph.before], number[last] = np.arange(graph.inner), graph.free + np.arange(len(last))
+        return found[: graph.free, :3], found[number, 3]
 
 
-def _solve_border(
-    graph: Graph,
-    rows: LineRows,
-    found: jax.Array,
-    diagonal: jax.Array,
-    links: LinkParts,
-    force: jax.Array,
-    stretch: jax.Array,
-) -> jax.Array:
-    """Moves of the free points and, as first components of as many more rows, tensions of the lines' last links."""
-    table = point_matrix(graph, tensions=True)
-    last = np.array([span.stop - 1 for span in graph.spans])
-    long = np.flatnonzero([m.links > 1 for m in graph.members])
-    # rows of the last links, by moves of start and end and their own tension; what their tension does to both points
-    by_start, by_end, own = -links.gradient[last], links.gradient[last], links.compliance[last]
-    to_start, to_end = -links.pull[last], links.pull[last]
-    rest, pairs = stretch[last], []
-    if rows.nodes.size:
-        first, final = rows.first_link, rows.last_link
-        near, far = found[:, 0], found[np.arange(len(long)), rows.last_row]
-        # what the first and the last link of a line pull at its points when its inner nodes move
-        pushed = multiply(links.turn[first], near[:, :3]) + links.pull[first][..., None] * near[:, 3:]
-        pulled = multiply(links.turn[final], far[:, :3])
-        closed = jnp.sum(links.gradient[final][..., None] * far[:, :3], axis=-2)
-        by_start, by_end = by_start.at[long].set(-closed[:, 1:4]), by_end.at[long].add(-closed[:, 4:7])
-        own, rest = own.at[long].add(-closed[:, 7]), rest.at[long].add(closed[:, 0])
-        to_start, to_end = to_start.at[long].set(-pushed[..., 7]), to_end.at[long].add(-pulled[..., 7])
-        pairs = [-pushed[..., 1:4], -pushed[..., 4:7], -pulled[..., 1:4], -pulled[..., 4:7]]
-        at_start, at_end = table.start_lines, table.end_lines
-        force = force.at[rows.start[at_start]].add(pushed[at_start, :, 0])
-        force = force.at[rows.end[at_end]].add(pulled[at_end, :, 0])
-    size = jnp.max(jnp.abs(diagonal)) if len(diagonal) else jnp.max(jnp.abs(links.turn)) + 1.0
-    unit = jnp.eye(3, dtype=force.dtype)
-    corner = unit[0][:, None] * unit[0]
-    tension = unit - corner + (own - CLOSING / size)[:, None, None] * corner
-    column = lambda v: v[..., None] * unit[0]  # noqa: E731  a tension stands in the first of three components
-    row = lambda v: unit[0][:, None] * v[..., None, :]  # noqa: E731
-    direct = -links.turn[table.direct]
-    beside = [column(to_start), row(by_start), column(to_end), row(by_end)]
-    values = [diagonal, tension, direct, direct, *pairs, *beside]
-    load = jnp.concatenate([force, rest[:, None] * unit[0]])
-    return solve_points(table, values, load)
+def _block(top: jax.Array, right: jax.Array, below: jax.Array, corner: jax.Array) -> jax.Array:
+    """Blocks (m, 4, 4) of forces (m, 3, 3), (m, 3) by a tension, and its own row (m, 3), (m,)."""
+    upper = jnp.concatenate([top, right[..., None]], axis=-1)
+    return jnp.concatenate([upper, jnp.concatenate([below, corner[..., None]], axis=-1)[..., None, :]], axis=-2)
+
+
+def _last(graph: Graph) -> np.ndarray:
+    """The last link of each line."""
+    return np.array([span.stop - 1 for span in graph.spans])
+
+
+@lru_cache(maxsize=64)
+def _group_order(graph: Graph) -> Order:
+    """For blocks in the order of `Saddle.of`: groups are the free nodes, then the lines' last links."""
+    count, none = graph.free + len(graph.members), graph.free + len(graph.members)
+    number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  held nodes are no group
+    own, closing = list(range(count)), list(range(graph.free, count))
+    inner, first = list(range(graph.inner)), number(graph.first[graph.before])
+    start, end = number(graph.first[_last(graph)]), number(graph.last[_last(graph)])
+    sides = [(own, own), (inner, first), (first, inner), (start, end), (end, start)]
+    sides += [(start, closing), (closing, start), (end, closing), (closing, end)]
+    return elimination_order(count, [pair for side in sides for pair in zip(*side, strict=True)], _after(graph))
+
+
+def _after(graph: Graph) -> dict[int, set[int]]:
+    """What goes before each line's last link: the line's inner nodes, and a point at one end that no other one has.
+
+    Both ends where there are more lines than points.
+    """
+    free = [{int(path[i]) for i in (0, -1) if path[i] < graph.free} for path in graph.paths]
+    owner: dict[int, int] = {}
+
+    def given(line: int, seen: set[int]) -> bool:
+        for point in free[line] - seen:
+            seen.add(point)
+            if point not in owner or given(owner[point], seen):
+                owner[point] = line
+                return True
+        return False
+
+    for line in range(len(free)):
+        given(line, set())
+    point_of = {line: {point} for point, line in owner.items()}
+    lines = enumerate(graph.paths)
+    return {graph.free + i: set(map(int, path[1:-1])) | point_of.get(i, free[i]) for i, path in lines}

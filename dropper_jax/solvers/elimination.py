@@ -1,0 +1,95 @@
+"""Sparse systems of small blocks, solved by rounds of nodes that do not touch each other (see `order`).
+
+With D of the nodes of a round, L their rows towards their neighbours and U the neighbours' rows towards them,
+
+    A' = A - U D^-1 L,    b' = b - U D^-1 b_D;    back: x_D = D^-1 (b_D - L x)
+
+Everything is gathers by static tables and elementwise work: no library call, no scatter, so that a loop around it can
+be one kernel. 23 us against 174 us of a longline of 99 nodes by lines padded to the longest and a dense matrix of their
+points. No pivoting beyond the blocks: meant for matrices like inertia plus stiffness.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.solvers.blocks import inverse, multiply, settled
+from dropper_jax.solvers.order import Order, Round
+
+
+class Eliminated(NamedTuple):
+    """Blocks of one round: D^-1 (width, k, k), L and U (degree, width, k, k)."""
+
+    inverse: jax.Array
+    lower: jax.Array
+    upper: jax.Array
+
+
+class Elimination(NamedTuple):
+    """A factored matrix."""
+
+    order: Order
+    rounds: tuple[Eliminated, ...]
+
+    def transposed(self) -> Elimination:
+        flip = lambda a: jnp.swapaxes(a, -1, -2)  # noqa: E731
+        return self._replace(rounds=tuple(Eliminated(flip(d), flip(up), flip(low)) for d, low, up in self.rounds))
+
+
+def _with_zero(a: jax.Array) -> jax.Array:
+    return jnp.concatenate([a, jnp.zeros_like(a, shape=(1, *a.shape[1:]))])
+
+
+def gathered(a: jax.Array, table: np.ndarray) -> jax.Array:
+    """Sums (places, ...) of the rows of a (n, ...) that a static table (most, places) lists; n stands for nothing."""
+    a = _with_zero(a)
+    return sum((a[row] for row in table[1:]), a[table[0]])
+
+
+def eliminate(order: Order, blocks: jax.Array) -> Elimination:
+    """Factor the matrix whose blocks (blocks, k, k) stand in the order that `elimination_order` was given."""
+    rounds = []
+    if order.rounds:
+        blocks = gathered(settled(blocks), order.place)
+    for table in order.rounds:
+        done, blocks = _eliminate(table, blocks)
+        rounds.append(done)
+    return Elimination(order, tuple(rounds))
+
+
+def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
+    """Blocks of one round, and those of the next."""
+    width, degree, k = table.width, table.degree, blocks.shape[-1]
+    beside = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
+    done = Eliminated(inverse(blocks[:width]), beside[0], beside[1])
+    after = _with_zero(blocks)[table.keep]
+    if table.change.size:
+        products = multiply(done.upper[:, None], multiply(done.inverse, done.lower))
+        after = after - gathered(products.reshape(-1, k, k), table.change)
+    return done, after
+
+
+def solve(factor: Elimination, rhs: jax.Array) -> jax.Array:
+    """x (nodes, k) of right sides (nodes, k)."""
+    order, left, found = factor.order, rhs[factor.order.nodes], []
+    for table, done in zip(order.rounds, factor.rounds, strict=True):
+        own, left = left[: table.width], left[table.width :]
+        found.append(own)
+        if table.change_rows.size:
+            moved = apply(done.upper, apply(done.inverse, own))
+            left = left - gathered(moved.reshape(-1, rhs.shape[-1]), table.change_rows)
+    x = left
+    for table, done, own in zip(order.rounds[::-1], factor.rounds[::-1], found[::-1], strict=True):
+        if table.degree:
+            own = own - jnp.sum(apply(done.lower, _with_zero(x)[table.neighbours]), axis=0)
+        x = jnp.concatenate([apply(done.inverse, own), x])
+    return x[order.position]
+
+
+def apply(a: jax.Array, x: jax.Array) -> jax.Array:
+    """Blocks (..., k, k) times vectors (..., k)."""
+    return jnp.sum(a * x[..., None, :], axis=-1)

@@ -1,0 +1,162 @@
+"""In which order nodes that are coupled as a graph are eliminated, in rounds of nodes that do not touch each other.
+
+A chain of m nodes takes log2(m) rounds (every other node, which is cyclic reduction), lines that hang on a line do so
+beside it: a longline of 99 nodes takes 7 rounds, one of 234 takes 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Round:
+    """Nodes eliminated at once, and where their blocks and those of the others stand: static tables.
+
+    Blocks stand in one array: `width` diagonal blocks of these nodes, their rows towards up to `degree` neighbours
+    (degree, width), the neighbours' rows towards them (degree, width), then all other blocks. Right sides: these
+    nodes, then the others. A number one past the end is a block or row of zeros.
+
+    Attributes:
+        nodes: their numbers (width,).
+        degree: most neighbours of one.
+        neighbours: of each (degree, width), numbered as the right sides of the next round are.
+        keep: where each block of the next round stands.
+        change: which products of these blocks it loses, (most, blocks), numbered as (degree, degree, width).
+        change_rows: the same of the right sides, (most, rows), numbered as (degree, width).
+    """
+
+    nodes: np.ndarray
+    degree: int
+    neighbours: np.ndarray
+    keep: np.ndarray
+    change: np.ndarray
+    change_rows: np.ndarray
+
+    @property
+    def width(self) -> int:
+        return len(self.nodes)
+
+
+@dataclass(frozen=True)
+class Order:
+    """The rounds; `place` is where each block (row, column) is collected from, (most, blocks), see `Round`.
+
+    `nodes` lists all nodes in the order of the rounds, `position` where each stands in it.
+    """
+
+    rounds: tuple[Round, ...]
+    place: np.ndarray
+    nodes: np.ndarray
+    position: np.ndarray
+
+
+def elimination_order(count: int, blocks: list[Pair], after: dict[int, Iterable[int]] | None = None) -> Order:
+    """The order for `count` nodes whose matrix is the sum of `blocks`, listed by (row, column).
+
+    Args:
+        blocks: several may stand at one place; those with a row or a column that is no node (>= count) are left out.
+        after: of some nodes, those that must go before them.
+    """
+    kept = {pair for pair in blocks if max(pair) < count}
+    taken = _rounds(count, kept, after or {})
+    lists = [_listed(neighbours, degree) for neighbours, degree in taken]
+    present = kept | {(i, i) for i in range(count)}
+    following: list[list[Pair | None]] = []
+    rests = []
+    for (neighbours, _), listed in zip(taken, lists, strict=True):
+        gone = set(neighbours)
+        rest = {pair for pair in present if gone.isdisjoint(pair)}
+        following.append(listed + sorted(rest))
+        rests.append(rest | {(a, b) for near in neighbours.values() for a in near for b in near})
+        present = rests[-1]
+    rounds = []
+    nodes = [i for neighbours, _ in taken for i in neighbours]
+    done = 0
+    for k, (neighbours, degree) in enumerate(taken):
+        done += len(neighbours)
+        then = following[k + 1] if k + 1 < len(taken) else []
+        rounds.append(_round(neighbours, degree, following[k], then, nodes[done:]))
+    position = np.empty(count, int)
+    position[nodes] = np.arange(count)
+    where: dict[Pair, list[int]] = {}
+    for number, pair in enumerate(blocks):
+        where.setdefault(pair, []).append(number)
+    place = _table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
+    return Order(tuple(rounds), place, np.array(nodes, int), position)
+
+
+def _rounds(count: int, pairs: set[Pair], after: dict[int, Iterable[int]]) -> list[tuple[dict[int, list[int]], int]]:
+    """Nodes of each round with their neighbours, and most neighbours of one."""
+    near: list[set[int]] = [set() for _ in range(count)]
+    for a, b in pairs:
+        if a != b:
+            near[a].add(b)
+            near[b].add(a)
+    waiting = {i: set(others) for i, others in after.items()}
+    left, rounds = list(range(count)), []
+    while left:
+        ready = [i for i in left if not waiting.get(i)]
+        # two neighbours cost no more blocks than there were; more, where nothing else is left, cost new ones
+        most = max(2, min(len(near[i]) for i in ready))
+        found: dict[int, list[int]] = {}
+        beside: set[int] = set()
+        for i in sorted(ready, key=lambda i: max(2, len(near[i]))):
+            if len(near[i]) <= most and i not in beside:
+                found[i] = sorted(near[i])
+                beside |= near[i]
+        for i, others in found.items():
+            for a in others:
+                near[a] |= near[i]
+                near[a] -= {a, i}
+        for others in waiting.values():
+            others.difference_update(found)
+        left = [i for i in left if i not in found]
+        rounds.append((found, max(len(others) for others in found.values())))
+    return rounds
+
+
+def _listed(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
+    """The blocks of the nodes of a round in the order of `Round`; None where a node has fewer neighbours."""
+    slots = [(i, others[c] if c < len(others) else None) for c in range(degree) for i, others in neighbours.items()]
+    rows = [None if a is None else (i, a) for i, a in slots]
+    columns = [None if a is None else (a, i) for i, a in slots]
+    return [*((i, i) for i in neighbours), *rows, *columns]
+
+
+def _round(
+    neighbours: dict[int, list[int]], degree: int, now: list[Pair | None], then: list[Pair | None], later: list[int]
+) -> Round:
+    width = len(neighbours)
+    place = {pair: number for number, pair in enumerate(now) if pair}
+    products: dict[Pair, list[int]] = {}
+    rows: dict[int, list[int]] = {}
+    number = {node: at for at, node in enumerate(later)}
+    ends = np.full((degree, width), len(later))
+    for k, others in enumerate(neighbours.values()):
+        for c, a in enumerate(others):
+            ends[c, k] = number[a]
+            rows.setdefault(a, []).append(c * width + k)
+            for d, b in enumerate(others):
+                products.setdefault((a, b), []).append((c * degree + d) * width + k)
+    return Round(
+        nodes=np.array(list(neighbours), int),
+        degree=degree,
+        neighbours=ends,
+        keep=np.array([place.get(pair, len(now)) if pair else len(now) for pair in then], int),
+        change=_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
+        change_rows=_table([rows.get(node, []) for node in later], degree * width),
+    )
+
+
+def _table(lists: list[list[int]], none: int) -> np.ndarray:
+    """Lists of unequal length as columns (most, lists), filled with `none`."""
+    table = np.full((max(map(len, lists), default=0), len(lists)), none)
+    for column, numbers in zip(table.T, lists, strict=True):
+        column[: len(numbers)] = numbers
+    return table

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.trigonometry import sincos
 
 #: How kinematics are carried above the mean surface, where linear theory is not defined.
 STRETCHING = ("none", "constant", "wheeler")
@@ -64,7 +65,7 @@ class Waves:
 
     def elevation(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
         """Surface elevation (n,) [m]."""
-        return self.rise(t)[0] * jnp.sum(self.amplitude * jnp.cos(self.phases(x, y, t)), axis=-1)
+        return self.rise(t)[0] * jnp.sum(self.amplitude * sincos(self.phases(x, y, t))[1], axis=-1)
 
     def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
         """Where the kinematics of z are taken (n,) [m]: as it is, capped at the mean surface, or Wheeler's z'.
@@ -87,8 +88,7 @@ class Waves:
 
     def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
         """The water at places r (n, 3) [m], all components in one pass."""
-        phases = self.phases(r[:, 0], r[:, 1], t)
-        cos, sin = jnp.cos(phases), jnp.sin(phases)
+        sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         rise, rate = self.rise(t)
         elevation = rise * jnp.sum(self.amplitude * cos, axis=-1)
         velocity, acceleration = self._orbit(self.heights(r[:, 2], elevation, depth), cos, sin, depth)
@@ -114,8 +114,8 @@ class Waves:
 
     def airy_velocity(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
         """Velocity (n, 3) [m/s] at places r whose heights are already mapped: what gradients are taken of."""
-        phases = self.phases(r[:, 0], r[:, 1], t)
-        return self.rise(t)[0] * self._orbit(r[:, 2], jnp.cos(phases), jnp.sin(phases), depth)[0]
+        sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
+        return self.rise(t)[0] * self._orbit(r[:, 2], cos, sin, depth)[0]
 
     def excursion(
         self, place: jax.Array, t: jax.Array, depth: jax.Array, heave: jax.Array, surge: jax.Array

@@ -1,7 +1,7 @@
 """Sine and cosine together, as elementwise work.
 
-XLA calls the C library for each sine and each cosine of a double, 12 to 15 ns a piece on the CPU, which was most of a step
-in a sea of many components. Written out they take 1 to 2 ns together.
+XLA calls the C library for each sine and each cosine of a double, 12 to 15 ns a piece on the CPU, which was most of a
+step in a sea of many components. Written out they take 2.4 ns together.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ HALF_PI = {
     8: (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
     4: (1.5703125, 4.837512969970703125e-4, 7.54978995489188216e-8),
 }
-#: Taylor coefficients of `(sin r - r)/r^3` and `(cos r - 1 + r^2/2)/r^4` in powers of r^2, |r| <= pi/4: the first left out
-#: is below 1e-17 of the sum.
+#: Taylor coefficients of `(sin r - r)/r^3` and `(cos r - 1 + r^2/2)/r^4` in powers of r^2, |r| <= pi/4: the first left
+#: out is below 1e-17 of the sum.
 SIN = (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1 / 1307674368000)
 COS = (1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000)
 

@@ -32,20 +32,12 @@ from machine import describe
 from moordyn_conventions import conventions
 from moordyn_runs import Ours, Rows, theirs
 from moordyn_speed import speed
+from paper_cases import TABLE_7, case
 
-from dropper_jax import Scene, load_scene
 from dropper_jax.base.files import atomic_write
 from dropper_jax.run.solution import jsonable
 
 RESULTS = Path(__file__).parent / "results"
-#: The paper's Table 7: anchor tension [N], least, mean and largest, of OrcaFlex and of its adapted MoorDyn.
-TABLE_7 = {
-    "1": {"orcaflex": (0, 2986, 79442), "adapted_moordyn": (0, 2355, 16597)},
-    "2": {"orcaflex": (0, 2696, 68756), "adapted_moordyn": (0, 2609, 12672)},
-    "3": {"orcaflex": (0, 1605, 58753), "adapted_moordyn": (0, 293, 14024)},
-    "4": {"orcaflex": (0, 1406, 1558), "adapted_moordyn": (0, 1380, 1535)},
-    "5": {"orcaflex": (0, 5058, 71766), "adapted_moordyn": (0, 3319, 24173)},
-}
 SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled
 RATIOS = (1.0, 0.1, 0.0)
 EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
@@ -53,18 +45,6 @@ EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
 STEP_COUNTS = (2, 5, 10, 100)
 #: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
 STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
-
-
-def case(number: int, ratio: float = 0.1) -> Scene:
-    """A case of the paper, from its positions. Cases 3 and 5 are turned by 90 degrees, so that waves travel in +x."""
-    values: dict[str, Any] = {"start.kind": "points"}
-    if number in (3, 5):
-        values.update({"point.buoy.position": [0.0, 30.0, -4.43], "sea.waves.direction": 0.0})
-    if number == 5:
-        values["sea.current.direction"] = 0.0
-    scene = load_scene(f"paper-case-{number}").with_values(values)
-    damping = scene.lines[0].axial_damping[0] * ratio / 0.1  # the packaged scenes have a ratio of 0.1
-    return scene.with_values({"line.0.axial.damping": damping})
 
 
 def both(number: int, ratio: float) -> tuple[dict[str, Any], Rows, Rows]:

@@ -16,7 +16,7 @@ from dropper_jax.model import Kinematics
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.static_pose import equilibrium
 
-#: Anchor tension [N] of the adapted MoorDyn (Table 7, maximum: what it settles at).
+#: Anchor tension [N] of MoorDyn v2 at rest. Table 7 has none at rest: its means and largest are of a start.
 AT_REST = 1535.2
 #: Numbers of links for the chain that reaches above the water.
 FINER = (24, 96)

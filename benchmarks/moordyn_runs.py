@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -40,6 +40,7 @@ class Rows:
             thread, so that the two differ only by what else the machine does.
         retried: steps taken again, as a share.
         status: `ok` or what went wrong.
+        sizes: of MoorDyn, mean, least and largest size of the end tensions (k, 3, 2), pushing counted as pulling.
     """
 
     t: np.ndarray
@@ -52,6 +53,7 @@ class Rows:
     cpu_s: float
     retried: float = 0.0
     status: str = "ok"
+    sizes: np.ndarray | None = None
 
     def statistics(self, start: float = 0.0) -> dict[str, Any]:
         """Tension of anchor and fairlead [N] and ranges of the far end [m], from `start` on.
@@ -71,6 +73,9 @@ class Rows:
                 "max": float(np.max(self.most[kept, i])),
                 "std_of_rows": float(np.std(self.mean[kept, i])),
             }
+            if self.sizes is not None:
+                mean, least, most = self.sizes[kept, :, i].T
+                found[name]["size"] = {"min": float(least.min()), "mean": float(mean.mean()), "max": float(most.max())}
         low, high = np.min(self.place[kept], axis=0), np.max(self.place[kept], axis=0)
         found["place"] = {"min": low.tolist(), "max": high.tolist(), "mean": np.mean(self.place[kept], axis=0).tolist()}
         return found
@@ -140,23 +145,25 @@ def wheel() -> Any:
 
 
 def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
-    """Tension [N] at an end, negative where the damper of a slack segment pushes (MoorDyn's tables give its size)."""
+    """Tension [N] of an end segment, negative where the damper of a slack one pushes (MoorDyn gives its size)."""
     pull = np.array(moordyn.GetLineNodeTen(line, end))
     along = np.array(moordyn.GetLineNodePos(line, inner)) - np.array(moordyn.GetLineNodePos(line, end))
     return float(np.linalg.norm(pull) * (np.sign(pull @ along) or 1.0) * (1.0 if end < inner else -1.0))
 
 
-def _write_grid(scene: Scene, folder: Path, duration: float) -> None:
-    """Elevation at the origin and the grid around the mooring, as WaveKin 3 asks for them."""
+def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, int] = (-60, 60)) -> None:
+    """Elevation at the origin, with the scene's ramp, and the grid around the mooring, as WaveKin 3 asks for them."""
     sea = make_sea(scene.sea)
     # whole periods of a regular wave, so that its Fourier series has one line; room at the end for an irregular one
     period = 2 * np.pi / float(sea.waves.omega[0])
     last = period * np.ceil(duration / period + 1.0) if sea.waves.size == 1 else duration + 100.0
     t = np.arange(0.0, last, 0.5 * GRID_STEP)
     eta = np.sum(np.asarray(sea.waves.amplitude) * np.cos(sea.waves.phase - np.outer(t, sea.waves.omega)), axis=1)
+    if scene.sea.ramp is not None:
+        eta = eta * np.sin(0.5 * np.pi * np.clip(t / scene.sea.ramp, 0.0, 1.0)) ** 2
     rows = "\n".join(f"{a:.6f} {b:.9f}" for a, b in zip(t, eta, strict=True))
     (folder / "wave_elevation.txt").write_text(rows + "\n")
-    words = [f"{low} {high} {count}" for low, high, count in ((-60, 60, 61), (-60, 60, 2), (-30, 10, 41))]
+    words = [f"{low} {high} {count}" for low, high, count in ((-60, 60, 61), (*across, 2), (-30, 10, 41))]
     axes = "\n".join(f"2\n{word}" for word in words)
     (folder / "water_grid.txt").write_text(f"grid\nx, y, z\n-\n{axes}\n")
 
@@ -227,4 +234,52 @@ def theirs(
         wall_s=wall,
         cpu_s=cpu,
         status=status,
+        sizes=np.array([(a.mean(axis=0), a.min(axis=0), a.max(axis=0)) for a in map(np.abs, ends)]),
     )
+
+
+def theirs_many(
+    scene: Scene,
+    dt: float,
+    duration: float,
+    look: float,
+    ends: Sequence[tuple[int, bool]],
+    places: Sequence[tuple[int, bool]],
+    across: tuple[int, int],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
+    """MoorDyn (rk2) on its wave grid, at several ends of lines.
+
+    Args:
+        ends, places: number of a line from 1, and whether its last end is meant: where the size of the tension of the
+            end segment is read, and the place.
+        across: least and largest y of the grid [m].
+
+    Returns:
+        times (k,), sizes of tensions (k, ends) [N], places (k, places, 3) [m], and `ok` or what went wrong.
+    """
+    moordyn = wheel()
+    options = {"tScheme": "rk2", "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, "WaveKin": 3}
+    options |= {"dtWave": GRID_STEP, "waveKin_rampT": 0.0}
+    pulls, where = [], []
+    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
+        _write_grid(scene, Path(folder), duration, across)
+        write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
+        system = moordyn.Create("mooring.txt")
+        try:
+            moordyn.Init(system, [], [])
+            lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *places)}
+            last = {i: moordyn.GetLineN(line) for i, line in lines.items()}
+            for step_number in range(round(duration / look)):
+                moordyn.Step(system, [], [], step_number * look, look)
+                pulls.append([np.linalg.norm(moordyn.GetLineNodeTen(lines[i], last[i] * far)) for i, far in ends])
+                where.append([moordyn.GetLineNodePos(lines[i], last[i] * far) for i, far in places])
+                if not np.all(np.isfinite(pulls[-1])):
+                    break
+        except RuntimeError:
+            pass
+        finally:
+            moordyn.Close(system)
+    t = look * np.arange(1, len(pulls) + 1)
+    good = len(pulls) == round(duration / look) and np.all(np.isfinite(pulls[-1]))
+    status = "ok" if good else f"unstable at {len(pulls) * look:.4g} s"
+    return t, np.array(pulls, float).reshape(-1, len(ends)), np.array(where, float).reshape(-1, len(places), 3), status

@@ -11,7 +11,7 @@ USUAL = 0.02
 
 
 def cases(found: dict[str, Any]) -> Rows:
-    """Motion of the buoy and mean tensions of the paper's cases in both codes, at the ratio of 0.1, with Table 7."""
+    """Motion of the buoy and mean tensions of the paper's cases in both codes, at the ratio of 0.1."""
     head = ("case", "code", "buoy, range along the waves [m]", "range of z [m]")
     rows = [(*head, "mean anchor [N], whole / after 50 s", "mean fairlead [N]", "largest, anchor [kN]")]
     for case in found["cases"]:
@@ -23,9 +23,6 @@ def cases(found: dict[str, Any]) -> Rows:
             anchor, fairlead = (f"{whole[key]['mean']:.0f} / {settled[key]['mean']:.0f}" for key in ENDS)
             ranges = (f"{low[0]:.1f} to {high[0]:.1f}", f"{low[2]:.2f} to {high[2]:.2f}")
             rows.append((str(case["case"]), name, *ranges, anchor, fairlead, _kilo(whole["anchor"]["max"])))
-        for code, name in (("orcaflex", "Table 7: OrcaFlex"), ("adapted_moordyn", "Table 7: adapted MoorDyn")):
-            _, mean, largest = found["table_7"][str(case["case"])][code][:3]
-            rows.append((str(case["case"]), name, "-", "-", f"{mean:.0f} / -", "-", _kilo(largest)))
     return rows
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import moordyn_tables
+import table7_tables
 
 HERE = Path(__file__).parent
 RESULTS, DOCS = HERE / "results", HERE.parent / "docs"
@@ -211,6 +212,7 @@ TABLES = {
         name: ("moordyn", lambda found, rows=rows: markdown(rows(found)))
         for name, rows in moordyn_tables.TABLES.items()
     },
+    **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
     "sweep": ("sweep", sweep),
     "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),
     "report_damping": ("report_examples", report_damping),

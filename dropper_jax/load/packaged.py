@@ -14,6 +14,8 @@ from dropper_jax.load.farm import farm_table, is_farm
 DAMPING = ("linear_damping", "quadratic_damping")
 UNDAMPED = "-undamped"
 RELEASES = "dropper-release-"
+#: `NAME-table-6` is the paper's case NAME from the poses of the paper's Table 6, whose run in is part of its Table 7.
+CASES, TABLE_6 = "paper-case-", "-table-6"
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
 
@@ -41,7 +43,8 @@ def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes."""
     files = _files()
     undamped = (name + UNDAMPED for name in files if name.startswith(RELEASES))
-    return tuple(sorted((*files, *undamped, FARM)))
+    placed = (name + TABLE_6 for name in files if name.startswith(CASES))
+    return tuple(sorted((*files, *undamped, *placed, FARM)))
 
 
 def is_packaged(name: str) -> bool:
@@ -58,11 +61,20 @@ def packaged_scene(name: str) -> dict[str, Any]:
     """
     if is_farm(name):
         return farm_table(name)
-    damped = name.removesuffix(UNDAMPED)
-    table = parse_toml(_files()[damped].read_bytes(), f"{damped}.toml")
-    return table if damped == name else _undamped(table)
+    file = name.removesuffix(UNDAMPED).removesuffix(TABLE_6)
+    table = parse_toml(_files()[file].read_bytes(), f"{file}.toml")
+    if name == file:
+        return table
+    return _undamped(table) if name.endswith(UNDAMPED) else _placed(table)
 
 
 def _undamped(table: dict[str, Any]) -> dict[str, Any]:
     effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
     return {**table, "description": table["description"] + " Without damping.", "effects": effects}
+
+
+def _placed(table: dict[str, Any]) -> dict[str, Any]:
+    told = (
+        " It starts from the poses of Table 6: the buoy is held where they put it until the chain rests, then let go."
+    )
+    return {**table, "description": table["description"] + told, "start": {"kind": "points"}}

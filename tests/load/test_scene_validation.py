@@ -226,6 +226,7 @@ def test_unknown_packaged_scene_names_the_nearest():
 
 EXPECTED = {
     *(f"paper-case-{number}" for number in range(1, 6)),
+    *(f"paper-case-{number}-table-6" for number in range(1, 6)),
     "edulis-longline",
     "edulis-tide",
     "platform-longline",

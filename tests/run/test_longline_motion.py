@@ -95,5 +95,5 @@ def test_gradients_of_the_static_anchor_tension_of_case_4_agree_with_differences
     def anchor(factors):
         return settle(scaled(model, factors), near).tension[0]
 
-    assert float(anchor(jnp.ones(4))) == pytest.approx(1535.0, rel=0.015)  # the paper's adapted MoorDyn
+    assert float(anchor(jnp.ones(4))) == pytest.approx(1535.2, rel=0.005)  # MoorDyn v2 after 300 s
     assert_differences_agree(anchor, jax.jit(jax.jacfwd(anchor))(jnp.ones(4)))

@@ -1,0 +1,144 @@
+"""The Edulis longline in MoorDyn v2, on the file written of its scene, and here: tensions and motions with errors.
+
+Both codes get the scene turned by 90 degrees: waves then travel in +x and MoorDyn can take its wave grid, in which
+buoys feel the dynamic pressure. Both start from the static pose found here.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from moordyn_runs import theirs_many
+
+import dropper_jax as dj
+from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.run.solution import Solution
+from dropper_jax.scene.nodes import point_nodes
+from dropper_jax.study.load_errors import LINKS, load_errors
+
+SPAN, SKIP, BATCHES = 150.0, 30.0, 8
+#: MoorDyn's steps [s]; the second tells the first one's error.
+STEPS = (0.0005, 0.00025)
+LOOK = 0.03
+#: Lines whose ends are compared, whether it is the last end, and points that are followed.
+ENDS = (
+    ("west leg at the Danforth anchor", "west-leg", False),
+    ("west leg at the buoy", "west-leg", True),
+    ("backbone at the west buoy", "backbone-1", False),
+    ("backbone in the middle", "backbone-5", True),
+    ("first sock at the buoy", "sock-1", False),
+    ("middle sock at the backbone", "sock-5", False),
+)
+POINTS = (("west buoy", "west-buoy"), ("middle of the backbone", "v5"))
+AXES = ("along the waves", "across the waves", "up")
+#: Runs of `load_errors` in their order.
+RUNS = ("1", "2", "4", "perturbed", "links", "twice_damping", "twice_bed")
+
+
+def turned() -> dj.Scene:
+    """`edulis-longline`, turned by 90 degrees (x' = -y, y' = x), from its static pose."""
+    scene = dj.load_scene("edulis-longline")
+    table = scene.to_dict()
+    table["sea"]["waves"]["direction"] = 0.0
+    table["sea"]["current"]["direction"] = 0.0
+    for point in table["point"]:
+        x, y, z = point["position"]
+        point["position"] = [-y, x, z]
+    scene = dj.Scene.from_dict(table)
+    pose = dj.equilibrium(scene)
+    nodes = point_nodes(scene)
+    for point in table["point"]:
+        if point["kind"] == "free":
+            point["position"] = np.asarray(pose.positions)[nodes[point["name"]]].tolist()
+    return dj.Scene.from_dict({**table, "start": {"kind": "points"}, "run": {**table["run"], "duration": SPAN}})
+
+
+def series_here(run: Solution) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times [s] and values over time by name: tensions of end links [N], places of points [m]."""
+    links = {line.name: line.links for line in run.lines}
+    nodes = point_nodes(run.scene)
+    found = {name: run.tension[:, links[line].stop - 1 if last else links[line].start] for name, line, last in ENDS}
+    for name, point in POINTS:
+        found.update({f"{name}, {axis}": run.positions[:, nodes[point], i] for i, axis in enumerate(AXES)})
+    return run.t, found
+
+
+def series_there(scene: dj.Scene, dt: float) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
+    """The same in MoorDyn."""
+    number = {line.name: i + 1 for i, line in enumerate(scene.lines)}
+    ends = [(number[line], last) for _, line, last in ENDS]
+    places = []
+    for _, point in POINTS:
+        line = next(line for line in scene.lines if point == line.end)
+        places.append((number[line.name], True))
+    t, pulls, where, status = theirs_many(scene, dt, SPAN, LOOK, ends, places, across=(-60, 120))
+    found = {name: pulls[:, i] for i, (name, *_) in enumerate(ENDS)}
+    for j, (name, _) in enumerate(POINTS):
+        found.update({f"{name}, {axis}": where[:, j, i] for i, axis in enumerate(AXES)})
+    return t, found, status
+
+
+def statistics(t: np.ndarray, found: dict[str, np.ndarray]) -> dict[str, dict[str, float]]:
+    """Mean, deviation, least and largest after `SKIP`, and standard errors of the first two by batch means."""
+    rows = {}
+    for name, values in found.items():
+        kept = values[t > SKIP]
+        parts = np.array_split(kept, BATCHES)
+        rows[name] = {
+            "mean": float(kept.mean()),
+            "deviation": float(kept.std()),
+            "min": float(kept.min()),
+            "max": float(kept.max()),
+            "mean_chance": float(np.std([p.mean() for p in parts], ddof=1) / np.sqrt(BATCHES)),
+            "deviation_chance": float(np.std([p.std() for p in parts], ddof=1) / np.sqrt(BATCHES)),
+        }
+    return rows
+
+
+def edulis() -> dict[str, Any]:
+    """Statistics of both codes, ours with errors by step and links, MoorDyn's by its step."""
+    scene = turned()
+    made: dict[str, Any] = {}
+    order = iter(RUNS)
+
+    def run(variant: dj.Scene) -> Solution:
+        solution = dj.simulate(variant)
+        name = next(order)
+        made[name] = statistics(*series_here(solution))
+        print(f"  edulis here, {name}: {solution.status}, {made[name][ENDS[1][0]]}", flush=True)
+        return solution
+
+    told = load_errors(scene, run, SKIP)
+    with tempfile.TemporaryDirectory() as folder:
+        lost = write_moordyn(scene, Path(folder) / "edulis.txt", dt=STEPS[0])
+    there = {}
+    for dt in STEPS:
+        t, found, status = series_there(scene, dt)
+        there[str(dt)] = {"status": status, "rows": statistics(t, found) if status == "ok" else None}
+        print(f"  edulis, MoorDyn at {dt:g} s: {status}", flush=True)
+    rows = [_row(name, made, there) for name in made["1"]]
+    return {
+        "span_s": SPAN, "skip_s": SKIP, "dt_s": scene.run.dt, "moordyn_dt_s": list(STEPS), "rows": rows,
+        "chaotic": told["chaotic"], "not_resolved": told["not_resolved"], "not_in_the_file": lost,
+        "statuses": {dt: one["status"] for dt, one in there.items()},
+    }  # fmt: skip
+
+
+def _row(name: str, made: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": name}
+    for what in ("mean", "deviation", "min", "max"):
+        steps = [made[key][name][what] for key in ("1", "2", "4")]
+        links = LINKS * abs(made["links"][name][what] - steps[0]) if "links" in made else 0.0
+        first, second = (there[str(dt)]["rows"] for dt in STEPS)
+        row[what] = {
+            "here": steps[0],
+            "step": max(steps) - min(steps),
+            "links": links,
+            "chance": made["1"][name].get(f"{what}_chance"),
+            "moordyn": None if first is None else first[name][what],
+            "moordyn_step": None if first is None or second is None else abs(first[name][what] - second[name][what]),
+        }
+    return row

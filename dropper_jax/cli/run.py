@@ -20,7 +20,17 @@ help = "simulate a scene"
 #: Files that hold a whole run.
 RUN_SUFFIXES = (".npz", ".nc")
 #: Options that stand for a value of the scene.
-OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "step_tolerance", "error_tolerance", "gamma", "rho_infinity")
+OVERRIDES = (
+    "integrator",
+    "solver",
+    "dt",
+    "duration",
+    "dtype",
+    "step_tolerance",
+    "error_tolerance",
+    "gamma",
+    "rho_infinity",
+)
 #: Lines of a system whose tensions are printed.
 MOST_LINES = 12
 PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}

@@ -4,8 +4,7 @@
 
 y are places, velocities and the work done, f the motion with its index reduced (`reduced.moving`), and P brings places
 and velocities back to the lengths of the links (`reduced.on_links`), without which these drift and errors grow.
-The step is held by the error it makes, or by equal steps; stable while h b/m stays below `stable`, b/m the rate at which
-damping would stop a node.
+Stable while h b/m stays below `stable`, b/m the rate at which damping would stop a node.
 """
 
 from __future__ import annotations

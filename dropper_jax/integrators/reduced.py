@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.base.tridiagonal import cyclic_reduction
-from dropper_jax.model import Kinematics, Model, booked
+from dropper_jax.model import Kinematics, Model, booked, work_names
 
 
 class Moving(NamedTuple):
@@ -39,7 +39,7 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
     rate = k.link_velocities
     rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
     tension = _solved(model, unit, inverse, rhs)
-    power = _powers(model, k, tension[:, None] * unit) if track else jnp.zeros(0, r.dtype)
+    power = _powers(model, k, tension[:, None] * unit) if track and work_names(model) else jnp.zeros(0, r.dtype)
     return Moving(loose + model.pull(tension, unit) * inverse[:, None], tension, power)
 
 
@@ -53,7 +53,7 @@ def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[ja
 
 
 def jumped(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Velocities (nodes, 3) after held points have taken theirs of time t, and the impulses in the links (n, 3) [N s]."""
+    """Velocities (nodes, 3) after held points have taken theirs of t, and the impulses in the links (n, 3) [N s]."""
     change, impulse = _stopped(model, r, v, t)
     return v + change, impulse
 

@@ -233,9 +233,7 @@ def _compile(stepper: Stepper, model: Model, start: State, run: RunSpec) -> _Pie
     return _Pieces(lambda carry: following(model, carry, dt, limit), carry, saves)
 
 
-def _run(
-    run: _Pieces, saves: int, say: Callable[[float, str], None]
-) -> tuple[Trajectory, Beside, Carry, float, bool]:
+def _run(run: _Pieces, saves: int, say: Callable[[float, str], None]) -> tuple[Trajectory, Beside, Carry, float, bool]:
     """Pieces until the end, a failure or an interruption; always the same program, so that reruns agree to the bit."""
     carry = run.carry
     pieces: list[tuple[Trajectory, Beside]] = []
@@ -345,7 +343,7 @@ def _followed(solution: Solution, within: Within, refused: int) -> Solution:
 def _controlled(
     solution: Solution, stepper: Stepper, model: Model, run: Trajectory, h: np.ndarray, carry: Controlled
 ) -> Solution:
-    """The solution of steps held by their error: steps taken and refused, where they failed, whether damping held them."""
+    """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
     good = len(solution.t) - 1
     taken = {"steps": int(carry.taken), "refused_steps": int(carry.refused)}
     taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)

@@ -47,6 +47,7 @@ class Controlled(NamedTuple):
         taken, refused: steps so far.
         saved: saved times so far.
         origin: time [s] from which saved times count.
+        landed: whether the last step ended at a corner, with what jumps there still to come.
         bad: 0, or 1 where a step as short as time resolves is still refused, 2 where it is not finite.
     """
 
@@ -58,6 +59,7 @@ class Controlled(NamedTuple):
     refused: jax.Array
     saved: jax.Array
     origin: jax.Array
+    landed: jax.Array
     bad: jax.Array
 
     @property
@@ -81,7 +83,7 @@ def start_controlled(stepper: Stepper, model: Model, s: State, tolerance: jax.Ar
     knots = tuple(now._replace(t=now.t - i) for i in reversed(range(scheme.knots)))
     none, one = jnp.zeros((), jnp.int32), jnp.ones((), model.dtype)
     first = _first_step(scheme, model, now, tolerance)
-    return Controlled(knots, none, first, one, none, none, none, now.t, none)
+    return Controlled(knots, none, first, one, none, none, none, now.t, jnp.zeros((), bool), none)
 
 
 def advance_controlled(
@@ -89,9 +91,8 @@ def advance_controlled(
 ) -> tuple[Controlled, tuple[Trajectory, jax.Array]]:
     """`saves` further saved times, dt [s] apart; beside the trajectory the steps (k,) [s] that these times lie in.
 
-    Once a run has failed its states are no states: `Trajectory.first_bad` is the number of the first saved time of them.
+    Once a run has failed its states are none: `Trajectory.first_bad` is the number of the first saved time of them.
     """
-    scheme: ProjectedRungeKutta = stepper.integrator
     first = carry.saved
     rows = jnp.zeros((saves, carry.now.y.size), model.dtype), jnp.zeros(saves, model.dtype)
 
@@ -114,21 +115,21 @@ def advance_controlled(
     def go(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
         return (both[0].saved < first + saves) & (both[0].bad == 0)
 
-    def go_on(both):
-        return _attempt(stepper, model, both[0], tolerance)[0], both[1]
+    def go_on(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
+        return _attempt(stepper, model, both[0], tolerance), both[1]
 
     def one(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
         return jax.lax.cond(due(both), write, go_on, both)
 
     carry, (y, h) = jax.lax.while_loop(go, one, (carry, rows))
     t = carry.origin + (first + 1 + jnp.arange(saves)) * dt
-    return carry, (_trajectory(stepper, model, carry, first, y, t), h)
+    return carry, (_trajectory(model, first, carry.saved, carry.bad, y, t), h)
 
 
 def _trajectory(
-    stepper: Stepper, model: Model, carry: Controlled, first: jax.Array, y: jax.Array, t: jax.Array
+    model: Model, first: jax.Array, saved: jax.Array, bad: jax.Array, y: jax.Array, t: jax.Array
 ) -> Trajectory:
-    """Rows y (k, ...) at times t (k,) as a trajectory, brought to the lengths that interpolation leaves by its error."""
+    """Rows y (k, ...) at times t (k,) as a trajectory, brought to the lengths that interpolation leaves."""
 
     def seen(row: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         r, v = on_links(model, *row)
@@ -138,10 +139,10 @@ def _trajectory(
     # row by row: a loop becomes one kernel, where all rows at once would take some hundred
     r, v, tension = jax.lax.map(seen, (*places, beside(t, -1.0)))
     number = first + jnp.arange(len(t), dtype=jnp.int32)
-    lost = number >= carry.saved
+    lost = number >= saved
     none = jnp.zeros(len(t), jnp.int32)
-    residual = jnp.where(lost, jnp.where(carry.bad == 2, jnp.nan, jnp.inf), 0.0).astype(model.dtype)
-    first_bad = jnp.where(lost, carry.saved, -1)
+    residual = jnp.where(lost, jnp.where(bad == 2, jnp.nan, jnp.inf), 0.0).astype(model.dtype)
+    first_bad = jnp.where(lost, saved, -1)
     return Trajectory(r, v, tension, work, residual, none, lost.astype(jnp.int32), first_bad, own={})
 
 
@@ -151,11 +152,10 @@ def _rows(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     return r.reshape(-1, nodes, 3), v.reshape(-1, nodes, 3), work
 
 
-def _attempt(
-    stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array
-) -> tuple[Controlled, jax.Array]:
-    """The carry after a step that was tried, and whether it ended at a corner."""
+def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
+    """The carry after a step that was tried."""
     scheme: ProjectedRungeKutta = stepper.integrator
+    carry = _turned(stepper, model, carry, tolerance)
     now, q = carry.now, scheme.order
     h, landing = _to_corner(model, now.t, carry.h)
     after, errors = scheme.attempt(model, now, h, stepper.track_work)
@@ -179,11 +179,12 @@ def _attempt(
         error=jnp.where(good, jnp.maximum(e, LEAST), carry.error),
         taken=carry.taken + good,
         refused=carry.refused + ~good,
+        landed=carry.landed if landing is None else good & landing,
         bad=jnp.where(lost, jnp.where(finite, 1, 2), carry.bad).astype(jnp.int32),
-    ), good if landing is None else good & landing
+    )
 
 
-def _turned(stepper: Stepper, model: Model, carry: Controlled, landed: jax.Array, tolerance: jax.Array) -> Controlled:
+def _turned(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
     """The carry, after a step that ended at a corner with what jumps there."""
     if model.corners is None:
         return carry
@@ -193,9 +194,10 @@ def _turned(stepper: Stepper, model: Model, carry: Controlled, landed: jax.Array
         now = scheme.after_jump(model, carry.now, stepper.track_work)
         h = jnp.minimum(carry.h, _first_step(scheme, model, now, tolerance))
         knots = (*carry.knots[:-1], now)
-        return carry._replace(knots=knots, known=jnp.zeros_like(carry.known), h=h, error=jnp.ones_like(carry.error))
+        known, error = jnp.zeros_like(carry.known), jnp.ones_like(carry.error)
+        return carry._replace(knots=knots, known=known, h=h, error=error, landed=jnp.zeros_like(carry.landed))
 
-    return jax.lax.cond(landed, turn, lambda carry: carry, carry)
+    return jax.lax.cond(carry.landed, turn, lambda carry: carry, carry)
 
 
 def _first_step(scheme: ProjectedRungeKutta, model: Model, now: Knot, tolerance: jax.Array) -> jax.Array:
@@ -216,7 +218,7 @@ def _next_corner(model: Model, t: jax.Array) -> jax.Array:
 
 
 def _to_corner(model: Model, t: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array | None]:
-    """The step, so that it ends at the next corner or leaves at least half a step to it, and whether it does end there."""
+    """The step, cut so that it ends at the next corner or well before it, and whether it does end there."""
     if model.corners is None:
         return h, None
     gap = _next_corner(model, t) - t
@@ -265,13 +267,13 @@ def _hermite(times: jax.Array, x: jax.Array, used: jax.Array, derivatives: int) 
     apart = times[:, None] - times[None, :]
     others = used[None, :] * (1.0 - jnp.eye(len(times), dtype=times.dtype))
     inverse = others / jnp.where(apart == 0.0, 1.0, apart)
-    l = used * jnp.prod(jnp.where(others > 0.0, u[None, :] * inverse, 1.0), axis=1)
+    lagrange = used * jnp.prod(jnp.where(others > 0.0, u[None, :] * inverse, 1.0), axis=1)
     slope = jnp.sum(inverse, axis=1)
     if derivatives == 2:
-        return jnp.concatenate([l**2 * (1.0 - 2.0 * slope * u), l**2 * u])
-    bend = slope**2 - jnp.sum(inverse**2, axis=1)
+        return jnp.concatenate([lagrange**2 * (1.0 - 2.0 * slope * u), lagrange**2 * u])
+    cube, bend = lagrange**3, slope**2 - jnp.sum(inverse**2, axis=1)
     value = 1.0 - 3.0 * slope * u + (6.0 * slope**2 - 1.5 * bend) * u**2
-    return jnp.concatenate([l**3 * value, l**3 * u * (1.0 - 3.0 * slope * u), 0.5 * l**3 * u**2])
+    return jnp.concatenate([cube * value, cube * u * (1.0 - 3.0 * slope * u), 0.5 * cube * u**2])
 
 
 def controlled_steps(
@@ -288,12 +290,11 @@ def controlled_steps(
 
     def one(both: tuple[Controlled, Steps]) -> tuple[Controlled, Steps]:
         carry, steps = both
-        after, landed = _attempt(stepper, model, carry, tolerance)
+        after = _attempt(stepper, model, carry, tolerance)
         put = partial(jax.lax.dynamic_update_index_in_dim, index=steps.number, axis=0)
         good = after.taken > carry.taken
         lengths = put(steps.length, jnp.where(good, after.now.t - carry.now.t, 0.0))
-        steps = Steps(lengths, put(steps.corner, landed), after.taken)
-        return _turned(stepper, model, after, landed, tolerance), steps
+        return after, Steps(lengths, put(steps.corner, after.landed), after.taken)
 
     steps = Steps(jnp.zeros(most, model.dtype), jnp.zeros(most, bool), carry.taken)
     return jax.lax.stop_gradient(jax.lax.while_loop(go, one, (carry, steps))[1])
@@ -304,8 +305,8 @@ def integrate_along(
 ) -> tuple[State, Trajectory]:
     """The run along `steps` from s, its states at `saves` times dt [s] apart, and the state at its end.
 
-    A pure function with derivatives by model and s in both modes, those of the motion along these steps; in reverse mode
-    the end of every step is kept, and the step taken again on the way back.
+    A pure function with derivatives by model and s in both modes, those of the motion along these steps; in reverse
+    mode the end of every step is kept, and the step taken again on the way back.
     """
     scheme: ProjectedRungeKutta = stepper.integrator
     track = stepper.track_work
@@ -323,13 +324,17 @@ def integrate_along(
         after = after._replace(t=jnp.where(corner, _next_corner(model, now.t), after.t))
         return jax.lax.cond(corner, lambda k: scheme.after_jump(model, k, track), lambda k: k, after), after
 
-    def one(carry: tuple[Knot, jax.Array], step: tuple[jax.Array, jax.Array]) -> tuple[Any, tuple[Knot, Knot, jax.Array]]:
+    def one(
+        carry: tuple[Knot, jax.Array], step: tuple[jax.Array, jax.Array]
+    ) -> tuple[Any, tuple[Knot, Knot, jax.Array]]:
         now, known = carry
         onward, ended = jax.lax.cond(step[0] > 0.0, take, lambda now, _: (now, now), now, step)
         known = known + 1
         return (onward, jnp.where(step[1], 0, known)), (now, ended, known)
 
-    (last, _), (begun, ended, known) = jax.lax.scan(one, (first, jnp.zeros((), jnp.int32)), (steps.length, steps.corner))
+    (last, _), (begun, ended, known) = jax.lax.scan(
+        one, (first, jnp.zeros((), jnp.int32)), (steps.length, steps.corner)
+    )
     origin = first.t
     t = origin + dt * (1 + jnp.arange(saves))
 
@@ -345,5 +350,4 @@ def integrate_along(
 
     y = jax.vmap(at)(t)
     none = jnp.zeros((), jnp.int32)
-    done = Controlled((last,), none, dt, dt, none, none, jnp.int32(saves), origin, none)
-    return at_knot(s, last), _trajectory(stepper, model, done, none, y, t)
+    return at_knot(s, last), _trajectory(model, none, jnp.int32(saves), none, y, t)

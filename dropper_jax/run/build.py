@@ -44,6 +44,19 @@ def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     return stepper
 
 
+def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
+    """The same for studies that take equal steps of `run.dt`.
+
+    Raises:
+        SceneError: a scheme that holds its own error, whose dt is no step.
+    """
+    stepper = stepper_of(model, run, **settings)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        why = "holds its own error, and this takes equal steps; allowed: rattle, energy_momentum"
+        raise SceneError(f"run.integrator: {run.integrator!r} {why}")
+    return stepper
+
+
 def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
     """The error of a step that a run allows a scheme which holds it."""
     if run.error_tolerance is not None:

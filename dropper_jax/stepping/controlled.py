@@ -171,7 +171,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     following = jnp.minimum(jax.lax.stop_gradient(h) * jnp.where(good, onward, again), _longest(model))
     knots = jax.tree.map(partial(jnp.where, good), (*carry.knots[1:], after), carry.knots)
     shortest = jax.lax.stop_gradient(beside(jnp.abs(now.t), 64.0) - jnp.abs(now.t))
-    lost = ~good & (h <= shortest)
+    lost = ~good & ~(h > shortest)  # a step that is no number is lost too
     return carry._replace(
         knots=knots,
         known=carry.known + good,

@@ -178,8 +178,7 @@ def test_motion_without_bounds_is_no_success():
     [
         ("paper-case-1", {}, "it runs single lines only; use energy_momentum"),
         ("dropper-release-a-compound", {}, "compound links couple them; use energy_momentum"),
-        ("dropper-north-sea", {}, "added mass; use energy_momentum"),
-        ("string", {}, "the line is elastic; use energy_momentum"),
+        ("dropper-current", {}, "the scene has added mass; use energy_momentum"),
         ("measured-single-pendulum", {}, "use energy_momentum"),
         ("dropper-release-a", {"run.solver": "dense"}, "run.solver: 'dense' is given, but integrator 'dop853'"),
         ("dropper-release-a", {"run.step_tolerance": 0.1}, "holds its own error; use run.error_tolerance"),
@@ -195,6 +194,16 @@ def test_motion_without_bounds_is_no_success():
 def test_what_it_is_not_for_is_refused_with_what_to_take(scene, changed, words):
     with pytest.raises(dj.SceneError, match=words):
         dj.simulate(dj.load_scene(scene).with_values({"run.integrator": "dop853", **changed}))
+
+
+def test_a_line_that_stretches_is_refused_with_what_to_take(falling):
+    with pytest.raises(dj.SceneError, match="the line is elastic; use energy_momentum, rk2 or rk4"):
+        dj.simulate(falling(period=0.008, dt=0.02, duration=0.1), integrator="tsit5")
+
+
+def test_a_step_is_not_chosen_for_schemes_that_hold_their_own_error():
+    with pytest.raises(dj.SceneError, match="run.integrator: 'tsit5' holds its own error, and this takes equal steps"):
+        dj.simulate("dropper-release-a", integrator="tsit5", tolerance=1e-3)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

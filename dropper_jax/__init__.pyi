@@ -22,6 +22,8 @@ from dropper_jax.run.start import initial_state as initial_state
 from dropper_jax.statics.static_pose import settle as settle
 from dropper_jax.stepping.adaptive import followed_steps as followed_steps
 from dropper_jax.stepping.choose import make_stepper as make_stepper
+from dropper_jax.stepping.controlled import controlled_steps as controlled_steps
+from dropper_jax.stepping.controlled import integrate_along as integrate_along
 from dropper_jax.stepping.integrate import Trajectory as Trajectory
 from dropper_jax.stepping.integrate import integrate as integrate
 from dropper_jax.stepping.step import step as step

@@ -33,8 +33,8 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
     """
     if one_kernel_of(diagonal.shape[0]):
         if rhs.ndim == 1:
-            return _reduced(lower, diagonal, upper, rhs)
-        return jax.vmap(_reduced, in_axes=(None, None, None, 1), out_axes=1)(lower, diagonal, upper, rhs)
+            return cyclic_reduction(lower, diagonal, upper, rhs)
+        return jax.vmap(cyclic_reduction, in_axes=(None, None, None, 1), out_axes=1)(lower, diagonal, upper, rhs)
     columns = rhs.reshape(rhs.shape[0], -1)
     return linalg.tridiagonal_solve(lower, diagonal, upper, columns).reshape(rhs.shape)
 
@@ -47,17 +47,24 @@ def one_kernel_of(rows: int) -> bool:
 
 
 @jax.custom_jvp
-def _reduced(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+    """The solution (n,) by cyclic reduction, whatever the device; `rhs` (n,).
+
+    For systems inside inner loops: XLA's CPU compiler makes one function of a short loop even where that holds a call
+    of a library, which then is not found (JAX 0.10.1).
+    """
     return _halved(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
 
 
-@_reduced.defjvp
-def _reduced_jvp(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+@cyclic_reduction.defjvp
+def _cyclic_reduction_jvp(
+    primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
+) -> tuple[jax.Array, jax.Array]:
     (lower, diagonal, upper, rhs), (dl, dd, du, db) = primals, tangents
-    x = _reduced(lower, diagonal, upper, rhs)
+    x = cyclic_reduction(lower, diagonal, upper, rhs)
     zero = jnp.zeros_like(x[:1])
     before, after = jnp.concatenate([zero, x[:-1]]), jnp.concatenate([x[1:], zero])
-    return x, _reduced(lower, diagonal, upper, db - dl * before - dd * x - du * after)
+    return x, cyclic_reduction(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
 def _halved(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, least: int) -> jax.Array:

@@ -142,6 +142,10 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
         "type": number,
         "help": "let steps follow the snaps of lines: speed [m/s] that a step's change of tension may give to a link",
     },
+    "error_tolerance": {
+        "type": number,
+        "help": "error of a step in places [m] and velocities [m/s] that tsit5 and dop853 allow (default: 1e-6)",
+    },
     "gamma": {"type": number, "help": "weight of the new time in the theta schemes, 0 to 1"},
     "rho_infinity": {
         "type": number,

@@ -20,7 +20,17 @@ help = "simulate a scene"
 #: Files that hold a whole run.
 RUN_SUFFIXES = (".npz", ".nc")
 #: Options that stand for a value of the scene.
-OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype", "step_tolerance", "gamma", "rho_infinity")
+OVERRIDES = (
+    "integrator",
+    "solver",
+    "dt",
+    "duration",
+    "dtype",
+    "step_tolerance",
+    "error_tolerance",
+    "gamma",
+    "rho_infinity",
+)
 #: Lines of a system whose tensions are printed.
 MOST_LINES = 12
 PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}
@@ -112,9 +122,12 @@ def _write_channels(source: str, solution: Solution, path: Path) -> None:
 
 def _steps(solution: Solution) -> str:
     used, end = solution.settings, f"{solution.t[-1]:g} s"
-    if solution.tension_max is None:
+    if "refused_steps" not in used:
         return f"{used['steps']} steps of {used['dt']:g} s to {end}"
     refused = f"{used['refused_steps']} more refused"
+    if solution.tension_max is None:
+        held = f"{used['steps']} steps held by an error of {used['error_tolerance']:g} to {end}"
+        return f"{held}, {refused}; saved every {used['dt'] * used['save_every']:g} s"
     return f"{used['steps']} steps that follow the snaps to {end}, {refused}; saved every {used['dt']:g} s"
 
 

@@ -71,6 +71,13 @@ class EndMotion(HeldMotion):
             return self.time[jnp.array([0, -1] if self.ramp is None else [-1])]
         return jnp.zeros(1, self.amplitude.dtype) if self.ramp is None else None
 
+    @property
+    def corners(self) -> jax.Array | None:
+        """All rows of a table, where the third derivative jumps, and both ends of a ramp."""
+        begin = jnp.zeros((), self.amplitude.dtype) if self.time is None else self.time[0]
+        ramp = jnp.ravel(begin) if self.ramp is None else jnp.stack([begin, begin + self.ramp])
+        return ramp if self.time is None else jnp.concatenate([self.time, ramp])
+
 
 def _interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
     """Quintic Hermite interpolation of rows (k, 3), twice differentiable; the end values are held outside the table."""

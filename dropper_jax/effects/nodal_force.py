@@ -24,7 +24,8 @@ class NodalForce(Effect):
     (E.1)-(E.3) is `rise = M g / 0.094 s`), or read from a table `time`, `scale` (linear between, held outside).
 
     Schemes see s at their own instants (the middle of the step by default): a `release` inside a step is moved to the
-    end or the beginning of that step, an error of first order in the step. Take a step that divides `release`.
+    end or the beginning of that step, an error of first order in the step. Take a step that divides `release`, or a
+    scheme that ends steps there (tsit5, dop853).
     """
 
     name: ClassVar[str] = "nodal_force"
@@ -68,6 +69,14 @@ class NodalForce(Effect):
         begin = 0.0 if self.start is None else self.start
         s = jnp.where(t >= begin, 1.0, 0.0) if self.rise is None else jnp.clip((t - begin) / self.rise, 0.0, 1.0)
         return s if self.release is None else jnp.where(t < self.release, s, 0.0)
+
+    @property
+    def corners(self) -> jax.Array | None:
+        if self.time is not None:
+            return self.time
+        begin = jnp.zeros((), self.force_n.dtype) if self.start is None else self.start
+        found = [begin, None if self.rise is None else begin + self.rise, self.release]
+        return jnp.stack([t for t in found if t is not None])
 
     def force(self, k: Kinematics) -> jax.Array:
         index = np.array(self.nodes) - 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dropper_jax.integrators.dop853 import Dop853
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
 from dropper_jax.integrators.generalized_alpha import GeneralizedAlpha
@@ -16,6 +17,7 @@ from dropper_jax.integrators.semi_implicit_euler import SemiImplicitEuler
 from dropper_jax.integrators.thesis_angles import ThesisAngles
 from dropper_jax.integrators.theta import Theta
 from dropper_jax.integrators.theta_midpoint import ThetaMidpoint
+from dropper_jax.integrators.tsit5 import Tsit5
 
 INTEGRATORS = {
     cls.name: cls
@@ -30,6 +32,8 @@ INTEGRATORS = {
         EnergyMomentum4,
         Rattle4,
         GeneralizedAlpha,
+        Tsit5,
+        Dop853,
         ThesisAngles,
     )
 }

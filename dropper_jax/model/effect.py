@@ -43,6 +43,11 @@ class Effect:
         return None
 
     @property
+    def corners(self) -> jax.Array | None:
+        """Times (k,) [s] at which what it does is not smooth in time, for schemes that end steps there; None: never."""
+        return self.kinks
+
+    @property
     def needs_material(self) -> bool:
         """Whether it reads `k.water.material`, the material acceleration of the water."""
         return False

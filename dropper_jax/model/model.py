@@ -62,6 +62,13 @@ class Model:
         found = [jnp.ravel(e.kinks) for e in self.having(Displacement) if e.kinks is not None]
         return jnp.concatenate(found) if found else None
 
+    @property
+    def corners(self) -> jax.Array | None:
+        """Times (k,) [s] at which an effect is not smooth in time; None where all are."""
+        found = [jnp.ravel(e.corners) for e in self.effects if e.corners is not None]
+        found += [] if self.sea is None else self.sea.corners
+        return jnp.concatenate(found) if found else None
+
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""
         return tuple(e for e in self.effects if isinstance(e, slot))

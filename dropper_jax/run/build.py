@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
@@ -17,6 +21,9 @@ from dropper_jax.statics.static_pose import Equilibrium
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
+#: Rounding units that an error may be held to.
+ROUNDING = 100.0
+
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
 
@@ -27,7 +34,44 @@ def build_model(scene: Scene, dtype: str | None = None) -> Model:
 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     """The stepper of a scene's `[run]`."""
-    return make_stepper(model, run.integrator, run.solver, **run.options, **settings)
+    stepper = make_stepper(model, run.integrator, run.solver, **run.options, **settings)
+    holds = isinstance(stepper.integrator, ProjectedRungeKutta)
+    if run.error_tolerance is not None:
+        _check_tolerance(run.error_tolerance, run.integrator, holds, model)
+    if run.step_tolerance is not None and holds:
+        why = f"is given, but integrator {run.integrator!r} holds its own error; use run.error_tolerance"
+        raise SceneError(f"run.step_tolerance: {run.step_tolerance:g} {why}")
+    return stepper
+
+
+def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
+    """The same for studies that take equal steps of `run.dt`.
+
+    Raises:
+        SceneError: a scheme that holds its own error, whose dt is no step.
+    """
+    stepper = stepper_of(model, run, **settings)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        why = "holds its own error, and this takes equal steps; allowed: rattle, energy_momentum"
+        raise SceneError(f"run.integrator: {run.integrator!r} {why}")
+    return stepper
+
+
+def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
+    """The error of a step that a run allows a scheme which holds it."""
+    if run.error_tolerance is not None:
+        return run.error_tolerance
+    return max(stepper.integrator.tolerance, ROUNDING * float(jnp.finfo(model.dtype).eps))
+
+
+def _check_tolerance(tolerance: float, integrator: str, holds: bool, model: Model) -> None:
+    if not holds:
+        why = f"is given, but integrator {integrator!r} takes equal steps; allowed: with tsit5 or dop853"
+        raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
+    least = ROUNDING * float(jnp.finfo(model.dtype).eps)
+    if tolerance < least:
+        why = f"is below what {model.dtype} resolves; allowed: at least {least:.0e}"
+        raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
 
 
 def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:

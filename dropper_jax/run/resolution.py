@@ -25,7 +25,8 @@ ALTERNATING, ALTERNATION = 20, 0.05
 def judged(solution: Solution) -> Solution:
     """The solution with what it has to say about its own numbers; energy above its scale that came from nowhere or
     went is no solution."""
-    every_step = solution.settings["save_every"] == 1 and solution.tension_max is None and len(solution.t) > 3
+    used = solution.settings
+    every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
     found = list(_tensions(solution)) if every_step else []
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import time
 from collections.abc import Callable
@@ -16,20 +17,23 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Frozen, Model, Parted, State, work_names
 from dropper_jax.residual import Implicit
-from dropper_jax.run.build import SceneLike, build_model, stepper_of
+from dropper_jax.run.build import SceneLike, allowed_error, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
+from dropper_jax.run.stiffness import stiffness_remarks
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
+from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import Stepper
@@ -42,6 +46,8 @@ PIECES, SAVES = 12, (1, 2, 16, 128, 1024)
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = kept(static=("stepper", "saves", "save_every"))(advance)
 _advance_adaptively = kept(static=("stepper", "saves"))(advance_adaptively)
+_advance_controlled = kept(static=("stepper", "saves"))(advance_controlled)
+_start_controlled = kept(static=("stepper",))(start_controlled)
 
 
 @kept()
@@ -61,6 +67,7 @@ def simulate(
     dtype: str | None = None,
     save_every: int | None = None,
     step_tolerance: float | None = None,
+    error_tolerance: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
     tolerance: float | None = None,
@@ -79,6 +86,8 @@ def simulate(
         step_tolerance: speed [m/s] that the change of a tension within a step may give to a link of mean mass. Steps
             then follow the snaps of lines (see `stepping.adaptive`), dt is the interval between saved times and the
             longest step, and saved tensions are means over it; `tension_min` and `tension_max` keep the extremes.
+        error_tolerance: error of a step in places [m] and velocities [m/s] that tsit5 and dop853 allow (see
+            `stepping.controlled`); dt is then the interval between states that can be saved, not a step.
         progress: called with the fraction done and a line of text.
         throw: raise `SimulationError` (with the partial solution) where the status is not `ok`.
         tolerance: wanted RMS angle error [rad]. Without `dt` a short pilot chooses the step (see
@@ -101,6 +110,7 @@ def simulate(
         "dtype": dtype,
         "save_every": save_every,
         "step_tolerance": step_tolerance,
+        "error_tolerance": error_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
     scene = load_scene(scene)
@@ -121,10 +131,12 @@ def simulate(
     begun = time.perf_counter()
     compiled = _compile(stepper, model, start, run)
     compile_s = time.perf_counter() - begun
-    trajectory, within, refused, run_s, interrupted = _run(compiled, run.saves, say)
+    trajectory, within, carry, run_s, interrupted = _run(compiled, run.saves, say)
     solution = _solution(scene, stepper, model, start, trajectory, run.steps, dict(settings))
-    if within is not None:
-        solution = _followed(solution, within, refused)
+    if isinstance(carry, Adaptive):
+        solution = _followed(solution, within, int(carry.refused))
+    if isinstance(carry, Controlled):
+        solution = _controlled(solution, stepper, model, trajectory, within, carry)
     solution = replace(solution, compile_s=compile_s, run_s=run_s)
     if interrupted:
         solution = replace(solution, status="interrupted")
@@ -177,17 +189,36 @@ def _with_errors(
     return replace(solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *told))
 
 
+#: What a run carries from piece to piece, and what is known of its steps beside the trajectory.
+Carry = Progress | Adaptive | Controlled
+Beside = Within | jax.Array | None
+
+
 class _Pieces(NamedTuple):
     """A run cut into pieces of one compiled program: what goes on from a carry, the first carry, saves per piece."""
 
-    go_on: Callable[[Any], tuple[Any, tuple[Trajectory, Within | None]]]
-    carry: Progress | Adaptive
+    go_on: Callable[[Any], tuple[Any, tuple[Trajectory, Beside]]]
+    carry: Carry
     saves: int
+
+
+def _reached(carry: Carry) -> tuple[float, bool]:
+    """The time [s] that a run has come to, and whether it has failed."""
+    if isinstance(carry, Controlled):
+        return float(carry.now.t), bool(carry.bad)
+    progress = carry if isinstance(carry, Progress) else carry.progress
+    return float(progress.state.t), int(progress.first_bad) >= 0
 
 
 def _compile(stepper: Stepper, model: Model, start: State, run: RunSpec) -> _Pieces:
     saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
     dt = jnp.asarray(run.dt, model.dtype)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
+        held = _start_controlled(stepper, model, start, allowed)
+        every = dt * run.save_every
+        holding = _advance_controlled.program(stepper, model, held, every, allowed, saves=saves)
+        return _Pieces(lambda carry: holding(model, carry, every, allowed), held, saves)
     progress = begin(stepper, model, start)
     if run.step_tolerance is None:
         return _Pieces(_FixedSteps(stepper, model, progress, dt, saves, run.save_every), progress, saves)
@@ -222,20 +253,18 @@ class _FixedSteps:
         return after, (piece, None)
 
 
-def _run(
-    run: _Pieces, saves: int, say: Callable[[float, str], None]
-) -> tuple[Trajectory, Within | None, int, float, bool]:
+def _run(run: _Pieces, saves: int, say: Callable[[float, str], None]) -> tuple[Trajectory, Beside, Carry, float, bool]:
     """Pieces until the end, a failure or an interruption; always the same program, so that reruns agree to the bit."""
-    carry: Progress | Adaptive = run.carry
-    pieces: list[tuple[Trajectory, Within | None]] = []
+    carry = run.carry
+    pieces: list[tuple[Trajectory, Beside]] = []
     begun, interrupted = time.perf_counter(), False
     try:
         while len(pieces) * run.saves < saves:
             carry, piece = run.go_on(carry)
             pieces.append(jax.tree.map(np.asarray, piece))
-            progress = carry if isinstance(carry, Progress) else carry.progress
-            say(min(len(pieces) * run.saves / saves, 1.0), f"t = {float(progress.state.t):.3g} s")
-            if int(progress.first_bad) >= 0:
+            t, failed = _reached(carry)
+            say(min(len(pieces) * run.saves / saves, 1.0), f"t = {t:.3g} s")
+            if failed:
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -243,8 +272,7 @@ def _run(
             raise
     run_s = time.perf_counter() - begun
     joined, within = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
-    refused = 0 if isinstance(carry, Progress) else int(carry.refused)
-    return joined, within, refused, run_s, interrupted
+    return joined, within, carry, run_s, interrupted
 
 
 def _solution(
@@ -331,6 +359,24 @@ def _followed(solution: Solution, within: Within, refused: int) -> Solution:
         tension_square=square,
         settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
     )
+
+
+def _controlled(
+    solution: Solution, stepper: Stepper, model: Model, run: Trajectory, h: np.ndarray, carry: Controlled
+) -> Solution:
+    """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
+    good = len(solution.t) - 1
+    taken = {"steps": int(carry.taken), "refused_steps": int(carry.refused)}
+    taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
+    told = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
+    bad = solution.first_bad
+    if bad is not None:
+        why = "places or velocities are infinite or undefined" if int(carry.bad) == 2 else "its error is not small"
+        reason = f"{why} however short the step"
+        bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan, "reason": reason}
+        solution = replace(solution, status="non_finite" if int(carry.bad) == 2 else "not_converged")
+    settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *told)
+    return replace(solution, settings=settings, warnings=warnings, first_bad=bad, max_residual=0.0)
 
 
 def _at_rest(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:

@@ -162,7 +162,7 @@ class Solution:
     def us_per_step(self) -> float:
         """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
         done = (len(self.t) - 1) * self.settings.get("save_every", 1)
-        if self.tension_max is not None:
+        if "refused_steps" in self.settings:
             done = self.settings["steps"] + self.settings["refused_steps"]
         return 1e6 * self.run_s / max(done, 1)
 
@@ -223,7 +223,7 @@ class Solution:
             **{key: self.settings.get(key) for key in keys},
             **{
                 key: self.settings[key]
-                for key in ("step_tolerance", "refused_steps", "load_errors")
+                for key in ("step_tolerance", "error_tolerance", "refused_steps", "load_errors")
                 if key in self.settings
             },
             "failed_steps": self.failed_steps,

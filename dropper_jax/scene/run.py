@@ -37,6 +37,14 @@ class RunSpec:
     step_tolerance: float | None = parameter(
         "roughness of steps that follow the snaps", unit="m/s", low=0.0, open_low=True, optional=True
     )
+    error_tolerance: float | None = parameter(
+        "error of a step of schemes that hold it (tsit5, dop853): of places [m] and velocities",
+        unit="m/s",
+        low=0.0,
+        open_low=True,
+        high=0.1,
+        optional=True,
+    )
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
 
     @property

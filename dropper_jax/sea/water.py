@@ -61,6 +61,13 @@ class Sea:
 
         return jax.jvp(field, (r,), (motion.velocity,))[1]
 
+    @property
+    def corners(self) -> list[jax.Array]:
+        """Times (k,) [s] at which the water's motion is not smooth: of a table of the current, both ends of a ramp."""
+        found = [] if self.current is None or self.current.time is None else [self.current.time]
+        ramp = None if self.waves is None else self.waves.ramp
+        return found if ramp is None else [*found, jnp.stack([jnp.zeros_like(ramp), ramp])]
+
     def calm(self) -> Sea:
         """The same water without waves."""
         return replace(self, waves=None)

@@ -9,6 +9,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.report.record import Record, arc, record
 from dropper_jax.report.settings import Settings
@@ -45,7 +47,8 @@ def load_errors(
     """Loads of a run with an estimate of their error.
 
     The scene is run with its step h, h/2 and h/4 (with a step tolerance: that, a quarter, a sixteenth, which halve the
-    steps), with twice the links at the same EA and BA, and, where there are, with twice the internal damping and twice
+    steps; of schemes that hold their own error as much less as halves theirs), with twice the links at the same EA and
+    BA, and, where there are, with twice the internal damping and twice
     the stiffness of the bed, some 12 times the cost of a single run. With q(h) a load,
 
         step:  |q(h) - q(h/4)| + |q(h/2) - q(h/4)|/(2^p - 1),    2^p = |q(h) - q(h/2)|/|q(h/2) - q(h/4)|,
@@ -104,6 +107,9 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
         changed = {"run.dt": scene.run.dt / n}
         if scene.run.step_tolerance is not None:
             changed = {"run.step_tolerance": scene.run.step_tolerance / n**2}
+        scheme = INTEGRATORS[scene.run.integrator]
+        if issubclass(scheme, ProjectedRungeKutta):
+            changed = {"run.error_tolerance": (scene.run.error_tolerance or scheme.tolerance) / n**scheme.order}
         found[str(n)] = scene.with_values(changed) if n > 1 else scene
     heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}
     found["perturbed"] = scene.with_values(heavier)

@@ -10,6 +10,7 @@ import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State
+from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import Progress, begin, failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
@@ -63,6 +64,27 @@ def march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Ar
     zero = jnp.zeros((), model.dtype)
     start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
     return jax.lax.scan(save, start, None, length=saves)[1]
+
+
+class Held(NamedTuple):
+    """What `march_held` returns: states at the grid's times, steps taken, and steps refused."""
+
+    run: Marched
+    taken: jax.Array
+    refused: jax.Array
+
+
+@kept(static=("stepper", "saves"))
+def march_held(stepper: Stepper, model: Model, s: State, grid: jax.Array, tolerance: jax.Array, saves: int) -> Held:
+    """The same of schemes that hold their own error to `tolerance`, on a grid [s]; `path` by the trapezoidal rule."""
+    grid, tolerance = jnp.asarray(grid, model.dtype), jnp.asarray(tolerance, model.dtype)
+    carry = start_controlled(stepper, model, s, tolerance)
+    carry, (found, _) = advance_controlled(stepper, model, carry, grid, tolerance, saves)
+    both = jnp.stack([found.tension, jnp.roll(found.tension, 1, axis=0)], axis=1)
+    speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
+    path = grid * (jnp.cumsum(speed) - 0.5 * speed)
+    run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
+    return Held(run, carry.taken, carry.refused)
 
 
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:

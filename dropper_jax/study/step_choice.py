@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import build, stepper_of
+from dropper_jax.run.build import build, equal_steps
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms_angle
@@ -86,7 +86,7 @@ class _Pilot:
     def __init__(self, scene: Scene) -> None:
         run = scene.run
         self.model, self.start = build(scene)
-        self.stepper: Stepper = stepper_of(self.model, run, track_work=False)
+        self.stepper: Stepper = equal_steps(self.model, run, track_work=False)
         self.base = run.dt
         self.until = _until(self.model, self.start, run.duration, run.dt)
         self.links: dict[int, np.ndarray | None] = {}

@@ -6,6 +6,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -14,10 +15,11 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms, rms_angle, rms_position
-from dropper_jax.study.march import Marched, grid_run, march, status_of
+from dropper_jax.study.march import Marched, grid_run, march, march_held, status_of
 from dropper_jax.study.reference import Reference
 from dropper_jax.study.schemes import Scheme
 
@@ -26,6 +28,8 @@ RESOLVED = 100.0
 #: A run that would take longer than this [s] is left out; finer steps then too.
 BUDGET = 4.0
 REPEATS = 3
+#: Errors of a step that schemes which hold their own are run with, in place of steps.
+TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
 #: A failed run has no errors and no speed: its numbers would mean nothing.
 NOTHING = {
     "rms_angle_error_rad": None,
@@ -48,6 +52,8 @@ def measure(
     pick: Callable[[list[float]], float] = statistics.median,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of all schemes and steps, and what was left out for its run time.
+
+    Schemes that hold their own error are run at `TOLERANCES`; their `dt` is the mean step.
 
     Args:
         model, s: in float64.
@@ -76,6 +82,8 @@ def _scheme_rows(
     own, start = cast(model), cast(s)
     stepper = scheme.stepper(own)
     saves = len(target.t)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        return [_held_row(model, s, scheme, stepper, target, x, repeats, pick) for x in TOLERANCES], []
     rows, skipped, per_step = [], [], 0.0
     for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
         steps = every * saves
@@ -86,15 +94,12 @@ def _scheme_rows(
         status = status_of(run, stepper)
         wall = None
         if status == "ok":
-            wall = pick(_walls(stepper, own, start, target.grid / every, every, saves, repeats))
+            again = partial(march, stepper, own, start, target.grid / every, every, saves)
+            wall = pick(_walls(again, repeats))
         per_step = wall / steps if wall else per_step
         rows.append(
             {
-                "integrator": scheme.integrator,
-                "gamma": scheme.gamma,
-                "solver": stepper.solver,
-                "dtype": scheme.dtype,
-                "label": scheme.label,
+                **_named(scheme, stepper),
                 "dt": target.grid / every,
                 **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
                 "us_per_step": 1e6 * wall / steps if wall else None,
@@ -106,16 +111,56 @@ def _scheme_rows(
     return rows, skipped
 
 
+def _named(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
+    return {
+        "integrator": scheme.integrator,
+        "gamma": scheme.gamma,
+        "solver": stepper.solver,
+        "dtype": scheme.dtype,
+        "label": scheme.label,
+    }
+
+
+def _held_row(
+    model: Model,
+    s: State,
+    scheme: Scheme,
+    stepper: Stepper,
+    target: Reference,
+    tolerance: float,
+    repeats: int,
+    pick: Callable[[list[float]], float],
+) -> dict[str, Any]:
+    """The row of a scheme that holds its own error."""
+    again = partial(march_held, stepper, model, s, target.grid, tolerance, len(target.t))
+    found = jax.tree.map(np.asarray, again())
+    status = status_of(found.run, stepper)
+    ok = status == "ok"
+    wall = pick(_walls(again, repeats)) if ok else None
+    tries = int(found.taken + found.refused)
+    return {
+        **_named(scheme, stepper),
+        "dt": target.horizon / max(int(found.taken), 1),
+        "error_tolerance": tolerance,
+        "refused_steps": int(found.refused),
+        **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
+        "us_per_step": 1e6 * wall / tries if ok else None,
+        "wall_s_per_simulated_s": wall / target.horizon if ok else None,
+        "status": status,
+        "retried_steps": 0,
+    }
+
+
 def _single(x: ArrayLike) -> ArrayLike:
     return jnp.asarray(x, jnp.float32) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
 
 
-def _walls(stepper: Stepper, model: Model, s: State, dt: float, every: int, saves: int, repeats: int) -> list[float]:
+def _walls(run: Callable[[], Any], repeats: int) -> list[float]:
     """Wall times of runs [s], compiled before; few where they are long."""
     times = []
     for _ in range(repeats):
         begun = time.perf_counter()
-        jax.block_until_ready(march(stepper, model, s, dt, every, saves))
+        jax.block_until_ready(run())
         times.append(time.perf_counter() - begun)
         if sum(times) > BUDGET:
             break

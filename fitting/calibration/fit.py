@@ -51,6 +51,7 @@ def fit(
     iterations: int = 40,
     static_start: bool = False,
     compare_models: bool = False,
+    integrator: str | None = None,
     progress: Progress | None = None,
     **settings: Any,
 ) -> FitResult:
@@ -67,6 +68,8 @@ def fit(
         window: length [s]; default from the Lyapunov exponent.
         dt: time step [s], at most the samples' interval; a shorter one that divides it is taken. Default: 1/75 of the
             shortest link's period, or 1/300 for second order.
+        integrator: of the windows; default rattle_4 for point masses, else energy_momentum. tsit5 and dop853 are faster
+            on lines that they run; `dt` is then how often they are seen.
         zero, sign, unit: how the traces count angles; default as the files say, else guessed from the scene.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
@@ -98,6 +101,7 @@ def fit(
         dt=dt,
         asked=convention(zero, sign, unit),
         static_start=static_start,
+        integrator=integrator,
         progress=progress,
     )
     solution = estimate(prepared, method, loss_of(huber), continuity, iterations, progress, settings)

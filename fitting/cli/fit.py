@@ -35,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number,
         help="time step [s], at most the samples' interval (default: 1/75 of the shortest link's period)",
     )
+    parser.add_argument(
+        "--integrator", help="scheme of the windows, such as tsit5 (default: rattle_4 for point masses)"
+    )
     parser.add_argument("--zero", help="where the traces' angles are zero: horizontal or down")
     parser.add_argument("--sign", help="1 or -1")
     parser.add_argument("--unit", help="rad or deg")
@@ -76,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
         iterations=args.iterations,
         static_start=args.static_start,
         compare_models=args.compare_models,
+        integrator=args.integrator,
         progress=progress(args.quiet),
     )
     print_warnings(result.warnings)

@@ -15,7 +15,7 @@ from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.build import SceneLike, build, stepper_of
+from dropper_jax.run.build import SceneLike, build, equal_steps
 from dropper_jax.run.start import from_angles
 from dropper_jax.statics.static_pose import nodal_loads, settle
 from dropper_jax.stepping.integrate import Trajectory, integrate
@@ -59,7 +59,7 @@ class Study:
     @cached_property
     def stepper(self) -> Stepper:
         more = {} if self.retries else {"extra": 0, "halvings": 0}
-        return stepper_of(self.model, self.scene.run, track_work=False, **more)
+        return equal_steps(self.model, self.scene.run, track_work=False, **more)
 
     def begin(self, model: Model) -> State:
         """The start of the changed model: a static pose follows it, given angles keep theirs."""

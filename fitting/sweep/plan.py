@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model import Model, State
-from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
+from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.naming import DAMPING, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
@@ -88,7 +88,7 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
+        return equal_steps(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""

@@ -6,6 +6,9 @@ close the loop (index reduced). What one writes first.
 `tridiagonal`: our own equations, state (r, v). The tensions follow from "no link's length accelerates", one scalar
 tridiagonal system per evaluation, so that no algebraic equation is left (index reduction; link lengths drift by the
 integration error, which is small over the spans compared). Forces are those of our own effects.
+
+`cyclic`: the same with our own cyclic reduction in place of LAPACK, so that where runs are one kernel
+(`base.one_kernel`) diffrax' are too.
 """
 
 from __future__ import annotations
@@ -19,14 +22,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 
+from dropper_jax.base.one_kernel import compiled_whole
+from dropper_jax.integrators.reduced import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.peers import diffrax_angles
 from dropper_jax.study.peers.rows import peer_row, timed
 from dropper_jax.study.reference import Reference
 
 NAME = "diffrax"
-SOLVERS = ("Dopri5", "Dopri8", "Kvaerno5")
-TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+SOLVERS = ("Tsit5", "Dopri5", "Dopri8", "Kvaerno5")
+TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
+#: An implicit solver factors dense matrices by LAPACK in any case.
+EXPLICIT = SOLVERS[:3]
 MOST_STEPS = 40_000
 
 
@@ -62,10 +69,21 @@ def derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tu
     return v, free + model.pull(tension, unit) * inverse[:, None]
 
 
+def with_ours(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
+    """The same with the tensions by cyclic reduction."""
+    return y[1], moving(model, *y, t, False).acceleration
+
+
 def rows(model: Model, s: State, target: Reference) -> list[dict[str, Any]]:
     """One row per formulation, solver and tolerance (relative and absolute alike)."""
     kinds = ["tridiagonal"] + (["angles"] if diffrax_angles.refuse(model, s) is None else [])
-    return [_row(model, s, target, *case) for case in itertools.product(kinds, SOLVERS, TOLERANCES)]
+    cases = [*itertools.product(kinds, SOLVERS, TOLERANCES)]
+    if compiled_whole(model.line.links):
+        cases += itertools.product(["cyclic"], EXPLICIT, TOLERANCES)
+    return [_row(model, s, target, *case) for case in cases]
+
+
+DERIVATIVES = {"tridiagonal": derivative, "cyclic": with_ours, "angles": diffrax_angles.derivative}
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -73,19 +91,19 @@ def _solve(kind: str, solver: str, model: Model, s: State, t: jax.Array, toleran
     import diffrax
 
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(derivative if kind == "tridiagonal" else diffrax_angles.derivative),
+        diffrax.ODETerm(DERIVATIVES[kind]),
         getattr(diffrax, solver)(),
         t0=0.0,
         t1=t[-1],
         dt0=None,
-        y0=(s.r, s.v) if kind == "tridiagonal" else diffrax_angles.start(model, s),
+        y0=diffrax_angles.start(model, s) if kind == "angles" else (s.r, s.v),
         args=model,
         saveat=diffrax.SaveAt(ts=t),
         stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
         max_steps=MOST_STEPS,
         throw=False,
     )
-    r = solution.ys[0] if kind == "tridiagonal" else jax.vmap(partial(diffrax_angles.places, model))(solution.ys[0])
+    r = jax.vmap(partial(diffrax_angles.places, model))(solution.ys[0]) if kind == "angles" else solution.ys[0]
     return r, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful
 
 

@@ -53,6 +53,16 @@ def separate(twins):
     return [estimate(p, "windows") for p in twins]
 
 
+@pytest.mark.slow
+def test_windows_by_a_scheme_that_holds_its_own_error_give_the_same_estimates(motion, twins, separate):
+    trace = observe(motion, Camera(angle_noise=0.005), 0)
+    prepared = prepare(trace, SCENE, FREE, start=FAR, window=1.0, integrator="tsit5")
+    held = estimate(prepared, "windows")
+    assert held.status == "ok"
+    error = summarise(twins[0], "windows", separate[0]).uncertainty.std_error
+    assert np.all(np.abs(held.values - separate[0].values) < 0.05 * error)
+
+
 @pytest.mark.check
 def test_windows_converge_from_ten_times_off_with_honest_errors(twins, separate):
     z = []

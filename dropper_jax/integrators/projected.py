@@ -1,0 +1,164 @@
+"""Explicit Runge-Kutta schemes of high order for rigid lines of point masses, an estimate of their error beside.
+
+    k_i = f(t + c_i h, y + h sum_j a_ij k_j),    y1 = P(y + h sum_i b_i k_i),    error = h sum_i e_i k_i
+
+y are places, velocities and the work done, f the motion with its index reduced (`reduced.moving`), and P brings places
+and velocities back to the lengths of the links (`reduced.on_links`), without which these drift and errors grow.
+Stable while h b/m stays below `stable`, b/m the rate at which damping would stop a node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.integrators.reduced import jumped, moving, on_links
+from dropper_jax.model import Graph, Model, State, booked
+from dropper_jax.model.model import MOVING_ENDS
+from dropper_jax.residual import Explicit, point_masses_only
+
+
+class Knot(NamedTuple):
+    """An instant that steps end at: time, y = (places, velocities, work) and its rate, flat, and tensions (n,) [N]."""
+
+    t: jax.Array
+    y: jax.Array
+    rate: jax.Array
+    tension: jax.Array
+
+
+@dataclass(frozen=True)
+class ProjectedRungeKutta(Explicit):
+    """A tableau; the last stage, at the end of the step, is the first of the next one."""
+
+    #: Rows of the tableau below the first stage, each (i,), and the weights (s,).
+    a: ClassVar[tuple[tuple[float, ...], ...]]
+    b: ClassVar[tuple[float, ...]]
+    #: Weights of the estimates of the error, each (s,), or (s + 1,) with the rate at the end of the step.
+    errors: ClassVar[tuple[tuple[float, ...], ...]]
+    #: Knots through which a motion is interpolated: the error of (places, velocities, accelerations) at two is of order
+    #: 6 in the step, at three of order 9.
+    knots: ClassVar[int]
+    #: h b/m beyond which damping makes the scheme unstable.
+    stable: ClassVar[float]
+    #: Error of a step in places [m] and velocities [m/s], unless a run names another.
+    tolerance: ClassVar[float] = 1e-6
+
+    def refuse(self, model: Model) -> str | None:
+        if isinstance(model.geometry, Graph):
+            return "it runs single lines only; use energy_momentum, theta_midpoint"
+        if model.line.failures is not None:
+            return "it has no links that break; use energy_momentum"
+        if model.begun():
+            return "it has no effects that change as the run goes on; use energy_momentum"
+        if model.laws:
+            return f"effect {model.laws[0].name!r} brings a set-valued law, which is not smooth; use energy_momentum"
+        return point_masses_only(model)
+
+    def begin(self, model: Model, s: State) -> State:
+        return replace(s, v=jumped(model, s.r, s.v, beside(s.t))[0])
+
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        """One step of a given length."""
+        track = bool(s.work.size)
+        knot = self.knot(model, s.t, _flat(s.r, s.v, s.work), track)
+        return at_knot(s, self.attempt(model, knot, h, track)[0])
+
+    def start(self, model: Model, s: State, track: bool) -> Knot:
+        """The knot that a run begins at, or goes on from after a jump."""
+        return self.knot(model, s.t, _flat(s.r, s.v, s.work), track)
+
+    def knot(self, model: Model, t: jax.Array, y: jax.Array, track: bool) -> Knot:
+        """The knot of y at t, its rate that of the motion after t."""
+        return Knot(t, y, *_rate(model, beside(t), y, track))
+
+    def attempt(self, model: Model, knot: Knot, h: jax.Array, track: bool) -> tuple[Knot, jax.Array]:
+        """The knot a step later, and estimates (k, 2, nodes, 3) of the error of places and velocities."""
+        stages, dtype = len(self.b), knot.y.dtype
+        table = np.zeros((stages, stages))
+        for i, row in enumerate(self.a, start=1):
+            table[i, : len(row)] = row
+        rows, times = jnp.asarray(table, dtype), jnp.asarray(table.sum(axis=1), dtype)
+        low, high = beside(knot.t), beside(knot.t + h, -1.0)
+
+        def stage(i: jax.Array, slopes: jax.Array) -> jax.Array:
+            y = knot.y + h * _mixed(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
+            # what jumps at either end of the step has jumped before it, or will after it
+            rate, _ = _rate(model, jnp.clip(knot.t + times[i] * h, low, high), y, track)
+            return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0)
+
+        # A loop, not twelve stages one after another: XLA would fuse each into all that read it and compute it again
+        # for every one (1.8 times as slow, and 20 s to compile).
+        rest = jnp.zeros((stages - 1, *knot.y.shape), dtype)
+        slopes = jax.lax.fori_loop(1, stages, stage, jnp.concatenate([knot.rate[None], rest]))
+        r, v, work = _parts(model, knot.y + h * _mixed(jnp.asarray(self.b, dtype), slopes))
+        y = _flat(*on_links(model, r, v, high), work)
+        rate, tension = _rate(model, high, y, track)
+        size = 2 * r.size
+        known, last = (jax.lax.stop_gradient(a[..., :size]) for a in (slopes, rate))
+        errors = [h * self._guess(e, known, last).reshape(2, *r.shape) for e in self.errors]
+        return Knot(knot.t + h, y, rate, tension), jnp.stack(errors)
+
+    def _guess(self, weights: tuple[float, ...], slopes: jax.Array, last: jax.Array) -> jax.Array:
+        stages = len(self.b)
+        found = _mixed(jnp.asarray(weights[:stages], last.dtype), slopes)
+        return found if len(weights) == stages else found + weights[stages] * last
+
+    def estimate(self, errors: jax.Array, v: jax.Array, tolerance: jax.Array) -> jax.Array:
+        """Error of a step over what is allowed: RMS of places over `tolerance` [m] and of velocities over the same
+        [m/s], relative to those that are faster than 1 m/s; of two estimates `E5^2/(E5^2 + 0.01 E3^2)^(1/2)`."""
+        size = tolerance * jnp.stack([jnp.ones_like(v), 1.0 + jnp.abs(v)])
+        squares = jnp.mean(jnp.square(errors / size), axis=(1, 2, 3))
+        if len(squares) == 1:
+            return jnp.sqrt(squares[0])
+        return squares[0] / jnp.sqrt(squares[0] + 0.01 * squares[1] + jnp.finfo(v.dtype).tiny)
+
+    def after_jump(self, model: Model, knot: Knot, track: bool) -> Knot:
+        """The same instant after what jumps there has jumped; the impulse of held points is booked."""
+        r, v, work = _parts(model, knot.y)
+        if model.moving:
+            v, pull = jumped(model, r, v, beside(knot.t))
+            before, after = (model.ends(beside(knot.t, side)) for side in (-1.0, 1.0))
+            mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
+            work = work + booked(model, {MOVING_ENDS: model.end_powers(pull, mean)[MOVING_ENDS]}) if track else work
+        return self.knot(model, knot.t, _flat(r, v, work), track)
+
+
+def beside(t: jax.Array, side: float = 1.0) -> jax.Array:
+    """An instant just after t (before it, with side -1): where something jumps at t its value there is that side's."""
+    return t + 8.0 * side * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
+
+
+def at_knot(s: State, knot: Knot) -> State:
+    """The state at a knot; `s` is any state of the run."""
+    size = s.r.size
+    r, v, work = jnp.split(knot.y, (size, 2 * size))
+    a = knot.rate[size : 2 * size].reshape(s.r.shape)
+    r, v = r.reshape(s.r.shape), v.reshape(s.r.shape)
+    return replace(s, r=r, v=v, t=knot.t, tension=knot.tension, acceleration=a, work=work, angles=None)
+
+
+def _rate(model: Model, t: jax.Array, y: jax.Array, track: bool) -> tuple[jax.Array, jax.Array]:
+    r, v, _ = _parts(model, y)
+    now = moving(model, r, v, t, track)
+    return _flat(v, now.acceleration, now.power), now.tension
+
+
+def _flat(*parts: jax.Array) -> jax.Array:
+    return jnp.concatenate([part.ravel() for part in parts])
+
+
+def _parts(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Places and velocities (nodes, 3), and work (w,), of y."""
+    nodes = model.free_nodes
+    r, v, work = jnp.split(y, (3 * nodes, 6 * nodes))
+    return r.reshape(nodes, 3), v.reshape(nodes, 3), work
+
+
+def _mixed(weights: jax.Array, slopes: jax.Array) -> jax.Array:
+    """The sum of slopes (s, k) by their weights (s,), not as a product of matrices, which may call a library."""
+    return jnp.sum(weights[:, None] * slopes, axis=0)

@@ -1,0 +1,353 @@
+"""Runs of schemes that hold their own error (`integrators.projected`): step by step, saved times between the steps.
+
+The next step follows from the errors e (over what is allowed) of this one and of the one before, for order q:
+
+    h' = 0.9 e^(-0.7/q) e0^(0.4/q) h  after a step that is taken (e <= 1),    0.9 e^(-1/q) h  after one that is refused
+
+(Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2), within bounds. States at saved times are those of
+the polynomial through places, velocities and accelerations at the ends of the last steps. Steps end where an effect is
+not smooth in time (`Model.corners`), what jumps there is taken up, and steps begin anew.
+
+The error carries no derivative: derivatives of a run are those along the steps taken. In forward mode they go through
+the run itself; for reverse mode `controlled_steps` finds the steps, and `integrate_along` takes them again.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, beside
+from dropper_jax.integrators.reduced import moving, on_links
+from dropper_jax.model import Model, State
+from dropper_jax.stepping.integrate import Trajectory, begin
+from dropper_jax.stepping.stepper import Stepper
+
+SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
+SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
+#: Bounds of the error of a step over what is allowed, as the next step sees it; the upper one is that of no number.
+LEAST, MOST = 1e-4, 1e10
+#: First step over `(L/a)^(1/2) tolerance^(1/q)`: so short that two knots are enough to interpolate it.
+FIRST = 0.1
+#: Acceleration [m/s^2] that sizes steps of lines at rest.
+GRAVITY = 9.81
+
+
+class Controlled(NamedTuple):
+    """What a run carries.
+
+    Attributes:
+        knots: ends of the last steps, the newest last.
+        known: steps since the start or the last corner ().
+        h: the next step [s].
+        error: that of the last step taken, over what is allowed.
+        taken, refused: steps so far.
+        saved: saved times so far.
+        origin: time [s] from which saved times count.
+        landed: whether the last step ended at a corner, with what jumps there still to come.
+        bad: 0, or 1 where a step as short as time resolves is still refused, 2 where it is not finite.
+    """
+
+    knots: tuple[Knot, ...]
+    known: jax.Array
+    h: jax.Array
+    error: jax.Array
+    taken: jax.Array
+    refused: jax.Array
+    saved: jax.Array
+    origin: jax.Array
+    landed: jax.Array
+    bad: jax.Array
+
+    @property
+    def now(self) -> Knot:
+        return self.knots[-1]
+
+
+class Steps(NamedTuple):
+    """Steps of a run: lengths (most,) [s], which end at a corner (most,), and their number."""
+
+    length: jax.Array
+    corner: jax.Array
+    number: jax.Array
+
+
+def start_controlled(stepper: Stepper, model: Model, s: State, tolerance: jax.Array) -> Controlled:
+    """The carry of a run that begins at s."""
+    scheme = stepper.integrator
+    now = scheme.start(model, begin(stepper, model, s).state, stepper.track_work)
+    # times of knots that are none, so that nothing divides by zero
+    knots = tuple(now._replace(t=now.t - i) for i in reversed(range(scheme.knots)))
+    none, one = jnp.zeros((), jnp.int32), jnp.ones((), model.dtype)
+    first = _first_step(scheme, model, now, tolerance)
+    return Controlled(knots, none, first, one, none, none, none, now.t, jnp.zeros((), bool), none)
+
+
+def advance_controlled(
+    stepper: Stepper, model: Model, carry: Controlled, dt: jax.Array, tolerance: jax.Array, saves: int
+) -> tuple[Controlled, tuple[Trajectory, jax.Array]]:
+    """`saves` further saved times, dt [s] apart; beside the trajectory the steps (k,) [s] that these times lie in.
+
+    Once a run has failed its states are none: `Trajectory.first_bad` is the number of the first saved time of them.
+    """
+    first = carry.saved
+    rows = jnp.zeros((saves, carry.now.y.size), model.dtype), jnp.zeros(saves, model.dtype)
+
+    def time(carry: Controlled) -> jax.Array:
+        return carry.origin + (carry.saved + 1) * dt
+
+    def due(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
+        carry, _ = both
+        return (carry.saved < first + saves) & (time(carry) <= beside(carry.now.t)) & (carry.bad == 0)
+
+    def write(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
+        carry, rows = both
+        here = _between(model, carry.knots, carry.known, time(carry)), carry.now.t - carry.knots[-2].t
+        rows = tuple(
+            jax.lax.dynamic_update_index_in_dim(a, x.astype(a.dtype), carry.saved - first, axis=0)
+            for a, x in zip(rows, here, strict=True)
+        )
+        return carry._replace(saved=carry.saved + 1), rows
+
+    def go(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
+        return (both[0].saved < first + saves) & (both[0].bad == 0)
+
+    def go_on(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
+        return _attempt(stepper, model, both[0], tolerance), both[1]
+
+    def one(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
+        return jax.lax.cond(due(both), write, go_on, both)
+
+    carry, (y, h) = jax.lax.while_loop(go, one, (carry, rows))
+    t = carry.origin + (first + 1 + jnp.arange(saves)) * dt
+    return carry, (_trajectory(model, first, carry.saved, carry.bad, y, t), h)
+
+
+def _trajectory(
+    model: Model, first: jax.Array, saved: jax.Array, bad: jax.Array, y: jax.Array, t: jax.Array
+) -> Trajectory:
+    """Rows y (k, ...) at times t (k,) as a trajectory, brought to the lengths that interpolation leaves."""
+
+    def seen(row: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        r, v = on_links(model, *row)
+        return r, v, moving(model, r, v, row[2], False).tension
+
+    *places, work = _rows(model, y)
+    # row by row: a loop becomes one kernel, where all rows at once would take some hundred
+    r, v, tension = jax.lax.map(seen, (*places, beside(t, -1.0)))
+    number = first + jnp.arange(len(t), dtype=jnp.int32)
+    lost = number >= saved
+    none = jnp.zeros(len(t), jnp.int32)
+    residual = jnp.where(lost, jnp.where(bad == 2, jnp.nan, jnp.inf), 0.0).astype(model.dtype)
+    first_bad = jnp.where(lost, saved, -1)
+    return Trajectory(r, v, tension, work, residual, none, lost.astype(jnp.int32), first_bad, own={})
+
+
+def _rows(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    nodes = model.free_nodes
+    r, v, work = jnp.split(y, (3 * nodes, 6 * nodes), axis=1)
+    return r.reshape(-1, nodes, 3), v.reshape(-1, nodes, 3), work
+
+
+def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
+    """The carry after a step that was tried."""
+    scheme: ProjectedRungeKutta = stepper.integrator
+    carry = _turned(stepper, model, carry, tolerance)
+    now, q = carry.now, scheme.order
+    h, landing = _to_corner(model, now.t, carry.h)
+    after, errors = scheme.attempt(model, now, h, stepper.track_work)
+    if landing is not None:
+        after = after._replace(t=jnp.where(landing, _next_corner(model, now.t), after.t))
+    v = jax.lax.stop_gradient(now.y[: 2 * 3 * model.free_nodes]).reshape(2, -1, 3)[1]
+    e = scheme.estimate(errors, v, tolerance)
+    finite = jnp.isfinite(e) & jnp.all(jnp.isfinite(jax.lax.stop_gradient(after.y)))
+    e = jax.lax.stop_gradient(jnp.where(finite, jnp.clip(e, 1e-10, MOST), MOST))
+    good = e <= 1.0
+    onward = jnp.clip(SAFETY * e ** (-NOW / q) * carry.error ** (BEFORE / q), SLOWER, FASTER)
+    again = jnp.clip(SAFETY * e ** (-1.0 / q), REFUSED, SAFETY)
+    following = jnp.minimum(jax.lax.stop_gradient(h) * jnp.where(good, onward, again), _longest(model))
+    knots = jax.tree.map(partial(jnp.where, good), (*carry.knots[1:], after), carry.knots)
+    shortest = jax.lax.stop_gradient(beside(jnp.abs(now.t), 64.0) - jnp.abs(now.t))
+    lost = ~good & ~(h > shortest)  # a step that is no number is lost too
+    return carry._replace(
+        knots=knots,
+        known=carry.known + good,
+        h=following,
+        error=jnp.where(good, jnp.maximum(e, LEAST), carry.error),
+        taken=carry.taken + good,
+        refused=carry.refused + ~good,
+        landed=carry.landed if landing is None else good & landing,
+        bad=jnp.where(lost, jnp.where(finite, 1, 2), carry.bad).astype(jnp.int32),
+    )
+
+
+def _turned(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
+    """The carry, after a step that ended at a corner with what jumps there."""
+    if model.corners is None:
+        return carry
+    scheme: ProjectedRungeKutta = stepper.integrator
+
+    def turn(carry: Controlled) -> Controlled:
+        now = scheme.after_jump(model, carry.now, stepper.track_work)
+        h = jnp.minimum(carry.h, _first_step(scheme, model, now, tolerance))
+        knots = (*carry.knots[:-1], now)
+        known, error = jnp.zeros_like(carry.known), jnp.ones_like(carry.error)
+        return carry._replace(knots=knots, known=known, h=h, error=error, landed=jnp.zeros_like(carry.landed))
+
+    return jax.lax.cond(carry.landed, turn, lambda carry: carry, carry)
+
+
+def _first_step(scheme: ProjectedRungeKutta, model: Model, now: Knot, tolerance: jax.Array) -> jax.Array:
+    a = now.rate[3 * model.free_nodes : 6 * model.free_nodes]
+    size = jnp.sqrt(jnp.min(model.line.length) / jnp.maximum(jnp.max(jnp.abs(a)), GRAVITY))
+    return jax.lax.stop_gradient(FIRST * tolerance ** (1.0 / scheme.order) * size)
+
+
+def _longest(model: Model) -> jax.Array:
+    """Longest step [s]: the time in which the whole line would fall its length."""
+    return jax.lax.stop_gradient(jnp.sqrt(jnp.sum(model.line.length) / GRAVITY))
+
+
+def _next_corner(model: Model, t: jax.Array) -> jax.Array:
+    """The next time at which an effect is not smooth; infinite where there is none."""
+    corners = model.corners
+    return jnp.min(jnp.where(corners > beside(t, 2.0), corners, jnp.inf))
+
+
+def _to_corner(model: Model, t: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array | None]:
+    """The step, cut so that it ends at the next corner or well before it, and whether it does end there."""
+    if model.corners is None:
+        return h, None
+    gap = _next_corner(model, t) - t
+    landing = gap <= 1.01 * h
+    return jnp.where(landing, gap, jnp.where(gap < 2.0 * h, 0.5 * jax.lax.stop_gradient(gap), h)), landing
+
+
+def _between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: jax.Array) -> jax.Array:
+    """y at a time t between the last two knots."""
+    size = 3 * model.free_nodes
+    unit = knots[-1].t - knots[-2].t
+    times = jnp.stack([(knot.t - knots[-1].t) / unit for knot in knots])
+    x = (t - knots[-1].t) / unit
+    (place, speed), (work, _) = (_weights(times, x, known, n) for n in (3, 2))
+    y, rate = jnp.stack([k.y for k in knots]), jnp.stack([k.rate for k in knots])
+    r, v, a = y[:, :size], rate[:, :size], rate[:, size : 2 * size]
+    scaled = jnp.concatenate([r, unit * v, unit**2 * a])
+    w, p = y[:, 2 * size :], rate[:, 2 * size :]
+    found = [place @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
+    return jnp.concatenate(found)
+
+
+def _weights(times: jax.Array, x: jax.Array, known: jax.Array, derivatives: int) -> tuple[jax.Array, jax.Array]:
+    """Weights at x of values and derivatives at `times` (m,) in a polynomial through them, and their rates.
+
+    Ordered by derivative, (derivatives m,). Where fewer than m - 1 steps are known, through the last two times.
+    """
+    two = jnp.concatenate([jnp.zeros(len(times) - 2), jnp.ones(2)]).astype(times.dtype)
+    all_ = jnp.ones_like(two)
+
+    def at(x: jax.Array) -> jax.Array:
+        pair = _hermite(times, x, two, derivatives)
+        if len(times) == 2:
+            return pair
+        return jnp.where(known >= len(times) - 1, _hermite(times, x, all_, derivatives), pair)
+
+    return jax.jvp(at, (x,), (jnp.ones_like(x),))
+
+
+def _hermite(times: jax.Array, x: jax.Array, used: jax.Array, derivatives: int) -> jax.Array:
+    """Hermite's basis at x: with Lagrange's L_i, L_i^n times the series of L_i^-n in x - t_i, for n derivatives.
+
+    `used` (m,) is 0 for times that are left out.
+    """
+    u = x - times
+    apart = times[:, None] - times[None, :]
+    others = used[None, :] * (1.0 - jnp.eye(len(times), dtype=times.dtype))
+    inverse = others / jnp.where(apart == 0.0, 1.0, apart)
+    lagrange = used * jnp.prod(jnp.where(others > 0.0, u[None, :] * inverse, 1.0), axis=1)
+    slope = jnp.sum(inverse, axis=1)
+    if derivatives == 2:
+        return jnp.concatenate([lagrange**2 * (1.0 - 2.0 * slope * u), lagrange**2 * u])
+    cube, bend = lagrange**3, slope**2 - jnp.sum(inverse**2, axis=1)
+    value = 1.0 - 3.0 * slope * u + (6.0 * slope**2 - 1.5 * bend) * u**2
+    return jnp.concatenate([cube * value, cube * u * (1.0 - 3.0 * slope * u), 0.5 * cube * u**2])
+
+
+def controlled_steps(
+    stepper: Stepper, model: Model, s: State, duration: jax.Array, tolerance: jax.Array, most: int = 10_000
+) -> Steps:
+    """The steps of a run over at least `duration` [s] from s; what comes after `most` steps is left out."""
+    tolerance = jnp.asarray(tolerance, model.dtype)
+    carry = jax.lax.stop_gradient(start_controlled(stepper, model, s, tolerance))
+    last = carry.now.t + duration
+
+    def go(both: tuple[Controlled, Steps]) -> jax.Array:
+        carry, steps = both
+        return (beside(carry.now.t) < last) & (steps.number < most) & (carry.bad == 0)
+
+    def one(both: tuple[Controlled, Steps]) -> tuple[Controlled, Steps]:
+        carry, steps = both
+        after = _attempt(stepper, model, carry, tolerance)
+        put = partial(jax.lax.dynamic_update_index_in_dim, index=steps.number, axis=0)
+        good = after.taken > carry.taken
+        lengths = put(steps.length, jnp.where(good, after.now.t - carry.now.t, 0.0))
+        return after, Steps(lengths, put(steps.corner, after.landed), after.taken)
+
+    steps = Steps(jnp.zeros(most, model.dtype), jnp.zeros(most, bool), carry.taken)
+    return jax.lax.stop_gradient(jax.lax.while_loop(go, one, (carry, steps))[1])
+
+
+def integrate_along(
+    stepper: Stepper, model: Model, s: State, steps: Steps, dt: float | jax.Array, saves: int
+) -> tuple[State, Trajectory]:
+    """The run along `steps` from s, its states at `saves` times dt [s] apart, and the state at its end.
+
+    A pure function with derivatives by model and s in both modes, those of the motion along these steps; in reverse
+    mode the end of every step is kept, and the step taken again on the way back.
+    """
+    scheme: ProjectedRungeKutta = stepper.integrator
+    track = stepper.track_work
+    first = scheme.start(model, begin(stepper, model, s).state, track)
+
+    @jax.checkpoint
+    def take(now: Knot, step: tuple[jax.Array, jax.Array]) -> tuple[Knot, Knot]:
+        h, corner = step
+        if model.corners is not None:
+            # where the corner itself moves with a parameter the step ends there all the same
+            h = jnp.where(corner, _next_corner(model, now.t) - now.t, h)
+        after, _ = scheme.attempt(model, now, h, track)
+        if model.corners is None:
+            return after, after
+        after = after._replace(t=jnp.where(corner, _next_corner(model, now.t), after.t))
+        return jax.lax.cond(corner, lambda k: scheme.after_jump(model, k, track), lambda k: k, after), after
+
+    def one(
+        carry: tuple[Knot, jax.Array], step: tuple[jax.Array, jax.Array]
+    ) -> tuple[Any, tuple[Knot, Knot, jax.Array]]:
+        now, known = carry
+        onward, ended = jax.lax.cond(step[0] > 0.0, take, lambda now, _: (now, now), now, step)
+        known = known + 1
+        return (onward, jnp.where(step[1], 0, known)), (now, ended, known)
+
+    (last, _), (begun, ended, known) = jax.lax.scan(
+        one, (first, jnp.zeros((), jnp.int32)), (steps.length, steps.corner)
+    )
+    origin = first.t
+    t = origin + dt * (1 + jnp.arange(saves))
+
+    def at(t: jax.Array) -> jax.Array:
+        i = jnp.minimum(jnp.searchsorted(jax.lax.stop_gradient(beside(ended.t)), t), steps.number - 1)
+        pick = lambda knots, i: jax.tree.map(lambda a: a[i], knots)  # noqa: E731
+        knots = (pick(begun, i), pick(ended, i))
+        if scheme.knots == 3:
+            earlier = pick(begun, jnp.maximum(i - 1, 0))
+            earlier = earlier._replace(t=jnp.where(i > 0, earlier.t, knots[0].t - 1.0))
+            knots = (earlier, *knots)
+        return _between(model, knots, known[i], t)
+
+    y = jax.vmap(at)(t)
+    none = jnp.zeros((), jnp.int32)
+    return at_knot(s, last), _trajectory(model, none, jnp.int32(saves), none, y, t)

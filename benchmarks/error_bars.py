@@ -51,8 +51,8 @@ def chain(amplitude: float, period: float, duration: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def pendulum() -> dict[str, Any]:
-    """A rope of 6 links let go slantwise, with damping."""
+def pendulum(stiffness: float = 2e4) -> dict[str, Any]:
+    """A rope of 6 links, axial stiffness [N], let go slantwise, with damping."""
     line = {"name": "rope", "from": "top", "to": "low", "links": 6, "length": 0.5, "mass": 1.0}
     return {
         "run": {"dt": 0.01, "duration": 8.0},
@@ -60,7 +60,7 @@ def pendulum() -> dict[str, Any]:
             {"name": "top", "position": [0.0, 0.0, 0.0]},
             {"name": "low", "kind": "free", "position": [1.5, 0.0, -2.6]},
         ],
-        "line": [line | {"axial": {"law": "elastic", "EA": 2e4, "damping": 50.0}}],
+        "line": [line | {"axial": {"law": "elastic", "EA": stiffness, "damping": 50.0}}],
         "effects": {"weight": {}, "linear_damping": {"b_l": 0.2}},
         "start": {"kind": "angles", "polar": [1.0] * 6},
     }
@@ -70,7 +70,10 @@ SCENES: dict[str, tuple[Any, tuple[float, ...]]] = {
     "driven gently": (chain(0.5, 5.0, 17.0), (0.16, 0.08, 0.04, 0.02, 0.01)),
     "driven fast": (chain(1.2, 3.0, 14.0), (0.08, 0.04, 0.02, 0.01, 0.005)),
     "driven until it snaps": (chain(1.8, 2.0, 12.0), (0.04, 0.02, 0.01, 0.005, 0.0025)),
+    "driven until it snaps hard": (chain(2.2, 1.6, 10.0), (0.04, 0.02, 0.01, 0.005, 0.0025)),
+    "driven until it is slack": (chain(1.0, 2.5, 13.0), (0.08, 0.04, 0.02, 0.01, 0.005)),
     "elastic pendulum": (pendulum(), (0.08, 0.04, 0.02, 0.01, 0.005)),
+    "stiff pendulum": (pendulum(2e5), (0.04, 0.02, 0.01, 0.005, 0.0025)),
     "dropper-regular-wave": ("dropper-regular-wave", (0.16, 0.08, 0.04, 0.02, 0.01)),
 }
 

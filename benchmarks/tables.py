@@ -198,6 +198,19 @@ def scene_sensitivity(found: dict[str, Any]) -> str:
     )
 
 
+def convergence(found: dict[str, Any]) -> str:
+    names = ("mean", "deviation", "quantile", "window maximum")
+    rows = [("scene", "step [s]", "mean", "deviation", "99.9 % in time", "mean of windows' maxima", "largest")]
+    for scene, steps in found["scenes"].items():
+        for row in steps:
+            cells = []
+            for name in names:
+                agree = "" if row[f"{name} agrees"] == row["lines"] else f" ({row[f'{name} agrees']} of {row['lines']})"
+                cells.append(f"{100 * row[name]:.2g} %{agree}")
+            rows.append((scene, f"{row['dt']:.3g}", *cells, f"{100 * row['largest']:.2g} %"))
+    return markdown(rows)
+
+
 def one_kernel(found: dict[str, Any]) -> str:
     rows = [("run", "launched one by one [us per step]", "one kernel", "times faster", "compilation [s]", "one kernel")]
     for row in found["rows"]:
@@ -224,6 +237,7 @@ TABLES = {
     "north_sea": ("north_sea", north_sea),
     "peers": ("peers", peers),
     "one_kernel": ("one_kernel", one_kernel),
+    "convergence": ("convergence", convergence),
 }
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/convergence.py [--scenes NAME ...] [--out benchmarks/results/convergence.json]
 
-Five halvings of each scene's step, energy_momentum, from the scene's own start, `SKIP` seconds left out, each line at its
+Five halvings of each scene's step, energy_momentum, the scene's own start, `SKIP` seconds left out, each line at its
 link of the largest tension. A load of a step agrees with the finest run's where it differs by at most its share of it,
 or by at most twice the standard error of the difference by batch means, which is what chance between two chaotic runs
 makes. Single largest tensions are shown, not judged.

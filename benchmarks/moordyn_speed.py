@@ -4,8 +4,9 @@ Each code is measured against itself at a much smaller step: the question is wha
 as MoorDyn models lines (`damped_rope`, whose damper works on in a slack line) by `generalized_alpha`, and by default
 (`rope`, energy_momentum), where slack lines chatter and the deviation is chaotic to some per cent. Two measures of the
 standard deviation: of the tension at all steps, where the width of snaps counts, and of its means over 0.1 s. The goal
-is judged by the first; both ratios are reported. Ratios are of processor time, one thread each; wall times stand
-beside them.
+is judged by the first; both ratios are reported. A step counts where all smaller ones are as exact too. Where MoorDyn
+takes its waves from a grid, so do we. Ours runs as one kernel. Ratios are of processor time, one thread each; wall
+times stand beside them.
 """
 
 from __future__ import annotations
@@ -65,8 +66,10 @@ def speed(case: Callable[[int], Scene]) -> Iterator[dict[str, Any]]:
     for name, motion in (("hard", HARD), ("smooth", SMOOTH)):
         chain = driven_chain(case(1), motion)
         yield from compare(f"chain of 12 segments, top driven, {name}", chain, 3.0, LOOK, drive=driven(motion))
-    yield from compare("case 1 (MoorDyn: wave grid)", case(1), 5.0, SAMPLE, grid=True)
-    yield from compare("case 3, 29 components (MoorDyn: exact kinematics)", case(3), 10.0, SAMPLE)
+    yield from compare("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, grid=True)
+    gridded = case(3).with_values({"sea.waves.interpolation": "grid"})
+    yield from compare("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, grid=True)
+    yield from compare("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE)
 
 
 def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
@@ -104,8 +107,11 @@ def _ours(scene: Scene, wanted: float, there: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {"our_runs": rows, "our_reference": reference.statistics(SETTLED)}
     for measure, keys in MEASURES.items():
         limit = there["errors"]
-        good = [r for r in rows if limit and r["errors"] and all(r["errors"][key] <= limit[key] for key in keys)]
-        best = min(good, key=lambda r: r["cpu_per_s"]) if good else None
+        best = None
+        for row in reversed(rows):  # from the smallest step on: a lucky large one is none
+            if not (limit and row["errors"] and all(row["errors"][key] <= limit[key] for key in keys)):
+                break
+            best = row
         found[measure] = {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]} if best else None
         words = f"{found[measure]['ratio']:.2f}, ours at {best['dt_s']:g} s" if best else "no run of ours is as exact"
         print(f"  goal {wanted:g} times, {measure}: {words}", flush=True)

@@ -39,7 +39,7 @@ WITHIN = {"mean": 0.01, "deviation": 0.02, "quantile": 0.03, "window maximum": 0
 
 def tensions(given: Any, dt: float, duration: float) -> tuple[np.ndarray, np.ndarray, list[slice]]:
     """Times (q,) [s] after `SKIP`, tensions (q, n) [N], the links of each line."""
-    found = dj.simulate(given, dt=dt, duration=duration, save_every=1, track_work=False)
+    found = dj.simulate(given, dt=dt, duration=duration, save_every=1)
     if found.status != "ok":
         raise SystemExit(f"{given} at {dt} s: {found.failure}")
     after = found.t_tension > SKIP

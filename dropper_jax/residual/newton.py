@@ -20,9 +20,10 @@ FRACTIONS = (1.0, 0.5, 0.2, 0.05)
 SEARCHED, CIRCLING = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03), 0.5
 #: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
-#: With a law, or many iterations, corrections end at this part of the tolerance, near rounding, so that what is held
-#: does not creep and energy is kept.
+#: With a law corrections end at this part of the tolerance, near rounding, so that what is held does not creep.
 SETTLED = 1e-3
+#: Where many iterations are allowed they end at this part of it, at rounding, so that energy is kept.
+ROUNDED = 1e-5
 #: Rows within the tolerance that are more than this share of what they were are rounding.
 STALLED = 0.3
 #: So few iterations are always done.
@@ -38,7 +39,7 @@ def newton(
 ) -> tuple[Unknowns, jax.Array]:
     """`u <- u - P^-1 R(u)` a fixed number of times; returns the unknowns and the largest scaled row.
 
-    With a limit corrections that have nothing left to correct are left out: once the rows are at `SETTLED` of it, or
+    With a limit corrections that have nothing left to correct are left out: once the rows are at `ROUNDED` of it, or
     below it and no longer falling.
     """
 
@@ -50,7 +51,7 @@ def newton(
     if limit is None or iterations <= FEW:
         u, _ = jax.lax.scan(lambda u, _: (corrected(u, problem.residual(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
-    enough = SETTLED * limit
+    enough = ROUNDED * limit
 
     def correct(now: tuple[Any, ...]) -> tuple[Any, ...]:
         u, rows, size, _ = now
@@ -64,7 +65,8 @@ def newton(
 
     rows = problem.residual(u)
     size = norm(rows, scale)
-    u, _, size, _ = jax.lax.scan(once, (u, rows, size, size <= enough), None, length=iterations)[0]
+    # a good guess is corrected too: what it lacks would be lacking in all steps to come
+    u, _, size, _ = jax.lax.scan(once, (u, rows, size, jnp.zeros((), bool)), None, length=iterations)[0]
     return u, size
 
 

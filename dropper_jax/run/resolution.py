@@ -30,7 +30,7 @@ def judged(solution: Solution) -> Solution:
     found = list(_tensions(solution)) if every_step else []
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status
-    if drift > DRIFT_TOLD * scale:
+    if solution.work_names and drift > DRIFT_TOLD * scale:
         found.insert(
             0, f"energy: {drift:.3g} J are not accounted for, of a scale of {scale:.3g} J; take a smaller step"
         )

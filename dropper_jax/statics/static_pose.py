@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.place import place
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Ends, Graph, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
@@ -78,14 +79,12 @@ def rest(model: Model) -> Model:
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; none where `nodes` is None."""
-    loads = np.zeros((model.free_nodes, 3), model.dtype)
     if nodes is None or len(nodes) == 0:
-        return jnp.asarray(loads)
+        return jnp.zeros((model.free_nodes, 3), model.dtype)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
-    np.add.at(loads, index, np.asarray(forces))
-    return jnp.asarray(loads)
+    return place(index, jnp.asarray(forces, model.dtype), model.free_nodes)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) -> Equilibrium:

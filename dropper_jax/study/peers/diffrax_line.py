@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax.linalg import tridiagonal_solve
 
-from dropper_jax.base.one_kernel import compiled_whole
+from dropper_jax.base.tridiagonal import one_kernel_of
 from dropper_jax.integrators.reduced import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.peers import diffrax_angles
@@ -78,7 +78,7 @@ def rows(model: Model, s: State, target: Reference) -> list[dict[str, Any]]:
     """One row per formulation, solver and tolerance (relative and absolute alike)."""
     kinds = ["tridiagonal"] + (["angles"] if diffrax_angles.refuse(model, s) is None else [])
     cases = [*itertools.product(kinds, SOLVERS, TOLERANCES)]
-    if compiled_whole(model.line.links):
+    if one_kernel_of(model.line.links):
         cases += itertools.product(["cyclic"], EXPLICIT, TOLERANCES)
     return [_row(model, s, target, *case) for case in cases]
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
@@ -26,28 +25,17 @@ from dropper_jax.model import Frozen, Model, Parted, State, work_names
 from dropper_jax.residual import Implicit
 from dropper_jax.run.build import SceneLike, allowed_error, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
+from dropper_jax.run.pieces import compile_run, go_through
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.stiffness import stiffness_remarks
-from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
-from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
-from dropper_jax.stepping.integrate import DRIFT_LIMIT, Progress, Trajectory, advance, begin
+from dropper_jax.stepping.adaptive import Adaptive, Within
+from dropper_jax.stepping.controlled import Controlled
+from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import Stepper
-
-#: A run is cut into at least this many pieces of one compiled program, so that progress can be shown and a stop loses
-#: little; pieces have one of these numbers of saved times, so that runs of other lengths and steps share the program.
-PIECES, SAVES = 12, (1, 2, 16, 128, 1024)
-
-
-# Compiled once for all calls: a second run that differs in values only is not compiled again.
-_advance = kept(static=("stepper", "saves", "save_every"))(advance)
-_advance_adaptively = kept(static=("stepper", "saves"))(advance_adaptively)
-_advance_controlled = kept(static=("stepper", "saves"))(advance_controlled)
-_start_controlled = kept(static=("stepper",))(start_controlled)
 
 
 @kept()
@@ -129,9 +117,9 @@ def simulate(
     say(0.0, "finding the start")
     start = initial_state(model, scene.start)
     begun = time.perf_counter()
-    compiled = _compile(stepper, model, start, run)
+    compiled = compile_run(stepper, model, start, run)
     compile_s = time.perf_counter() - begun
-    trajectory, within, carry, run_s, interrupted = _run(compiled, run.saves, say)
+    trajectory, within, carry, run_s, interrupted = go_through(compiled, run.saves, say)
     solution = _solution(scene, stepper, model, start, trajectory, run.steps, dict(settings))
     if isinstance(carry, Adaptive):
         solution = _followed(solution, within, int(carry.refused))
@@ -187,92 +175,6 @@ def _with_errors(
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     told = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
     return replace(solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *told))
-
-
-#: What a run carries from piece to piece, and what is known of its steps beside the trajectory.
-Carry = Progress | Adaptive | Controlled
-Beside = Within | jax.Array | None
-
-
-class _Pieces(NamedTuple):
-    """A run cut into pieces of one compiled program: what goes on from a carry, the first carry, saves per piece."""
-
-    go_on: Callable[[Any], tuple[Any, tuple[Trajectory, Beside]]]
-    carry: Carry
-    saves: int
-
-
-def _reached(carry: Carry) -> tuple[float, bool]:
-    """The time [s] that a run has come to, and whether it has failed."""
-    if isinstance(carry, Controlled):
-        return float(carry.now.t), bool(carry.bad)
-    progress = carry if isinstance(carry, Progress) else carry.progress
-    return float(progress.state.t), int(progress.first_bad) >= 0
-
-
-def _compile(stepper: Stepper, model: Model, start: State, run: RunSpec) -> _Pieces:
-    saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
-    dt = jnp.asarray(run.dt, model.dtype)
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
-        allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
-        held = _start_controlled(stepper, model, start, allowed)
-        every = dt * run.save_every
-        holding = _advance_controlled.program(stepper, model, held, every, allowed, saves=saves)
-        return _Pieces(lambda carry: holding(model, carry, every, allowed), held, saves)
-    progress = begin(stepper, model, start)
-    if run.step_tolerance is None:
-        return _Pieces(_FixedSteps(stepper, model, progress, dt, saves, run.save_every), progress, saves)
-    carry, limit = adaptive_start(progress, dt), jnp.asarray(run.step_tolerance, model.dtype)
-    following = _advance_adaptively.program(stepper, model, carry, dt, limit, saves=saves)
-    return _Pieces(lambda carry: following(model, carry, dt, limit), carry, saves)
-
-
-class _FixedSteps:
-    """Pieces of equal steps: by a program for steps that solve at once, until one does not.
-
-    That piece is then taken again, and all after it, by the program that has means for steps that resist. Most runs
-    never compile it: it is four times as large.
-    """
-
-    def __init__(
-        self, stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, saves: int, save_every: int
-    ) -> None:
-        self.stepper, self.model, self.dt = stepper, model, dt
-        self.counts = {"saves": saves, "save_every": save_every}
-        self.plain = True
-        self.program = self._program(stepper.plain, progress)
-
-    def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
-        return _advance.program(stepper, self.model, progress, self.dt, **self.counts)
-
-    def __call__(self, carry: Progress) -> tuple[Progress, tuple[Trajectory, None]]:
-        after, piece = self.program(self.model, carry, self.dt)
-        if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
-            self.plain, self.program = False, self._program(self.stepper, carry)
-            after, piece = self.program(self.model, carry, self.dt)
-        return after, (piece, None)
-
-
-def _run(run: _Pieces, saves: int, say: Callable[[float, str], None]) -> tuple[Trajectory, Beside, Carry, float, bool]:
-    """Pieces until the end, a failure or an interruption; always the same program, so that reruns agree to the bit."""
-    carry = run.carry
-    pieces: list[tuple[Trajectory, Beside]] = []
-    begun, interrupted = time.perf_counter(), False
-    try:
-        while len(pieces) * run.saves < saves:
-            carry, piece = run.go_on(carry)
-            pieces.append(jax.tree.map(np.asarray, piece))
-            t, failed = _reached(carry)
-            say(min(len(pieces) * run.saves / saves, 1.0), f"t = {t:.3g} s")
-            if failed:
-                break
-    except KeyboardInterrupt:
-        interrupted = True
-        if not pieces:
-            raise
-    run_s = time.perf_counter() - begun
-    joined, within = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
-    return joined, within, carry, run_s, interrupted
 
 
 def _solution(

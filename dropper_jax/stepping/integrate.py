@@ -68,24 +68,52 @@ def advance(
     """`saves * save_every` further steps of dt [s], one for all or (saves, save_every), saved every `save_every`."""
     sizes = dt if jnp.ndim(dt) else None
 
+    def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
+        return _saved(stepper, model, carry, dt if row is None else row, save_every)
+
+    return jax.lax.scan(save, progress, sizes, length=saves)
+
+
+def advance_some(
+    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, count: jax.Array, room: int, save_every: int = 1
+) -> tuple[Progress, Trajectory]:
+    """The same for `count` saves, at most `room`, which is how many rows the trajectory has: the first are filled.
+
+    One program goes on in pieces of any length, which is how a run shows progress and stops when asked to.
+    """
+    s, number = progress.state, jnp.zeros((), jnp.int32)
+    row = Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), model.dtype), number, number, number, s.parted, s.own)
+    rows = jax.tree.map(lambda a: jnp.zeros((room, *jnp.shape(a)), jnp.asarray(a).dtype), row)
+
+    def save(i: jax.Array, carry: tuple[Progress, Trajectory]) -> tuple[Progress, Trajectory]:
+        progress, row = _saved(stepper, model, carry[0], dt, save_every)
+        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one.astype(all_.dtype), i, axis=0)  # noqa: E731
+        return progress, jax.tree.map(put, carry[1], row)
+
+    return jax.lax.fori_loop(0, count, save, (progress, rows))
+
+
+def _saved(
+    stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int
+) -> tuple[Progress, Trajectory]:
+    """`save_every` steps of dt [s], one for all or (save_every,), and what is saved of them."""
+
     def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
         s, report = step(stepper, model, carry.state, dt if size is None else size, carry.first_bad < 0)
         bad = failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
         return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
 
-    def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
-        if save_every == 1:
-            carry, (residual, retried, bad) = one(carry, None if row is None else row[0])
-            retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
-        else:
-            carry, (residual, retried, bad) = jax.lax.scan(one, carry, row, length=save_every)
-            residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
-        s = carry.state
-        counts = residual, retried, bad, carry.first_bad
-        return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
-
-    return jax.lax.scan(save, progress, sizes, length=saves)
+    sizes = dt if jnp.ndim(dt) else None
+    if save_every == 1:
+        carry, (residual, retried, bad) = one(carry, None if sizes is None else sizes[0])
+        retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
+    else:
+        carry, (residual, retried, bad) = jax.lax.scan(one, carry, sizes, length=save_every)
+        residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
+    s = carry.state
+    counts = residual, retried, bad, carry.first_bad
+    return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
 
 
 def failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:

@@ -94,7 +94,8 @@ def _scheme_rows(
         status = status_of(run, stepper)
         wall = None
         if status == "ok":
-            again = partial(march, stepper, own, start, target.grid / every, every, saves)
+            used = stepper if run.retried[-1] else stepper.plain
+            again = partial(march, used, own, start, target.grid / every, every, saves)
             wall = pick(_walls(again, repeats))
         per_step = wall / steps if wall else per_step
         rows.append(

@@ -24,7 +24,7 @@ for case in sys.argv[1:]:
     name, scheme, kind = case.split(":")
     scene = dj.load_scene(name)
     model, s = dj.build(scene)
-    stepper = dj.make_stepper(model, scheme, track_work=False)
+    stepper = dj.make_stepper(model, scheme, track_work=False).plain
     run = lambda m, s: dj.integrate(stepper, m, s, scene.run.dt, 50)[0].r.sum()
     run = jax.jit(jax.value_and_grad(run, allow_int=True) if kind == "gradient" else run)
     text = run.lower(model, s).compile().as_text()
@@ -39,20 +39,32 @@ FORWARD = [
     "dropper-release-a:energy_momentum:value",
     "dropper-release-a:rattle:value",
     "dropper-north-sea:energy_momentum:value",
+    "paper-case-1:energy_momentum:value",
 ]
+LARGE = ["edulis-longline:energy_momentum:value", "dropper-farm-10:energy_momentum:value"]
 GRADIENT = ["dropper-release-a:rattle:gradient"]
+
+
+def compiled(*cases):
+    environment = {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"}
+    call = [sys.executable, "-c", PROGRAM, *cases]
+    return json.loads(subprocess.run(call, env=environment, capture_output=True, check=True, text=True).stdout)
 
 
 @pytest.mark.slow
 def test_runs_of_packaged_scenes_are_one_small_call():
-    environment = {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"}
-    call = [sys.executable, "-c", PROGRAM, *FORWARD, *GRADIENT]
-    found = json.loads(subprocess.run(call, env=environment, capture_output=True, check=True, text=True).stdout)
+    found = compiled(*FORWARD, *GRADIENT)
     for case in FORWARD:
         assert found[case] == {"loops": 0, "small": 1, "called": []}, case
     for case in GRADIENT:
         assert found[case]["loops"] == 0, case
         assert not found[case]["called"], case
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("case", LARGE)
+def test_runs_of_longlines_and_farms_are_one_small_call(case):
+    assert compiled(case)[case] == {"loops": 0, "small": 1, "called": []}
 
 
 def test_the_option_comes_first_and_joins_others(monkeypatch):

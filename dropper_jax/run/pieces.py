@@ -1,0 +1,151 @@
+"""A run in pieces: compiled once, gone through with progress, stopped by a failure or by the user.
+
+Steps of one length go on in pieces of any number of saves by one program; a piece takes about `SECONDS`, so that
+progress is shown and a stop is answered. Where a piece ends makes no difference to a number.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.programs import kept
+from dropper_jax.integrators.projected import ProjectedRungeKutta
+from dropper_jax.model import Model, State
+from dropper_jax.run.build import allowed_error
+from dropper_jax.scene import RunSpec
+from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
+from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
+from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
+from dropper_jax.stepping.stepper import Stepper
+
+#: A run is cut into at least this many pieces, where it has so many saves.
+PIECES = 12
+#: Wanted time of a piece [s], and how many times longer than the one before it may be.
+SECONDS, LONGER = 1.0, 8
+#: Most saves and most bytes of a piece.
+ROOM, BYTES = 1024, 16_000_000
+#: Saves of a piece of steps that differ in length: one of these, so that runs of other lengths share the program.
+SAVES = (1, 2, 16, 128, 1024)
+
+#: What a run carries from piece to piece, and what is known of its steps beside the trajectory.
+Carry = Progress | Adaptive | Controlled
+Beside = Within | jax.Array | None
+#: A carry and how many saves are wanted at most -> the carry after them, what was saved.
+GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
+
+# Compiled once for all calls: a second run that differs in values only is not compiled again.
+_advance = kept(static=("stepper", "room", "save_every"))(advance_some)
+_advance_adaptively = kept(static=("stepper", "saves"))(advance_adaptively)
+_advance_controlled = kept(static=("stepper", "saves"))(advance_controlled)
+_start_controlled = kept(static=("stepper",))(start_controlled)
+
+
+class Pieces(NamedTuple):
+    """What goes on from a carry, and the first carry."""
+
+    go_on: GoOn
+    carry: Carry
+
+
+class Gone(NamedTuple):
+    """A run that was gone through: what was saved, its last carry, time [s], whether the user stopped it."""
+
+    trajectory: Trajectory
+    beside: Beside
+    carry: Carry
+    run_s: float
+    interrupted: bool
+
+
+def compile_run(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Pieces:
+    """The compiled program of a run."""
+    dt = jnp.asarray(run.dt, model.dtype)
+    saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
+        held = _start_controlled(stepper, model, start, allowed)
+        every = dt * run.save_every
+        holding = _advance_controlled.program(stepper, model, held, every, allowed, saves=saves)
+        return Pieces(lambda carry, _: holding(model, carry, every, allowed), held)
+    progress = begin(stepper, model, start)
+    if run.step_tolerance is None:
+        return Pieces(_EqualSteps(stepper, model, progress, run), progress)
+    carry, limit = adaptive_start(progress, dt), jnp.asarray(run.step_tolerance, model.dtype)
+    following = _advance_adaptively.program(stepper, model, carry, dt, limit, saves=saves)
+    return Pieces(lambda carry, _: following(model, carry, dt, limit), carry)
+
+
+class _EqualSteps:
+    """Steps of one length: by a program for steps that solve at once, until one does not.
+
+    That piece is then taken again, and all after it, by the program that has means for steps that resist. Most runs
+    never compile it: it is four times as large.
+    """
+
+    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec) -> None:
+        self.stepper, self.model, self.dt = stepper, model, jnp.asarray(run.dt, model.dtype)
+        self.settings = {"room": _room(progress.state), "save_every": run.save_every}
+        self.longest = max(1, run.saves // PIECES)
+        self.count = 1
+        self.plain = True
+        self.program = self._program(stepper.plain, progress)
+
+    def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
+        return _advance.program(stepper, self.model, progress, self.dt, jnp.zeros((), jnp.int32), **self.settings)
+
+    def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
+        count = min(self.count, self.longest, left, self.settings["room"])
+        begun = time.perf_counter()
+        after, rows = self._take(carry, count)
+        if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
+            self.plain, self.program = False, self._program(self.stepper, carry)
+            after, rows = self._take(carry, count)
+        share = SECONDS / max(time.perf_counter() - begun, 1e-9)
+        self.count = max(1, int(count * min(share, LONGER)))
+        return after, (rows, None)
+
+    def _take(self, carry: Progress, count: int) -> tuple[Progress, Trajectory]:
+        after, rows = self.program(self.model, carry, self.dt, jnp.asarray(count, jnp.int32))
+        return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
+
+
+def _room(s: State) -> int:
+    size = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.r, s.v, s.tension, s.work, s.parted, s.own)))
+    return max(1, min(ROOM, 2 ** int(np.log2(max(BYTES / max(size, 1), 1.0)))))
+
+
+def go_through(run: Pieces, saves: int, say: Callable[[float, str], None]) -> Gone:
+    """Pieces until the end, a failure or an interruption."""
+    carry, done = run.carry, 0
+    pieces: list[tuple[Trajectory, Beside]] = []
+    begun, interrupted = time.perf_counter(), False
+    try:
+        while done < saves:
+            carry, piece = run.go_on(carry, saves - done)
+            pieces.append(jax.tree.map(np.asarray, piece))
+            done += len(piece[0].r)
+            t, failed = _reached(carry)
+            say(min(done / saves, 1.0), f"t = {t:.3g} s")
+            if failed:
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+        if not pieces:
+            raise
+    run_s = time.perf_counter() - begun
+    joined, beside = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
+    return Gone(joined, beside, carry, run_s, interrupted)
+
+
+def _reached(carry: Carry) -> tuple[float, bool]:
+    """The time [s] that a run has come to, and whether it has failed."""
+    if isinstance(carry, Controlled):
+        return float(carry.now.t), bool(carry.bad)
+    progress = carry if isinstance(carry, Progress) else carry.progress
+    return float(progress.state.t), int(progress.first_bad) >= 0

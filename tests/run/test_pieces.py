@@ -1,0 +1,59 @@
+"""Runs in pieces: where one ends makes no difference, and a stop keeps what is done."""
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.run import pieces
+
+ARRAYS = ("t", "positions", "velocities", "tension", "work", "kinetic")
+
+
+def run(**settings):
+    return dj.simulate("conical-pendulum", dt=0.01, duration=2.0, **settings)
+
+
+@pytest.mark.parametrize("save_every", [1, 4])
+def test_pieces_of_any_length_give_the_same_numbers(monkeypatch, save_every):
+    whole = run(save_every=save_every)
+    monkeypatch.setattr(pieces, "SECONDS", 0.0)
+    told = []
+    single = run(save_every=save_every, progress=lambda share, text: told.append(text))
+    assert sum(text.startswith("t =") for text in told) == len(whole.t) - 1  # a save at a time
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(single, name), getattr(whole, name))
+
+
+def test_a_long_run_shows_at_least_so_many_pieces():
+    told = []
+    run(progress=lambda share, text: told.append(share))
+    assert len(told) > pieces.PIECES
+    assert told == sorted(told)
+
+
+def test_a_stop_keeps_what_is_done():
+    def stop(share, text):
+        if text.startswith("t =") and share > 0.3:
+            raise KeyboardInterrupt
+
+    found, whole = run(progress=stop), run()
+    assert found.status == "interrupted"
+    assert 0.3 < found.t[-1] / whole.t[-1] < 0.6
+    np.testing.assert_array_equal(found.positions, whole.positions[: len(found.t)])
+
+
+def test_a_piece_keeps_within_its_bytes(monkeypatch):
+    model, s = dj.build("conical-pendulum")
+    assert pieces._room(s) == pieces.ROOM
+    monkeypatch.setattr(pieces, "BYTES", 1000)
+    assert 1 <= pieces._room(s) < 20
+
+
+def test_steps_that_resist_are_taken_by_the_whole_program(monkeypatch):
+    """A step so long that plain Newton does not end: the same run as by the whole program alone."""
+    scene = dj.load_scene("dropper-release-a").with_values({"run.dt": 0.12, "run.duration": 2.4})
+    found = dj.simulate(scene)
+    assert found.retried_steps > 0
+    plain = property(lambda self: self)
+    monkeypatch.setattr(dj.Stepper, "plain", plain)
+    np.testing.assert_array_equal(found.positions, dj.simulate(scene).positions)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics
 
 #: Below this z the excess is taken from its series, whose error there is below 1e-13.
@@ -17,6 +18,21 @@ def excess(z: jax.Array) -> jax.Array:
     large = jnp.where(small, 1.0, z)
     series = z / 6.0 * (1.0 - z**2 / 60.0 * (1.0 - z**2 / 42.0))
     return jnp.where(small, series, 1.0 / jnp.tanh(0.5 * large) - 2.0 / large)
+
+
+def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
+    """The same in still water, where drag never gives energy: without what of it goes against the motion.
+
+    Where something else turns a light node round within a step, `v_mid + (2 theta - 1)(v_mid - v0)` may point against
+    v_mid, and drag would do positive work `-u . v_mid`. Drag alone never does so.
+    """
+    if k.before is None:
+        return k.v
+    u = drag_velocity(k, decay)
+    along, size = dot(u, k.v), dot(k.v, k.v)
+    against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
+    share = jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0)
+    return u - share[:, None] * k.v
 
 
 def drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:

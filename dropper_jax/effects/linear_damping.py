@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.effects.drag_velocity import drag_velocity
+from dropper_jax.effects.drag_velocity import still_drag_velocity
 from dropper_jax.model import Effect, Kinematics, per_node
 
 
@@ -20,4 +20,4 @@ class LinearDamping(Effect):
 
     def force(self, k: Kinematics) -> jax.Array:
         b_l = per_node(self.b_l, k.free)
-        return -b_l * drag_velocity(k, b_l / k.model.node_mass[:, None])
+        return -b_l * still_drag_velocity(k, b_l / k.model.node_mass[:, None])

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects.drag_velocity import drag_velocity
+from dropper_jax.effects.drag_velocity import still_drag_velocity
 from dropper_jax.model import Effect, Kinematics, per_node
 
 
@@ -32,7 +32,7 @@ class QuadraticDamping(Effect):
     def force(self, k: Kinematics) -> jax.Array:
         b_q, v = per_node(self.b_q, k.free), k.v
         if k.before is not None:
-            v = drag_velocity(k, 2.0 * b_q * self._speed(k.before) / k.model.node_mass[:, None])
+            v = still_drag_velocity(k, 2.0 * b_q * self._speed(k.before) / k.model.node_mass[:, None])
         return -b_q * self._speed(v) * v
 
     def _speed(self, v: jax.Array) -> jax.Array:

@@ -33,6 +33,8 @@ class QuadraticDamping(Effect):
         b_q, v = per_node(self.b_q, k.free), k.v
         if k.before is not None:
             v = still_drag_velocity(k, 2.0 * b_q * self._speed(k.before) / k.model.node_mass[:, None])
+            if self.form == "componentwise":  # each direction brakes by itself
+                v = jnp.where(v * k.v < 0.0, 0.0, v)
         return -b_q * self._speed(v) * v
 
     def _speed(self, v: jax.Array) -> jax.Array:

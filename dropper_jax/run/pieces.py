@@ -54,12 +54,14 @@ class Pieces(NamedTuple):
 
 
 class Gone(NamedTuple):
-    """A run that was gone through: what was saved, its last carry, time [s], whether the user stopped it."""
+    """A run that was gone through: what was saved, its last carry, time [s] of it and of compiling meanwhile, whether
+    the user stopped it."""
 
     trajectory: Trajectory
     beside: Beside
     carry: Carry
     run_s: float
+    late_s: float
     interrupted: bool
 
 
@@ -85,7 +87,7 @@ class _EqualSteps:
     """Steps of one length: by a program for steps that solve at once, until one does not.
 
     That piece is then taken again, and all after it, by the program that has means for steps that resist. Most runs
-    never compile it: it is four times as large.
+    never compile it: it is four times as large. Joints that stick need it at once.
     """
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec) -> None:
@@ -93,8 +95,9 @@ class _EqualSteps:
         self.settings = {"room": _room(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // PIECES)
         self.count = 1
-        self.plain = True
-        self.program = self._program(stepper.plain, progress)
+        self.late_s = 0.0  # what compiling took once the run had begun
+        self.plain = stepper.until_converged or not model.laws
+        self.program = self._program(stepper.plain if self.plain else stepper, progress)
 
     def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
         return _advance.program(stepper, self.model, progress, self.dt, jnp.zeros((), jnp.int32), **self.settings)
@@ -104,7 +107,10 @@ class _EqualSteps:
         begun = time.perf_counter()
         after, rows = self._take(carry, count)
         if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
+            now = time.perf_counter()
             self.plain, self.program = False, self._program(self.stepper, carry)
+            begun = time.perf_counter()
+            self.late_s += begun - now
             after, rows = self._take(carry, count)
         share = SECONDS / max(time.perf_counter() - begun, 1e-9)
         self.count = max(1, int(count * min(share, LONGER)))
@@ -138,9 +144,10 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None]) -> Go
         interrupted = True
         if not pieces:
             raise
-    run_s = time.perf_counter() - begun
+    late_s = getattr(run.go_on, "late_s", 0.0)
+    run_s = time.perf_counter() - begun - late_s
     joined, beside = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
-    return Gone(joined, beside, carry, run_s, interrupted)
+    return Gone(joined, beside, carry, run_s, late_s, interrupted)
 
 
 def _reached(carry: Carry) -> tuple[float, bool]:

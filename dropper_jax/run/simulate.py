@@ -119,14 +119,15 @@ def simulate(
     begun = time.perf_counter()
     compiled = compile_run(stepper, model, start, run)
     compile_s = time.perf_counter() - begun
-    trajectory, within, carry, run_s, interrupted = go_through(compiled, run.saves, say)
+    gone = go_through(compiled, run.saves, say)
+    trajectory, within, carry = gone.trajectory, gone.beside, gone.carry
     solution = _solution(scene, stepper, model, start, trajectory, run.steps, dict(settings))
     if isinstance(carry, Adaptive):
         solution = _followed(solution, within, int(carry.refused))
     if isinstance(carry, Controlled):
         solution = _controlled(solution, stepper, model, trajectory, within, carry)
-    solution = replace(solution, compile_s=compile_s, run_s=run_s)
-    if interrupted:
+    solution = replace(solution, compile_s=compile_s + gone.late_s, run_s=gone.run_s)
+    if gone.interrupted:
         solution = replace(solution, status="interrupted")
     solution = judged(solution)
     if choice is not None:

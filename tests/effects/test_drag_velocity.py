@@ -82,3 +82,30 @@ def test_quadratic_drag_alone_is_second_order():
         errors.append(abs(v[-1, 0] - 2.0 / (1.0 + 2.0 * 0.1 * 0.4 / mass)))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, 2.0, atol=0.1)
+
+
+def whipped(effects):
+    """A light node next to the end of a loop of heavy ones, let go with steps far longer than its motions."""
+    line = {"name": "line", "from": "left", "to": "right", "links": 5, "length": 1.0, "mass": [0.01, 1, 1, 1, 1]}
+    return {
+        "run": {"dt": 10.0**-0.75, "duration": 7.0},
+        "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [3.75, 0.0, 0.0]}],
+        "line": [line],
+        "effects": {"weight": {"gravity": 2.0}, **effects},
+        "start": {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 4.01]]},
+    }
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"quadratic_damping": {"b_q": 1.0}},
+        {"quadratic_damping": {"b_q": 1.0, "form": "componentwise"}},
+        {"linear_damping": {"b_l": 0.3}},
+    ],
+)
+def test_drag_in_still_water_never_gives_energy(effects):
+    solution = dj.simulate(whipped(effects))
+    gained = np.diff(solution.work, axis=0)
+    assert np.abs(gained).max() > 1e-2
+    assert gained.max() <= 1e-12 * np.abs(solution.work).max()

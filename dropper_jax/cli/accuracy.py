@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dts", nargs="+", type=number, metavar="S", help="time steps [s] (default: 1/32 to 1/2048)")
     parser.add_argument("--span", type=number, help="time compared [s] (default: until chaos amplifies rounding)")
     parser.add_argument("--peers", action="store_true", help="also MuJoCo and diffrax, where installed and able")
-    parser.add_argument("--quick", action="store_true", help="only errors, times, orders and advice")
+    parser.add_argument(
+        "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
+    )
     parser.add_argument("--plot", metavar="FILE.png", help="write the picture, and FILE-*.png for the other parts")
     add_quiet(parser)
 

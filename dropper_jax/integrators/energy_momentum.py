@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from dropper_jax.axial import LinkStart
 from dropper_jax.integrators.consistent import after_jump, begun, jumps
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
-from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, booked, turning
+from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, booked, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
 
 #: Share of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
@@ -54,6 +54,7 @@ class MidpointProblem(StepProblem):
 
     def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
         super().__init__(model, s, h)
+        model = self.model
         self.gamma = gamma
         t1 = s.t + h
         self.t_mid = s.t + gamma * h
@@ -83,11 +84,10 @@ class MidpointProblem(StepProblem):
         r, over = s.r + self.gamma * h * v, {"prepared": self.prepared, "h": h, "before": s.v}
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
-    def _local(self, x: jax.Array, middle: Kinematics | None = None) -> jax.Array:
-        """Inertia minus forces (nodes, 3) [N], tensions and laws aside."""
-        k = self._middle(x) if middle is None else middle
+    def _local(self, x: jax.Array, middle: Kinematics, forces: Forces | None = None) -> jax.Array:
+        """Inertia minus forces (nodes, 3) [N], tensions and laws aside; `forces` are those known already."""
         a = x / (self.gamma * self.h**2)
-        return self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
+        return self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle, forces)
 
     def _links1(self, x: jax.Array) -> jax.Array:
         s = self.s
@@ -99,14 +99,21 @@ class MidpointProblem(StepProblem):
         return line.axial.direction(self.links0, links1, mean, line.length)
 
     def residual(self, u: Unknowns) -> Unknowns:
+        return self._rows(u, {})
+
+    def evaluated(self, u: Unknowns) -> tuple[Unknowns, Forces]:
+        """The rows, and the forces (nodes, 3) [N] whose work is booked."""
+        working = self.model.working_forces(self._middle(u.x)) if self.s.work.size else {}
+        return self._rows(u, working), working
+
+    def _rows(self, u: Unknowns, known: Forces) -> Unknowns:
         model, line = self.model, self.model.line
-        links1 = self._links1(u.x)
-        mid = self._middle(u.x) if model.laws else None
-        force = self._local(u.x, mid) - model.pull(u.y, self._directions(links1))
+        links1, middle = self._links1(u.x), self._middle(u.x)
+        force = self._local(u.x, middle, known) - model.pull(u.y, self._directions(links1))
         axial = line.axial.residual(self.start, links1, u.y, line.length, self.h)
         if not model.laws:
             return Unknowns(force, axial)
-        laws, rows = self._laws(mid, u.z)
+        laws, rows = self._laws(middle, u.z)
         return Unknowns(force - laws, axial, rows)
 
     def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
@@ -116,11 +123,12 @@ class MidpointProblem(StepProblem):
         return force, tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        middle = self._middle(x)
+        local = self._local(x, middle)
         if not z:
-            return self._local(x), ()
-        mid = self._middle(x)
-        laws, rows = self._laws(mid, z)
-        return self._local(x, mid) - laws, rows
+            return local, ()
+        laws, rows = self._laws(middle, z)
+        return local - laws, rows
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         return self._links1(x)
@@ -137,7 +145,7 @@ class MidpointProblem(StepProblem):
         geometric = GEOMETRIC_SHARE * self.gamma * jnp.maximum((stiffness + following)[: model.free_nodes], 0.0)
         if model.constant_force and not model.having(AddedMass):
             return model.node_mass / (self.gamma * self.h**2) + geometric
-        node = node_blocks(lambda x: self._local(u.x + x), model.free_nodes, u.x.dtype)
+        node = node_blocks(lambda x: self._local(u.x + x, self._middle(u.x + x)), model.free_nodes, u.x.dtype)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
     def condensed(self, u: Unknowns) -> CondensedParts:
@@ -145,7 +153,7 @@ class MidpointProblem(StepProblem):
         gradient = line.axial.gradient(self.start, links1, u.y, line.length, self.h)
         return CondensedParts(self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
 
-    def finish(self, u: Unknowns) -> State:
+    def finish(self, u: Unknowns, seen: Forces | None = None) -> State:
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
@@ -156,7 +164,7 @@ class MidpointProblem(StepProblem):
             tension=u.y if impulse is None else u.y + impulse / h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
-            work=lambda: self._work(u, stopped, struck),
+            work=lambda: self._work(u, stopped, struck, seen),
         )
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
@@ -187,11 +195,11 @@ class MidpointProblem(StepProblem):
         v, impulse, gained = jax.lax.cond(jumped, project, lambda: kept)
         return v, impulse, {MOVING_ENDS: gained}
 
-    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> jax.Array:
-        """Work (k,) [J] over the step, as `work_names` names it."""
+    def _work(self, u: Unknowns, stopped: Works, struck: Works, seen: Forces | None) -> jax.Array:
+        """Work (k,) [J] over the step, as `work_names` names it; `seen` are the forces whose work is booked."""
         model, line, h = self.model, self.model.line, self.h
         k, links1 = self._middle(u.x), self._links1(u.x)
-        forces = model.working_forces(k)
+        forces = model.working_forces(k) if seen is None else dict(seen)
         for law, z in zip(model.laws, u.z, strict=True):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.integrators.holding import stop_held_nodes
 from dropper_jax.integrators.rates import accelerations, powers
 from dropper_jax.model import Ends, Kinematics, Model, State
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, couples_inertia
@@ -36,6 +37,7 @@ class GeneralizedAlpha(Implicit):
     name: ClassVar[str] = "generalized_alpha"
     order: ClassVar[int] = 2
     networkable: ClassVar[bool] = True
+    takes_laws: ClassVar[bool] = True
     rho_infinity: float = parameter(
         "what a step leaves of the fastest vibrations", unit="-", low=0.0, high=1.0, default=0.5
     )
@@ -49,6 +51,8 @@ class GeneralizedAlpha(Implicit):
             return "it needs tensions that follow from lengths, but the links are rigid; set axial.law"
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"
+        if not all(law.node_local for law in model.laws):
+            return f"effect {model.laws[0].name!r} couples neighbouring nodes; use energy_momentum"
         return super().refuse(model)
 
     def begin(self, model: Model, s: State) -> State:
@@ -57,7 +61,10 @@ class GeneralizedAlpha(Implicit):
         line = model.line
         tension = line.axial.tension(k.links, k.link_velocities, line.length)
         force = model.force(k) + model.pull(tension, k.tangents)
-        return replace(s, acceleration=accelerations(model, k, force, s.t))
+        a = accelerations(model, k, force, s.t)
+        for law, z in zip(model.laws, s.law, strict=True):
+            a = law.stop(k, a, z, jnp.ones((), a.dtype))  # what is held at rest does not accelerate
+        return replace(s, acceleration=a)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
         return GeneralizedAlphaProblem(model, s, h, self.rho_infinity)
@@ -107,10 +114,14 @@ class GeneralizedAlphaProblem(StepProblem):
         return Unknowns(0.5 * self.h**2 * s.acceleration, s.tension, s.law)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        """Inertia minus forces (nodes, 3) [N], tensions aside."""
+        """Inertia minus forces (nodes, 3) [N], tensions aside, and the rows of laws."""
         k, old = self._at_f(x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(x) - old)
-        return self.model.inertia(k, a, self.end_acceleration) - self.model.force(k), ()
+        rows = self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
+        laws = tuple(zip(self.model.laws, z, strict=True))
+        for law, unknown in laws:
+            rows = rows - law.law_force(k, unknown)
+        return rows, tuple(law.law_residual(k, unknown, self.h, self.easing) for law, unknown in laws)
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)
@@ -129,23 +140,38 @@ class GeneralizedAlphaProblem(StepProblem):
     def residual(self, u: Unknowns) -> Unknowns:
         links1 = self.link_vectors(u.x)
         d, _ = self._links_at_f(links1)
-        force, _ = self.node_rows(u.x, ())
+        force, laws = self.node_rows(u.x, u.z)
         _, axial = self.link_rows(links1, u.y)
-        return Unknowns(force - self.model.pull(u.y, d / safe_norm(d)[:, None]), axial)
+        return Unknowns(force - self.model.pull(u.y, d / safe_norm(d)[:, None]), axial, laws)
 
-    def finish(self, u: Unknowns) -> State:
+    def finish(self, u: Unknowns, seen: Any = None) -> State:
         s, h = self.s, self.h
+        r1, v1, a1 = s.r + (h * s.v + u.x), self._velocity(u.x), self._acceleration(u.x)
+        v1, a1, stopped = self._held(u, r1, v1, a1)
         return self.ended(
-            r=s.r + (h * s.v + u.x),
-            v=self._velocity(u.x),
-            tension=u.y,
-            acceleration=self._acceleration(u.x),
-            law=u.z,
-            work=lambda: h * self._powers(u),
+            r=r1, v=v1, tension=u.y, acceleration=a1, law=u.z, work=lambda: h * self._powers(u, stopped / h)
         )
 
-    def _powers(self, u: Unknowns) -> jax.Array:
-        """Mean powers (k,) [W] over the step: what acts at t_f along what the nodes move."""
+    def _held(self, u: Unknowns, r1: jax.Array, v1: jax.Array, a1: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """End velocities and accelerations with nodes that friction held at rest, and what stopping took [J].
+
+        A law on the velocity at t_f holds a node by `v_f = 0`, which sends its velocity v0 to `-rho v0`.
+        """
+        if not self.model.laws:
+            return v1, a1, jnp.zeros((), v1.dtype)
+        middle = self._at_f(u.x)
+        after = self.model.kinematics(r1, v1, self.s.t + self.h, self.ends1, prepared=self.prepared)
+        v1, taken = stop_held_nodes(self.model, u.z, middle, after, self.h)
+        for law, z in zip(self.model.laws, u.z, strict=True):
+            a1 = law.stop(middle, a1, z, self.h)
+        return v1, a1, taken
+
+    def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
+        """Mean powers (k,) [W] over the step: what acts at t_f along what the nodes move, and stopping those held."""
         k, old = self._at_f(u.x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(u.x) - old)
-        return powers(self.model, k.with_velocity(self.s.v + u.x / self.h), u.y, a)
+        k = k.with_velocity(self.s.v + u.x / self.h)
+        laws = {law.name: jnp.sum(law.law_force(k, z) * k.v) for law, z in zip(self.model.laws, u.z, strict=True)}
+        if laws:
+            laws[self.model.laws[0].name] += stopping
+        return powers(self.model, k, u.y, a, laws)

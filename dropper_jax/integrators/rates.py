@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.numerics import inverse3
 from dropper_jax.base.tridiagonal import solve_tridiagonal
-from dropper_jax.model import AddedMass, Kinematics, Model, State, booked, turning
+from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, booked, turning
 from dropper_jax.residual import node_blocks
 
 Rates = tuple[jax.Array, jax.Array, jax.Array]
@@ -42,13 +42,13 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
     return solve_tridiagonal(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)
 
 
-def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array) -> jax.Array:
-    """Power (k,) [W] of what `work_names` lists."""
+def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: Works | None = None) -> jax.Array:
+    """Power (k,) [W] of what `work_names` lists; `laws` are those of set-valued laws."""
     line = model.line
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
     turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
     axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
-    return booked(model, forces, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends))
+    return booked(model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends))
 
 
 def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:

@@ -10,7 +10,7 @@ with velocity-dependent forces too, and symplectic without them. Its energy erro
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -79,7 +79,7 @@ class RattleProblem(StepProblem):
         gradient = self.h * links1 / line.length[:, None]
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
-    def finish(self, u: Unknowns) -> State:
+    def finish(self, u: Unknowns, seen: Any = None) -> State:
         model, h = self.model, self.h
         after = self._after(u.x)
         pull1 = after.links / model.line.length[:, None]

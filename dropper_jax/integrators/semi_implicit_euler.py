@@ -12,7 +12,7 @@ On lines that stretch, tensions follow from lengths and nothing has to be solved
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -92,7 +92,7 @@ class SemiImplicitProblem(StepProblem):
         gradient = self.h * self._links1(u.x) / line.length[:, None]
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
-    def finish(self, u: Unknowns) -> State:
+    def finish(self, u: Unknowns, seen: Any = None) -> State:
         s, h = self.s, self.h
         return self.ended(
             r=s.r + h * u.x,

@@ -15,7 +15,7 @@ vertical link has no azimuth, and the Jacobian is singular there: that is the po
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -143,7 +143,7 @@ class AnglesProblem(StepProblem):
         one = jnp.ones((), self.model.dtype)
         return Unknowns(jnp.stack([one, one, 1 / jnp.abs(self.h), 1 / jnp.abs(self.h)]), self._force()[:, 0])
 
-    def finish(self, u: Unknowns) -> State:
+    def finish(self, u: Unknowns, seen: Any = None) -> State:
         s, free = self.s, self.model.free_nodes
         r, v, _, _ = self._motion(u.x, s.t + self.h, self.ends1, u.y)
         return self.ended(

@@ -10,7 +10,7 @@ r1 (half-explicit Euler; Hairer and Wanner), and link lengths drift.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -98,7 +98,7 @@ class ThetaProblem(StepProblem):
         gradient = h * pull1 if gamma == 0.0 else gamma * h * pull1
         return CondensedParts(pull, gradient, jnp.zeros_like(line.length))
 
-    def finish(self, u: Unknowns) -> State:
+    def finish(self, u: Unknowns, seen: Any = None) -> State:
         after = self._after(u.x)
         return self.ended(
             r=after.r,

@@ -6,7 +6,7 @@ from dropper_jax.model.geometry import Ends, Geometry, Member
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
-from dropper_jax.model.model import MOVING_ENDS, Model
+from dropper_jax.model.model import MOVING_ENDS, Forces, Model
 from dropper_jax.model.parted import Parted, as_parted
 from dropper_jax.model.path import Path, gather_links, link_differences
 from dropper_jax.model.shares import Part
@@ -39,6 +39,7 @@ __all__ = [
     "Path",
     "Point",
     "State",
+    "Forces",
     "Works",
     "as_parted",
     "booked",

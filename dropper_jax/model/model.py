@@ -23,6 +23,8 @@ Role = TypeVar("Role")
 
 #: The name under which moving ends work.
 MOVING_ENDS = "moving_ends"
+#: Forces (nodes, 3) [N] by the name under which their work is booked.
+Forces = dict[str, jax.Array]
 
 
 @component
@@ -33,6 +35,8 @@ class Model:
     lines: tuple[Line, ...] = ()
     effects: tuple[Effect, ...] = ()
     sea: Sea | None = None
+    #: `node_mass` where it is at hand: in the equations of a step, which need it in many places.
+    lump: jax.Array | None = None
 
     @property
     def line(self) -> Line:
@@ -161,7 +165,13 @@ class Model:
     @property
     def node_mass(self) -> jax.Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
+        if self.lump is not None:
+            return self.lump
         return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
+
+    def lumped(self) -> Model:
+        """The same with `node_mass` at hand."""
+        return dataclasses.replace(self, lump=self.node_mass)
 
     def own_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
@@ -175,11 +185,13 @@ class Model:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
         return self.gather(tension[:, None] * direction)
 
-    def force(self, k: Kinematics) -> jax.Array:
-        """Sum of the effects' nodal forces (nodes, 3) [N]."""
-        return sum((e.force(k) for e in self.having(Force)), jnp.zeros_like(k.r))
+    def force(self, k: Kinematics, known: Forces | None = None) -> jax.Array:
+        """Sum of the effects' nodal forces (nodes, 3) [N]; `known` are those of some effects there, by name."""
+        known = known or {}
+        parts = (known[e.name] if e.name in known else e.force(k) for e in self.having(Force))
+        return sum(parts, jnp.zeros_like(k.r))
 
-    def working_forces(self, k: Kinematics) -> dict[str, jax.Array]:
+    def working_forces(self, k: Kinematics) -> Forces:
         """Forces (nodes, 3) [N] whose work is booked, by effect."""
         return {e.name: e.force(k) for e in self.working}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -70,9 +70,21 @@ def newton(
     return u, size
 
 
-def newton_until(
-    problem: StepProblem, solver: Solver, u: Unknowns, most: int, limit: float
-) -> tuple[Unknowns, jax.Array]:
+class Found(NamedTuple):
+    """Where an iteration ended.
+
+    Attributes:
+        u: the unknowns.
+        residual: largest scaled row there, scalar.
+        seen: what the problem saw there (`StepProblem.evaluated`).
+    """
+
+    u: Unknowns
+    residual: jax.Array
+    seen: Any
+
+
+def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, limit: float) -> Found:
     """The same until the rows are below `limit`, at most `most` times.
 
     For systems with slack lines and contact: most steps need three corrections, those with a switch up to a dozen.
@@ -80,38 +92,46 @@ def newton_until(
     limit, a spring that lags), full corrections jump from one side to the other for good: those are shortened.
     """
     scale = problem.row_scale()
-    rows = problem.residual(u)
+    rows, seen = problem.evaluated(u)
     least = LEAST.get(str(u.x.dtype), 0)
-    fractions, whole = jnp.asarray(SEARCHED, u.x.dtype), jnp.ones((), u.x.dtype)
+    fractions, never = jnp.asarray(SEARCHED, u.x.dtype), jnp.full((), jnp.inf, u.x.dtype)
 
     def unfinished(carry: tuple[Any, ...]) -> jax.Array:
-        _, _, size, _, count = carry
+        _, _, _, size, _, count = carry
         # a NaN compares false: iterating cannot mend it
         return ((size > limit) & (count < most)) | (count < least) if least else (size > limit) & (count < most)
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        u, rows, size, (last, last_but_one), count = carry
+        u, rows, seen, size, (last, last_but_one), count = carry
         du = solver.apply(solver.factor(problem, u), rows)
         circling = size > CIRCLING * last_but_one
-        # a loop that makes no trip, for a batch too, until one goes round in circles
-        shortened = lambda _: (jnp.zeros((), bool), _best(problem, u, du, scale, fractions)[0])  # noqa: E731
-        u = add(u, du, -jax.lax.while_loop(lambda c: c[0], shortened, (circling, whole))[1])
-        rows = problem.residual(u)
-        return u, rows, norm(rows, scale), (size, last), count + 1
+        # one trip with the whole correction, or one with each fraction and one with the best of them
+        most_trials = jnp.where(circling, len(SEARCHED), 0)
 
-    never = jnp.full((), jnp.inf, u.x.dtype)
-    start = u, rows, norm(rows, scale), (never, never), jnp.zeros((), jnp.int32)
-    u, _, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
-    return u, size
+        def unseen(trial: tuple[Any, ...]) -> jax.Array:
+            return trial[0] <= most_trials
 
+        def look(trial: tuple[Any, ...]) -> tuple[Any, ...]:
+            k, best, least, _ = trial
+            fraction = jnp.where(k < most_trials, fractions[jnp.minimum(k, len(SEARCHED) - 1)], best)
+            rows, seen = problem.evaluated(add(u, du, -fraction))
+            size = norm(rows, scale)
+            better = (k < most_trials) & (size < least)  # false where they are not finite
+            return (
+                k + 1,
+                jnp.where(better, fraction, best),
+                jnp.where(better, size, least),
+                (fraction, rows, seen, size),
+            )
 
-def _best(
-    problem: StepProblem, u: Unknowns, du: Unknowns, scale: Unknowns, fractions: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Which fraction of a correction leaves the smallest rows, and whether any leaves finite ones."""
-    trial = jax.vmap(lambda f: norm(problem.residual(add(u, du, -f)), scale))(fractions)
-    finite = jnp.isfinite(trial)
-    return fractions[jnp.argmin(jnp.where(finite, trial, jnp.inf))], jnp.any(finite)
+        none = jnp.zeros((), jnp.int32)
+        first = none, jnp.where(circling, fractions[0], 1.0), never, (never, rows, seen, size)
+        fraction, rows, seen, after = jax.lax.while_loop(unseen, look, first)[-1]
+        return add(u, du, -fraction), rows, seen, after, (size, last), count + 1
+
+    start = u, rows, seen, norm(rows, scale), (never, never), jnp.zeros((), jnp.int32)
+    u, _, seen, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
+    return Found(u, size, seen)
 
 
 def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
@@ -119,16 +139,25 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
     if problem.model.laws:
         return follow(problem, solver, u)
     scale = problem.row_scale()
-    fractions = jnp.asarray(FRACTIONS, u.x.dtype)
+    fractions, never = jnp.asarray(FRACTIONS, u.x.dtype), jnp.full((), jnp.inf, u.x.dtype)
 
-    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-        du = solver.apply(solver.factor(problem, u), problem.residual(u))
-        best, finite = _best(problem, u, du, scale, fractions)
-        moved = add(u, du, -best)
-        return jax.tree.map(lambda a, b: jnp.where(finite, a, b), moved, u), None
+    def correct(now: tuple[Unknowns, Unknowns], _: None) -> tuple[tuple[Unknowns, Unknowns], None]:
+        u, rows = now
+        du = solver.apply(solver.factor(problem, u), rows)
 
-    u, _ = jax.lax.scan(correct, u, None, length=iterations)
-    return u, norm(problem.residual(u), scale)
+        def look(k: jax.Array, best: tuple[Any, ...]) -> tuple[Any, ...]:
+            moved = add(u, du, -fractions[k])
+            rows = problem.residual(moved)
+            size = norm(rows, scale)
+            better = size < best[-1]  # false where they are not finite
+            return jax.tree.map(lambda a, b: jnp.where(better, a, b), (moved, rows, size), best)
+
+        # a loop, not a batch: the rows stand in the program once more, not three times
+        u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), look, (u, rows, never))
+        return (u, rows), None
+
+    (u, rows), _ = jax.lax.scan(correct, (u, problem.residual(u)), None, length=iterations)
+    return u, norm(rows, scale)
 
 
 def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns, jax.Array]:

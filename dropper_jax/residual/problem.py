@@ -37,7 +37,7 @@ class StepProblem:
     easing: jax.Array | None = None
 
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
-        self.model, self.s, self.h = model, s, h
+        self.model, self.s, self.h = model.lumped(), s, h
 
     def guess(self) -> Unknowns:
         raise NotImplementedError
@@ -45,6 +45,10 @@ class StepProblem:
     def residual(self, u: Unknowns) -> Unknowns:
         """Rows in physical units: forces [N], elongations [m], torques [N m]."""
         raise NotImplementedError
+
+    def evaluated(self, u: Unknowns) -> tuple[Unknowns, Any]:
+        """The rows, and what was seen on the way that `finish` needs again."""
+        return self.residual(u), None
 
     def eased(self, easing: jax.Array) -> StepProblem:
         """The same equations with smoothed laws."""
@@ -72,8 +76,8 @@ class StepProblem:
         """For the network solver: pull of each link (n, 3) [N] and its axial row (n,) [m]."""
         raise NotImplementedError
 
-    def finish(self, u: Unknowns) -> State:
-        """The state at the end of the step."""
+    def finish(self, u: Unknowns, seen: Any = None) -> State:
+        """The state at the end of the step; `seen` as `evaluated` gave it at u, where that is at hand."""
         raise NotImplementedError
 
     def ended(

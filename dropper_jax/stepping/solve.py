@@ -29,10 +29,11 @@ def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Arr
     solver = SOLVERS[stepper.solver]
     if model.laws:
         enough = SETTLED * stepper.limit(model)
-        u, residual = newton_until(problem, solver, problem.guess(), stepper.iterations, enough)
+        u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, enough)
     else:
         u, residual = newton(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
-    first = problem.finish(u), u, residual, jnp.full((), FULL_STEP, jnp.int32)
+        seen = None
+    first = problem.finish(u, seen), u, residual, jnp.full((), FULL_STEP, jnp.int32)
     if not (stepper.extra or stepper.halvings):
         return first
     limit = stepper.limit(model)
@@ -108,8 +109,8 @@ def substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[Sta
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.fallback]
     if stepper.until_converged:
-        u, residual = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
-        return problem.finish(u), u, residual
+        u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
+        return problem.finish(u, seen), u, residual
     iterations = 3 * stepper.integrator.iterations
     u, residual = damped_newton(problem, solver, problem.guess(), iterations)
     return problem.finish(u), u, residual

@@ -40,7 +40,8 @@ def accuracy(
         schemes: what to compare; all that run the scene unless given.
         dts: steps [s].
         span: time compared [s]; unless given, until a perturbation has grown 100 times, at most 20 s.
-        extras: also the numerical damping, the claims on Euler's schemes and the convergence by link.
+        extras: also the numerical damping, the claims on Euler's schemes and the convergence by link. Without them
+            each scheme is run once, with its own solver in double precision, and steps that resist are not halved.
         peers: also rows of other simulators, where they are installed and can describe the scene.
 
     Returns:
@@ -49,17 +50,20 @@ def accuracy(
     """
     say = say or silent
     model, s = build(scene, "float64")
-    chosen, refused = runnable(default_schemes(model) if schemes is None else schemes, model)
+    chosen, refused = runnable(default_schemes(model, not extras) if schemes is None else schemes, model)
     if not chosen:
         raise SceneError(f"--integrators: none runs this scene: {refused[0]['reason']}")
     say(0.0, "how long errors mean something")
-    trusted, exponent = trusted_span(model, s, scene.run.duration, min(scene.run.dt, max(dts)))
     grid = max(dts)
-    saves = max(2, int(min(trusted, LONGEST) / grid) if span is None else round(span / grid))
+    longest = max(min(scene.run.duration, LONGEST), 2 * grid)
+    trusted, exponent = trusted_span(model, s, longest, min(scene.run.dt, grid), grid)
+    saves = max(2, round(trusted / grid) if span is None else round(span / grid))
     say(0.1, f"reference over {saves * grid:.3g} s")
     target = reference(model, s, grid, saves, exponent)
     part = 0.4 if extras else 0.6
-    rows, skipped = measure(model, s, chosen, list(dts), target, say=lambda f, text: say(0.2 + part * f, text))
+    rows, skipped = measure(
+        model, s, chosen, list(dts), target, say=lambda f, text: say(0.2 + part * f, text), retry=extras
+    )
     if peers:
         others, left = peer_rows(scene, model, s, target)
         rows, refused = rows + others, refused + left

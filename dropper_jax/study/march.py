@@ -39,9 +39,14 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
-@kept(static=("stepper", "saves"))
-def march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int) -> Marched:
-    """`saves` times `every` steps of `dt` from s; dt and `every` are traced, so no step size compiles anew."""
+@kept(static=("stepper", "capacity"))
+def march(
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: jax.Array, capacity: int
+) -> Marched:
+    """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
+
+    dt, `every` and `saves` are traced, so neither another step size nor another span compiles anew.
+    """
     dt = jnp.asarray(dt, model.dtype)
 
     def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -54,16 +59,21 @@ def march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Ar
         first = jnp.where(i == 0, s.tension, first)
         return Progress(s, progress.done + 1, first_bad), first, worst, retried + (report.level > FULL_STEP), path
 
-    def save(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], Marched]:
-        carry = jax.lax.fori_loop(0, every, one, carry)
+    def row(carry: tuple[Any, ...]) -> Marched:
         progress, first, worst, retried, path = carry
         s = progress.state
-        tension = jnp.stack([s.tension, first])
-        return carry, Marched(s.r, s.v, tension, s.work, worst, progress.first_bad, retried, path)
+        return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
+
+    def save(k: jax.Array, both: tuple[tuple[Any, ...], Marched]) -> tuple[tuple[Any, ...], Marched]:
+        carry, rows = both
+        carry = jax.lax.fori_loop(0, every, one, carry)
+        put = lambda into, x: jax.lax.dynamic_update_index_in_dim(into, x, k, 0)  # noqa: E731
+        return carry, jax.tree.map(put, rows, row(carry))
 
     zero = jnp.zeros((), model.dtype)
     start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
-    return jax.lax.scan(save, start, None, length=saves)[1]
+    rows = jax.tree.map(lambda x: jnp.zeros((capacity, *x.shape), x.dtype), jax.eval_shape(row, start))
+    return jax.lax.fori_loop(0, saves, save, (start, rows))[1]
 
 
 class Held(NamedTuple):
@@ -87,15 +97,25 @@ def march_held(stepper: Stepper, model: Model, s: State, grid: jax.Array, tolera
     return Held(run, carry.taken, carry.refused)
 
 
+#: Rows of a run's program: as many as are saved where those are few, else at least so many and in powers of two.
+FEW, ROWS = 32, 640
+
+
+def grid_program(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
+    """`march` with the step `grid / every` [s], with rows to spare."""
+    capacity = saves if saves <= FEW else max(ROWS, 1 << (saves - 1).bit_length())
+    return march(stepper, model, s, grid / every, every, saves, capacity)
+
+
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], as numpy arrays.
+    """`march` with the step `grid / every` [s], as numpy arrays (saves, ...).
 
     First by the program without means for steps that resist, a quarter of the code; by the whole one where one does.
     """
-    run = march(stepper.plain, model, s, grid / every, every, saves)
-    if int(run.bad[-1]) >= 0 and stepper != stepper.plain:
-        run = march(stepper, model, s, grid / every, every, saves)
-    return jax.tree.map(np.asarray, run)
+    run = grid_program(stepper.plain, model, s, grid, every, saves)
+    if int(run.bad[saves - 1]) >= 0 and stepper != stepper.plain:
+        run = grid_program(stepper, model, s, grid, every, saves)
+    return jax.tree.map(lambda x: np.asarray(x)[:saves], run)
 
 
 def status_of(run: Marched, stepper: Stepper) -> str:

@@ -58,8 +58,8 @@ def parse(text: str) -> Scheme:
         raise SceneError(f"--integrators: {text!r}: {weight!r} is not a number; allowed: NAME or NAME:GAMMA") from None
 
 
-def default_schemes(model: Model) -> list[Scheme]:
-    """Every integrator; the main ones with every solver and in single precision too.
+def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
+    """Every integrator; the main ones with every solver and in single precision too, unless `quick`.
 
     In waves one of each kind: a step costs 50 times as much there, and the rest follows from calm scenes.
     """
@@ -69,6 +69,8 @@ def default_schemes(model: Model) -> list[Scheme]:
     for name in INTEGRATORS:
         plain = [Scheme(name, gamma) for gamma in WEIGHTS.get(name, (None,))]
         found += plain
+        if quick:
+            continue
         found += [replace(plain[0], solver=solver) for solver in SOLVERS.get(name, ())]
         if name in SINGLE:
             found.append(replace(plain[0], dtype="float32"))

@@ -19,7 +19,7 @@ from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms, rms_angle, rms_position
-from dropper_jax.study.march import Marched, grid_run, march, march_held, status_of
+from dropper_jax.study.march import Marched, grid_program, grid_run, march_held, status_of
 from dropper_jax.study.reference import Reference
 from dropper_jax.study.schemes import Scheme
 
@@ -27,7 +27,8 @@ from dropper_jax.study.schemes import Scheme
 RESOLVED = 100.0
 #: A run that would take longer than this [s] is left out; finer steps then too.
 BUDGET = 4.0
-REPEATS = 3
+#: Timed runs, fewer where they have taken so long together [s].
+REPEATS, LONG_ENOUGH = 3, 0.2
 #: Errors of a step that schemes which hold their own are run with, in place of steps.
 TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
 #: A failed run has no errors and no speed: its numbers would mean nothing.
@@ -50,6 +51,7 @@ def measure(
     repeats: int = REPEATS,
     say: Progress = silent,
     pick: Callable[[list[float]], float] = statistics.median,
+    retry: bool = True,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of all schemes and steps, and what was left out for its run time.
 
@@ -59,11 +61,12 @@ def measure(
         model, s: in float64.
         dts: steps [s]; each is moved to the nearest that divides the reference's grid.
         repeats, pick: timed runs of each, and which of their wall times counts (the median).
+        retry: halve steps that resist, as `simulate` does; else a run with such a step is `not_converged`.
     """
     rows, skipped = [], []
     for i, scheme in enumerate(schemes):
         say(i / len(schemes), scheme.label)
-        found, left = _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, repeats, pick)
+        found, left = _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, repeats, pick, retry)
         rows += found
         skipped += left
     return rows, skipped
@@ -77,10 +80,12 @@ def _scheme_rows(
     target: Reference,
     repeats: int,
     pick: Callable[[list[float]], float],
+    retry: bool,
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     cast = (lambda x: x) if scheme.dtype == "float64" else (lambda x: jax.tree.map(_single, x))
     own, start = cast(model), cast(s)
     stepper = scheme.stepper(own)
+    stepper = stepper if retry else stepper.plain
     saves = len(target.t)
     if isinstance(stepper.integrator, ProjectedRungeKutta):
         return [_held_row(model, s, scheme, stepper, target, x, repeats, pick) for x in TOLERANCES], []
@@ -95,7 +100,7 @@ def _scheme_rows(
         wall = None
         if status == "ok":
             used = stepper if run.retried[-1] else stepper.plain
-            again = partial(march, used, own, start, target.grid / every, every, saves)
+            again = partial(grid_program, used, own, start, target.grid, every, saves)
             wall = pick(_walls(again, repeats))
         per_step = wall / steps if wall else per_step
         rows.append(
@@ -163,7 +168,7 @@ def _walls(run: Callable[[], Any], repeats: int) -> list[float]:
         begun = time.perf_counter()
         jax.block_until_ready(run())
         times.append(time.perf_counter() - begun)
-        if sum(times) > BUDGET:
+        if sum(times) > LONG_ENOUGH:
             break
     return times
 
@@ -187,15 +192,22 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
 def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
     """Energy that left unaccounted since the start (k,) [J]: energies of the raw velocities, less all counted work."""
 
+    wide = lambda x: np.asarray(x, model.dtype)  # noqa: E731
+    energies = np.asarray(_energies(model, wide(run.r), wide(run.v), wide(t)))
+    start = float(_energies(model, s.r[None], s.v[None], s.t[None])[0])
+    with np.errstate(invalid="ignore", over="ignore"):
+        return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
+
+
+@jax.jit
+def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    """Energies (k,) [J] of states (k, nodes, 3) at times (k,)."""
+
     def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
         k = model.instant(r, v, time)
         return model.kinetic_energy(k) + model.potential_energy(k)
 
-    wide = lambda x: jnp.asarray(np.asarray(x, float), model.dtype)  # noqa: E731
-    energies = np.asarray(jax.jit(jax.vmap(total))(wide(run.r), wide(run.v), wide(t)))
-    start = float(total(s.r, s.v, s.t))
-    with np.errstate(invalid="ignore", over="ignore"):
-        return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
+    return jax.vmap(total)(r, v, t)
 
 
 def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> np.ndarray:

@@ -94,10 +94,12 @@ def sliding(friction, duration=1.0):
     }, angle
 
 
-@pytest.mark.parametrize("friction", [None, 0.2])
-def test_a_chain_slides_down_a_slope_as_a_block_does(friction):
+@pytest.mark.parametrize(
+    ("friction", "integrator"), [(None, "energy_momentum"), (0.2, "energy_momentum"), (0.2, "generalized_alpha")]
+)
+def test_a_chain_slides_down_a_slope_as_a_block_does(friction, integrator):
     scene, angle = sliding(friction)
-    run = dj.simulate(scene)
+    run = dj.simulate(scene, integrator=integrator)
     assert run.status == "ok"
     along = np.array([np.cos(angle), 0.0, -np.sin(angle)])
     middle = run.positions[:, 10] @ along  # of the chain

@@ -147,12 +147,12 @@ def test_weights_that_make_no_sense_are_named(one_line, values, words):
         dj.simulate(load_scene(hanging(one_line)).with_values(values), duration=0.1)
 
 
-def test_rigid_lines_and_friction_on_the_bed_are_refused_with_what_to_take(one_line):
+def test_rigid_lines_and_friction_in_joints_are_refused_with_what_to_take(one_line):
     with pytest.raises(SceneError, match=r"generalized_alpha.*axial\.law"):
         make_stepper(build_model(load_scene("conical-pendulum")), "generalized_alpha")
-    bed = {"seabed": {"depth": 12.0, "stiffness": 1e5}, "seabed_friction": {"kinetic": 0.5}}
-    with pytest.raises(SceneError, match=r"set-valued law.*energy_momentum"):
-        make_stepper(build_model(load_scene(hanging(one_line, **bed))), "generalized_alpha")
+    joints = {"joint_friction": {"dry": 0.5, "axis": [0.0, 1.0, 0.0]}}
+    with pytest.raises(SceneError, match=r"joint_friction.*couples neighbouring nodes; use energy_momentum"):
+        make_stepper(build_model(load_scene(hanging(one_line, **joints))), "generalized_alpha")
 
 
 def test_elastic_loop_follows_newtons_equations_with_the_order_of_the_scheme(elastic_order):

@@ -21,7 +21,9 @@ def rows(u: Unknowns) -> Unknowns:
     return Unknowns(x + RATIO * jnp.clip(x, -0.01, 0.01) + 0.05 * x[::-1], jnp.zeros(1))
 
 
-PROBLEM = SimpleNamespace(residual=rows, row_scale=lambda: Unknowns(jnp.ones(2), jnp.ones(1)))
+PROBLEM = SimpleNamespace(
+    residual=rows, evaluated=lambda u: (rows(u), u.x), row_scale=lambda: Unknowns(jnp.ones(2), jnp.ones(1))
+)
 
 
 class Exact:
@@ -50,15 +52,17 @@ def test_full_corrections_circle() -> None:
 
 @pytest.mark.parametrize("x", [[0.7, 0.4], [-3.0, 2.0], [0.31, 5.0]])
 def test_circles_are_left(x: list[float]) -> None:
-    u, size = newton_until(PROBLEM, Exact(), start(x), 16, 1e-12)
+    u, size, seen = newton_until(PROBLEM, Exact(), start(x), 16, 1e-12)
     assert float(size) < 1e-12
     np.testing.assert_allclose(u.x, STEEP, atol=1e-12)
+    np.testing.assert_array_equal(seen, u.x)  # what is handed on was seen where the iteration ended
 
 
 def test_a_batch_in_which_one_circles() -> None:
     """The others end where they would alone, bit for bit."""
     starts = jnp.array([[0.7, 0.4], [0.301, -0.201]])
-    together, sizes = jax.vmap(lambda x: newton_until(PROBLEM, Exact(), Unknowns(x, jnp.zeros(1)), 16, 1e-12))(starts)
+    alike = jax.vmap(lambda x: newton_until(PROBLEM, Exact(), Unknowns(x, jnp.zeros(1)), 16, 1e-12))
+    together, sizes, _ = alike(starts)
     alone = [newton_until(PROBLEM, Exact(), start(x.tolist()), 16, 1e-12)[0].x for x in starts]
     assert float(jnp.max(sizes)) < 1e-12
     np.testing.assert_allclose(together.x, jnp.stack(alone), atol=1e-15)

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.traces.trace import Convention, Trace, noise
+from fitting.traces.trace import Convention, Trace
 
 CONVENTION = Convention("horizontal", -1, "rad")
+#: Fewest samples of a link that tell its scatter; least scatter [that of the edges].
+FEWEST, LEAST = 10, 0.3
 
 
 def four_quadrant(places: np.ndarray) -> np.ndarray:
@@ -31,28 +33,38 @@ def angle_errors(places: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(length, 1e-12)
 
 
-def place_errors(t: np.ndarray, places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Standard errors (k, n) of the places, from two sides.
+def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad] of the angles from what is seen to be wrong with the lengths.
 
-    The scatter of the edge points gives each sample's weight against the others, `fit_error` (k, n); the size of the
-    noise comes from differences of high order along time (`traces.noise`), which also sees what moves a whole circle.
-    Where the motion itself shows in these differences the error is too large, never too small; errors that stay for
-    long, such as a lens that was not calibrated, do not show in it.
+    What moves a node across its link moves it along the link as well, and there the truth is known: the length never
+    changes. The scatter of each circle's edge, `fit_error` (k, n), gives a sample's weight against the others, the
+    departures of the link's length from its mean the size. They hold all that comes and goes with place and direction:
+    the noise of the pictures, hidden rims, and what is left of lens and slant.
+
+    Args:
+        places: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
+        used: (k, n - 1) samples that are to be trusted.
     """
-    found = np.full(fit_error.shape, np.nan)
-    for node in range(places.shape[1]):
-        column = np.where(seen[:, node, None], places[:, node], np.nan)
-        typical = float(np.nanmedian(np.where(seen[:, node], fit_error[:, node], np.nan)))
-        scatter = float(np.hypot(*noise(Trace("node", t, column)))) / np.sqrt(2)
-        found[:, node] = np.maximum(scatter, typical) * np.maximum(1.0, fit_error[:, node] / typical)
-    return np.where(seen, found, np.nan)
+    link = np.linalg.norm(np.diff(places, axis=1), axis=-1)
+    both = seen[:, 1:] & seen[:, :-1]
+    expected = angle_errors(places, np.where(seen, fit_error, 0.0))
+    found = np.full(link.shape, np.nan)
+    for j in range(link.shape[1]):
+        good = both[:, j] & used[:, j]
+        good = good if good.sum() >= FEWEST else both[:, j]
+        if not good.any():
+            continue
+        off = link[good, j] / link[good, j].mean() - 1
+        typical = float(np.sqrt(np.mean(expected[good, j] ** 2)))
+        size = float(np.sqrt(np.mean(off**2))) if good.sum() > 1 else typical
+        found[:, j] = expected[:, j] * max(size, LEAST * typical) / typical
+    return np.where(both, found, np.nan)
 
 
-def to_trace(name: str, t: np.ndarray, places: np.ndarray, error: np.ndarray, seen: np.ndarray) -> Trace:
-    """The trace of places (k, n, 2) [m]; a link one of whose markers was not seen has an empty sample and error.
+def to_trace(name: str, t: np.ndarray, places: np.ndarray, error: np.ndarray, known: np.ndarray) -> Trace:
+    """The trace of places (k, n, 2); samples that are not `known` (k, n - 1) are empty, their `error` too.
 
     The bridged places keep the angle continuous across a gap, they are not passed on as measurements.
     """
-    both = seen[:, 1:] & seen[:, :-1]
-    theta = np.where(both, four_quadrant(places), np.nan)
-    return Trace(name, t, theta, se=np.where(both, angle_errors(places, error), np.nan), convention=CONVENTION)
+    theta = np.where(known, four_quadrant(places), np.nan)
+    return Trace(name, t, theta, se=np.where(known, error, np.nan), convention=CONVENTION)

@@ -88,18 +88,21 @@ def learn_look(image: np.ndarray, nodes: int, radius: float | None = None, brigh
     return best
 
 
-def detect(image: np.ndarray, look: Look, guesses: np.ndarray | None = None) -> Circles:
-    """Circles that look like markers.
-
-    Args:
-        guesses: (m, 2) [pixel] more places to look at, where markers are expected.
-    """
+def detect(image: np.ndarray, look: Look) -> Circles:
+    """Circles that look like markers."""
     where, answers = _spots(image, look.radius, look.bright)
-    seeds = where[answers > SEED_SHARE * look.answer]
-    if guesses is not None:
-        height, width = image.shape
-        inside = ((guesses >= 0) & (guesses <= (width - 1, height - 1))).all(axis=1)
-        seeds = np.concatenate([seeds, guesses[inside]])
+    return _at(image, look, where[answers > SEED_SHARE * look.answer])
+
+
+def detect_at(image: np.ndarray, look: Look, guesses: np.ndarray) -> Circles:
+    """Circles at the places (m, 2) [pixel] where markers are expected, and within a radius around."""
+    height, width = image.shape
+    step = 0.7 * look.radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    seeds = (guesses[:, None] + step).reshape(-1, 2)
+    return _at(image, look, seeds[((seeds >= 0) & (seeds <= (width - 1, height - 1))).all(axis=1)])
+
+
+def _at(image: np.ndarray, look: Look, seeds: np.ndarray) -> Circles:
     if not len(seeds):
         return NONE
     smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)

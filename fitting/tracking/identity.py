@@ -4,7 +4,8 @@ For the circles of a frame the assignment is sought that minimises the sum over 
 place / its error)^2` and over links of `(length - known length)^2 / its error^2`, a price for each node that is not
 seen, no circle twice. Along the chain this is a dynamic programme (Viterbi 1967), exact and cheap. Two markers that
 come close are told apart by the lengths of the links on either side. A node that is not seen is bridged: it goes on
-as expected, drawn to where the links to its neighbours put it.
+as expected, drawn to where the links to its neighbours put it. Wherever it comes back, it is taken again as soon as a
+circle within its reach fits the lengths: the expectation of a node long hidden is not worth more than that.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from fitting.tracking.ordering import Chain
 
 #: Price of not seeing a node, in squared standard deviations: 4 sigma.
 LOST_PRICE = 16.0
+#: Price of a node that comes back away from where it is expected, most departure of a length there [standard deviations],
+#: and its reach: changes of step per frame [fastest step], and a floor [pixel].
+RETURN_PRICE, RETURN_LENGTH, REACH, REACH_FLOOR = 12.0, 3.0, 1.5, 12.0
 #: Departures of a length count at most so much: a wrong neighbour must not drive a right node off.
 MOST_LENGTH_PRICE = 30.0
 #: Error of an expected place [pixel]: a floor, a share of the last step, a share of its last change.
@@ -37,6 +41,8 @@ class Follower:
         chain: places at the first frame, lengths.
         past: the last places (n, 2), newest first, at most three.
         lost: frames since each node was seen (n,).
+        seen_at: where each node was last seen (n, 2).
+        fastest: recent fastest step of a node [pixel].
     """
 
     chain: Chain
@@ -46,9 +52,8 @@ class Follower:
     def __post_init__(self) -> None:
         self.past = self.past or [self.chain.places.copy()]
         self.lost = np.zeros(len(self.chain.places), int)
-        self.length_error = np.maximum(
-            np.maximum(LENGTH_FLOOR, LENGTH_SHARE * self.chain.length), np.minimum(self.chain.spread, 3.0)
-        )
+        self.seen_at, self.fastest = self.chain.places.copy(), 0.0
+        self.length_error = length_errors(self.chain)
 
     def expected(self) -> np.ndarray:
         """Places (n, 2) expected in the next frame: by the parabola through the last three, or the line through two."""
@@ -75,6 +80,10 @@ class Follower:
         seen = found >= 0
         places = np.where(seen[:, None], circles.centre[found] if len(circles) else guess, guess)
         places = self._bridge(places, ~seen)
+        step = np.linalg.norm(places - self.past[0], axis=1)
+        steady = step[seen & (self.lost == 0)]
+        self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
+        self.seen_at = np.where(seen[:, None], places, self.seen_at)
         self.lost = np.where(seen, 0, self.lost + 1)
         self.past = [places, *self.past[:2]]
         return found
@@ -83,6 +92,11 @@ class Follower:
         if not len(centre):
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
+        reach = REACH_FLOOR + REACH * self.lost * self.fastest
+        away = np.linalg.norm(centre[None] - self.seen_at[:, None], axis=-1) < reach[:, None]
+        back = (self.lost > 0)[:, None] & away
+        unary = np.where(back, np.minimum(unary, RETURN_PRICE), unary)
+        far = back & (unary >= RETURN_PRICE)
         unary[unary > 2 * LOST_PRICE] = np.inf
         unary = np.concatenate([unary, np.full((len(guess), 1), LOST_PRICE)], axis=1)
         apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
@@ -90,7 +104,20 @@ class Follower:
         miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
         pair[:, :-1, :-1] = np.minimum(miss**2, MOST_LENGTH_PRICE)
         pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
-        return np.where((best := _without_doubles(unary, pair)[1]) == len(centre), -1, best)
+        best = _without_doubles(unary, pair)[1]
+        return self._confirmed(np.where(best == len(centre), -1, best), far, pair)
+
+    def _confirmed(self, found: np.ndarray, far: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """The assignment (n,) without nodes that come back far off and have no neighbour whose link confirms them."""
+        found = found.copy()
+        for k in np.flatnonzero(found >= 0):
+            if not far[k, found[k]]:
+                continue
+            links = [(j, a, b) for j, a, b in ((k - 1, k - 1, k), (k, k, k + 1)) if 0 <= j < len(pair)]
+            prices = [pair[j, found[a], found[b]] for j, a, b in links if found[a] >= 0 and found[b] >= 0]
+            if not prices or max(prices) > RETURN_LENGTH**2:
+                found[k] = -1
+        return found
 
     def _bridge(self, places: np.ndarray, unknown: np.ndarray) -> np.ndarray:
         """Places in which the `unknown` nodes (n,) go on at their rate, drawn to where the links allow (Gauss-Newton).
@@ -100,18 +127,29 @@ class Follower:
         """
         if not unknown.any():
             return places
-        places, move = places.copy(), np.repeat(unknown, 2)
+        places = places.copy()
         rate = self.past[0] - self.past[1] if len(self.past) > 1 else np.zeros_like(places)
         places[unknown] = (self.past[0] + rate)[unknown]
-        expected = places.reshape(-1)[move].copy()
-        for _ in range(BRIDGE_PASSES):
-            rows, size = _length_rows(places)
-            rows = rows[:, move] / self.length_error[:, None]
-            short = (self.chain.length - size) / self.length_error
-            off = (places.reshape(-1)[move] - expected) / BRIDGE_ERROR**2
-            normal = rows.T @ rows + np.eye(len(expected)) / BRIDGE_ERROR**2
-            places.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
-        return places
+        return bridge(places, unknown, self.chain.length, self.length_error)
+
+
+def length_errors(chain: Chain) -> np.ndarray:
+    """Errors of the links' lengths (n - 1,) [pixel] that the chain allows."""
+    return np.maximum(np.maximum(LENGTH_FLOOR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, 3.0))
+
+
+def bridge(places: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Places (n, 2) of which the `unknown` (n,) are drawn to where the links' lengths (n - 1,) allow (Gauss-Newton)."""
+    places, move = places.copy(), np.repeat(unknown, 2)
+    expected = places.reshape(-1)[move].copy()
+    for _ in range(BRIDGE_PASSES):
+        rows, size = _length_rows(places)
+        rows = rows[:, move] / error[:, None]
+        short = (length - size) / error
+        off = (places.reshape(-1)[move] - expected) / BRIDGE_ERROR**2
+        normal = rows.T @ rows + np.eye(len(expected)) / BRIDGE_ERROR**2
+        places.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
+    return places
 
 
 def _length_rows(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,85 +1,71 @@
-"""What the markers look like and which chain they form, from the first frames of a video."""
+"""What the markers look like, and where circles are in all frames of a video."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.tracking.calibration import Lens
-from fitting.tracking.detection import NONE, Look, detect, learn_look
-from fitting.tracking.ordering import Chain, follow_unnamed, order
+from dropper_jax.base.progress import Progress
+from fitting.tracking.detection import NONE, Circles, Look, detect, learn_look
 from fitting.tracking.video import Video
 
-#: Frames in which the markers must show for the first time, and frames read at most to learn the chain.
-SEARCHED, LEARNED = 100, 1200
-#: Motion [radius] that tells the links apart, and frames followed once it is seen.
-MOTION, AFTER_MOTION = 4.0, 45
+#: Frames, spread over the film, from which the look is learned, at most.
+LOOKED_AT = 16
 
 
-def learn(
-    film: Video,
-    span: tuple[int, int | None],
-    nodes: int,
-    lens: Lens | None,
-    radius: float | None,
-    bright: bool | None,
-    first: str,
-    start: Sequence[tuple[float, float]] | None,
-) -> tuple[Look, Chain, int]:
-    """What markers look like, the chain in the first frame that shows it, and that frame's number after span[0].
+def scan(
+    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
+) -> tuple[Look, list[Circles]]:
+    """What markers look like, and the circles of all frames of the span [pixel of the video].
 
-    Args:
-        span: first and last frame; the others are those of `track`.
+    Raises:
+        SceneError: no frame with as many circles as nodes.
     """
-    look, frames, begin, most, moved = None, [], None, 0, None
+    look = _look(film, span, nodes, radius, bright)
+    total = max(1, (span[1] or film.announced or 0) - span[0])
+    found = []
     for i, image in enumerate(film.frames(*span)):
-        if begin is None:
-            look = learn_look(image, nodes, radius, bright)
-        circles = detect(image, look) if look.answer > 0 else NONE
-        frames.append(circles.centre if lens is None else lens.straighten(circles.centre))
-        most = max(most, len(circles))
-        if begin is None and len(circles) >= nodes:
-            begin = i
-        if begin is None and i + 1 >= SEARCHED:
-            break
-        if begin is not None and moved is None and _motion(frames[begin], frames[-1]) > MOTION * look.radius:
-            moved = i
-        if i + 1 >= LEARNED or (moved is not None and i >= moved + AFTER_MOTION):
-            break
-    if begin is None:
+        found.append(detect(image, look))
+        say(0.7 * min(1.0, (i + 1) / total), f"circles of frame {span[0] + i + 1}")
+    return look, found
+
+
+def _look(film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None) -> Look:
+    """The look in the frame that shows the markers best, of a few spread over the film."""
+    images, stride = [], 1
+    for i, image in enumerate(film.frames(*span)):
+        if i % stride == 0:
+            images.append(image)
+        if len(images) > LOOKED_AT:
+            images, stride = images[::2], 2 * stride
+    best, most = None, 0
+    for image in images:
+        look = learn_look(image, nodes, radius, bright)
+        count = len(detect(image, look)) if look.answer > 0 else 0
+        if count >= nodes and (best is None or look.answer > best.answer):
+            best = look
+        most = max(most, count)
+    if best is not None:
+        return best
+    for fewer in range(nodes - 1, most, -1):
+        counts = [len(detect(image, learn_look(image, fewer, radius, bright))) for image in images[::5]]
+        most = max(most, *counts)
+    if most == 0:
         raise SceneError(
-            f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
-            "allowed: as many circles as nodes (--radius and --marker say what they look like)"
+            f"{film.path.name}: no circles found in {len(images)} frames; allowed: a circle on every node "
+            "(--radius and --marker say what they look like)"
         )
-    if start is not None:
-        return look, _chain_from(start, frames[begin], lens, nodes, look), begin
-    return look, order(follow_unnamed(frames, begin), nodes, look.radius, first), begin
+    raise SceneError(
+        f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
+        "allowed: as many circles as nodes (--radius and --marker say what they look like)"
+    )
 
 
-def _motion(before: np.ndarray, now: np.ndarray) -> float:
-    """How far the circles moved at least: median distance to the nearest one before, of the half that moved most."""
-    if not len(now):
-        return 0.0
-    nearest = np.linalg.norm(now[:, None] - before[None], axis=-1).min(axis=1)
-    return float(np.median(np.sort(nearest)[len(nearest) // 2 :]))
-
-
-def _chain_from(
-    start: Sequence[tuple[float, float]], circles: np.ndarray, lens: Lens | None, nodes: int, look: Look
-) -> Chain:
-    named = np.asarray(start, float)
-    if named.shape != (nodes, 2):
-        raise SceneError(f"--start: {len(named)} places; allowed: {nodes}, one x,y per node")
-    named = named if lens is None else lens.straighten(named)
-    apart = np.linalg.norm(named[:, None] - circles[None], axis=-1)
-    which = apart.argmin(axis=1)
-    far = int(np.argmax(apart.min(axis=1)))
-    if apart[far].min() > 3 * look.radius or len(set(which)) < nodes:
-        raise SceneError(
-            f"--start: no circle of its own near node {far}; allowed: places within 3 radii of the circles"
-        )
-    places = circles[which]
-    length = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    return Chain(places, length, np.zeros_like(length))
+def moved(circles: list[Circles], to: object) -> list[Circles]:
+    """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
+    size = np.cumsum([0, *(len(each) for each in circles)])
+    centre = to(np.concatenate([each.centre for each in circles])) if size[-1] else np.zeros((0, 2))
+    parts = zip(circles, size[:-1], size[1:], strict=True)
+    return [replace(each, centre=centre[a:b]) if len(each) else NONE for each, a, b in parts]

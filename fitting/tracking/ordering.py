@@ -1,7 +1,9 @@
 """Which circle is which node: links are rigid, so neighbours are those whose distance does not change.
 
-The circles of the first frames are followed without names. Then the path through them is sought whose steps vary least
-in length (Held and Karp's dynamic programme; markers that are still only at its ends), and its lengths are learned.
+The circles of some stretch of the film are followed without names, forwards and backwards from a frame that shows many.
+A path through them is a chain where no step changes its length and no step joins two resting circles: held ends keep
+their distance as a link does. Any stretch may settle the order; the clearest is taken, and the whole film must agree
+(`following.py`). Where several paths keep their lengths the order is not known, and that is said.
 """
 
 from __future__ import annotations
@@ -13,14 +15,26 @@ from scipy.optimize import linear_sum_assignment
 
 from dropper_jax.base.errors import SceneError
 
-#: Markers that move less than this share of their radius hang on a held end or on the wall.
-STILL = 0.5
+#: Markers that move less than these shares of their radius hang on a held end or on the wall. The second is taken where
+#: the first leaves too few that move: the noise of a centre is a hundredth of a radius.
+STILL = (0.5, 0.12)
 #: Spots seen in fewer frames (share) are reflections, not markers, where enough others are there.
 OFTEN = 0.5
-#: Spots that are followed at most: the search for the path doubles with each.
-MOST = 13
-#: Weight of a step's own length against its changes: breaks ties only, where nothing moves yet.
-LENGTH_WEIGHT = 0.02
+#: Departure from where a spot without a name is expected, at most: [pixel] beside its step, or this share of the distance
+#: to the next spot, up to so far [pixel].
+NEAR, ALONE, FAR = 8.0, 0.4, 60.0
+#: Spots that are followed at most, and steps of the search for paths.
+MOST, STEPS = 13, 40_000
+#: Tolerated change of a link's length [pixel, share]: a slanting camera changes it by some per cent.
+LENGTH_FLOOR, LENGTH_SHARE = 0.5, 0.01
+#: Changes [tolerances] up to which a step may be a link, tried in this order.
+WORST = (2.0, 4.0, 8.0)
+#: Sum of squared changes [tolerances] by which the second best path must be worse.
+CLEAR = 9.0
+#: Places off a line [share of its extent] up to which the markers lie on it.
+STRAIGHT = 0.03
+#: Durations of the stretches [s], how many of each at most, fewest frames of one.
+STRETCHES, COUNT, SHORTEST = (1.0, 2.0, 4.0), 16, 20
 
 
 @dataclass(frozen=True)
@@ -30,6 +44,20 @@ class Chain:
     places: np.ndarray
     length: np.ndarray
     spread: np.ndarray
+    at: int = 0
+
+
+class AmbiguousOrderError(Exception):
+    """Several orders of the nodes fit the film.
+
+    Attributes:
+        orders: places of the nodes (n, 2) [pixel of the video] in each order, in one frame.
+        frame: its number in the video.
+    """
+
+    def __init__(self, message: str, orders: list[np.ndarray], frame: int) -> None:
+        super().__init__(message)
+        self.orders, self.frame = orders, frame
 
 
 def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
@@ -43,7 +71,8 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
     for centres in frames[begin + 1 :]:
         guess = last + rate
         apart = np.linalg.norm(guess[:, None] - centres[None], axis=-1)
-        limit = 8.0 + np.linalg.norm(rate, axis=1)
+        # a spot may have any rate at first, as long as no other is nearer
+        limit = np.maximum(NEAR + np.linalg.norm(rate, axis=1), np.minimum(ALONE * _alone(last), FAR))
         now = np.full_like(last, np.nan)
         if len(centres):
             for i, j in zip(*linear_sum_assignment(np.minimum(apart, 1e3)), strict=True):
@@ -54,6 +83,13 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
         last = np.where(seen[:, None], now, guess)
         tracks.append(now)
     return np.stack(tracks)
+
+
+def _alone(places: np.ndarray) -> np.ndarray:
+    """Distance (m,) of each place (m, 2) to the next one."""
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return apart.min(axis=1)
 
 
 def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") -> Chain:
@@ -67,73 +103,154 @@ def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") ->
     Raises:
         SceneError: no path of that many spots.
     """
-    share = np.isfinite(tracks[..., 0]).mean(axis=0)
-    often = np.argsort(-share, kind="stable")[:MOST]
-    tracks = tracks[:, often[(share[often] >= OFTEN) | (np.arange(len(often)) < nodes)]]
-    change, mean = _changes(tracks)
-    still = _still(tracks, radius)
-    cost = change + LENGTH_WEIGHT * mean / max(float(np.median(mean)), 1e-9) * radius
-    path = _path(cost, still, nodes)
-    if path is None:
+    chain, still, _ = best_chain(tracks, nodes, radius)
+    if chain is None:
         raise SceneError(
             f"track: no chain of {nodes} moving markers found among {tracks.shape[1]} circles; "
             "allowed: --start with the nodes' places in the first frame"
         )
-    if _turn_round(tracks[0, path], still[path], first):
-        path = path[::-1]
+    if turn_round(chain.places, still, first):
+        chain = Chain(chain.places[::-1], chain.length[::-1], chain.spread[::-1])
+    return chain
+
+
+def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, np.ndarray, float]:
+    """The chain that changes its lengths least, which of its nodes are still, and how much worse the next one is."""
+    share = np.isfinite(tracks[..., 0]).mean(axis=0)
+    often = np.argsort(-share, kind="stable")[:MOST]
+    tracks = tracks[:, often[share[often] >= OFTEN]]
+    if tracks.shape[1] < nodes:
+        return None, np.zeros(0, bool), 0.0
+    change, mean = changes(tracks)
+    still = resting(tracks, radius, nodes)
+    ratio = change / np.hypot(LENGTH_FLOOR, LENGTH_SHARE * mean)
+    for worst in WORST:
+        found = paths(ratio, still, nodes, worst)
+        if found:
+            break
+    else:
+        return None, still, 0.0
+    margin = (found[1][0] if len(found) > 1 else worst**2) - found[0][0]
+    path = found[0][1]
     pairs = path[:-1], path[1:]
-    return Chain(tracks[0, path], mean[pairs], change[pairs])
+    return Chain(tracks[at, path], mean[pairs], change[pairs], at), still[path], float(margin)
 
 
-def _changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Robust deviation and median (m, m) [pixel] of the distances of all pairs."""
+def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> tuple[Chain | None, float]:
+    """The chain of the stretch of the film that settles it most clearly, its frame in `at`, and by how much."""
+    best, clear = None, -np.inf
+    counts = np.array([len(centres) for centres in frames])
+    for duration in STRETCHES:
+        size = min(len(frames), max(SHORTEST, round(duration * fps)))
+        starts = np.unique(np.linspace(0, len(frames) - size, COUNT).astype(int))
+        for start in starts:
+            # a frame with as many circles as nodes or more, the one in which most others agree with it
+            here = counts[start : start + size]
+            if here.max(initial=0) < nodes:
+                continue
+            enough = np.flatnonzero(here == np.bincount(here[here >= nodes]).argmax())
+            middle = int(enough[np.argmin(np.abs(enough - size // 2))])
+            part = frames[start : start + size]
+            before = follow_unnamed(part[: middle + 1][::-1], 0)[::-1]
+            tracks = np.concatenate([before, follow_unnamed(part, middle)[1:]])
+            chain, _, margin = best_chain(tracks, nodes, radius, middle)
+            if chain is not None and margin > clear and np.isfinite(chain.places).all():
+                best, clear = Chain(chain.places, chain.length, chain.spread, start + middle), margin
+        if clear >= CLEAR or size == len(frames):
+            break
+    return best, clear
+
+
+def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 where hardly ever seen together."""
     apart = np.linalg.norm(tracks[:, :, None] - tracks[:, None], axis=-1)
     together = np.isfinite(apart).sum(axis=0)
-    apart = np.where(together < 2, 0.0, apart)  # pairs never seen together: excluded below
+    few = together < max(2, min(10, len(tracks) // 4))
+    apart = np.where(few, 0.0, apart)
     low, middle, high = np.nanpercentile(apart, (5, 50, 95), axis=0)
-    return np.where(together < 2, 1e6, 0.5 * (high - low)), middle
+    return np.where(few, 1e6, 0.5 * (high - low)), middle
 
 
-def _still(tracks: np.ndarray, radius: float) -> np.ndarray:
-    low, high = np.nanpercentile(tracks, (2, 98), axis=0)
-    return np.linalg.norm(high - low, axis=1) < STILL * radius
+def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
+    """Which spots (m,) rest all the time."""
+    known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
+    low, high = np.nanpercentile(known, (2, 98), axis=0)
+    size = np.linalg.norm(high - low, axis=1)
+    still = size < STILL[0] * radius
+    return still if (~still).sum() >= nodes - 2 else size < STILL[1] * radius
 
 
-def _path(cost: np.ndarray, still: np.ndarray, nodes: int) -> np.ndarray | None:
-    """The cheapest path of `nodes` spots; still ones only as ends, unless there are too few that move."""
-    spots = len(cost)
-    ends_only = still.copy() if (~still).sum() >= nodes - 2 and nodes > 2 else np.zeros(spots, bool)
-    two_ends = ends_only.sum() >= 2 and (~still).sum() < nodes - 1
-    best: dict[tuple[int, int], tuple[float, int]] = {(1 << i, i): (0.0, -1) for i in range(spots)}
-    layers = [best]
-    for count in range(2, nodes + 1):
-        layer: dict[tuple[int, int], tuple[float, int]] = {}
-        for (used, tip), (spent, _) in layers[-1].items():
-            for j in range(spots):
-                if used >> j & 1 or (ends_only[j] and (count < nodes or (ends_only[tip] and nodes > 2))):
-                    continue
-                key, price = (used | 1 << j, j), spent + cost[tip, j]
-                if key not in layer or price < layer[key][0]:
-                    layer[key] = (price, tip)
-        layers.append(layer)
-    finals = layers[-1]
-    if two_ends:
-        held = [i for i in range(spots) if ends_only[i]]
-        both = {key: v for key, v in finals.items() if sum(key[0] >> i & 1 for i in held) == 2}
-        finals = both or finals
-    if not finals:
+def paths(ratio: np.ndarray, still: np.ndarray, nodes: int, worst: float) -> list[tuple[float, np.ndarray]]:
+    """The two best paths of `nodes` spots, as sums of squares and spots, by branch and bound.
+
+    Args:
+        ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are no links.
+        still: (m,) spots that rest: ends only, and never joined with each other.
+    """
+    near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
+    price = ratio**2
+    found: list[tuple[float, tuple[int, ...]]] = []
+    steps = 0
+
+    def extend(path: tuple[int, ...], spent: float) -> None:
+        nonlocal steps, found
+        steps += 1
+        if steps > STEPS or (len(found) > 1 and spent >= found[1][0]):
+            return
+        if len(path) == nodes:
+            if path[0] < path[-1]:  # each path once, not backwards as well
+                found = sorted([*found, (spent, path)])[:2]
+            return
+        tip = path[-1]
+        for j in near[tip]:
+            if j in path or (still[j] and (len(path) < nodes - 1 or still[tip])):
+                continue
+            extend((*path, j), spent + float(price[tip, j]))
+
+    for i in range(len(ratio)):
+        extend((i,), 0.0)
+    return [(spent, np.array(path)) for spent, path in found]
+
+
+def all_paths(ratio: np.ndarray, still: np.ndarray, worst: float, most: int = 50) -> list[np.ndarray]:
+    """Paths through all spots (m,) whose steps change at most `worst` tolerances, the best first, `most` at most."""
+    nodes = len(ratio)
+    near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
+    found: list[tuple[float, tuple[int, ...]]] = []
+    stack = [((i,), 0.0) for i in range(nodes)]
+    for _ in range(STEPS):
+        if not stack or len(found) >= most:
+            break
+        path, spent = stack.pop()
+        if len(path) == nodes:
+            if path[0] < path[-1]:
+                found.append((spent, path))
+            continue
+        for j in near[path[-1]]:
+            if j not in path and not (still[j] and (len(path) < nodes - 1 or still[path[-1]])):
+                stack.append(((*path, j), spent + float(ratio[path[-1], j] ** 2)))
+    return [np.array(path) for _, path in sorted(found)]
+
+
+def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
+    """The order (m,) of spots along a line on which they lie in every frame, or None where they do not.
+
+    Markers in a row that never bends can be joined otherwise only by links that lie on each other all the time.
+    """
+    whole = tracks[np.isfinite(tracks).all(axis=(1, 2))]
+    if not len(whole):
         return None
-    key = min(finals, key=lambda k: finals[k][0])
-    path = [key[1]]
-    for layer in reversed(layers[1:]):
-        tip = layer[key][1]
-        key = (key[0] & ~(1 << key[1]), tip)
-        path.append(tip)
-    return np.array(path)
+    middle = whole - whole.mean(axis=1, keepdims=True)
+    _, size, axes = np.linalg.svd(middle, full_matrices=False)
+    if (size[:, 1] > STRAIGHT * size[:, 0]).any():
+        return None
+    orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
+    same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)
+    return orders[0] if same.all() else None
 
 
-def _turn_round(places: np.ndarray, still: np.ndarray, first: str) -> bool:
-    """Whether the path is to be read from its other end."""
+def turn_round(places: np.ndarray, still: np.ndarray, first: str) -> bool:
+    """Whether a path with `places` (n, 2), y downwards, is to be read from its other end."""
     if first == "auto":
         if still[0] != still[-1]:
             return bool(still[-1])

@@ -1,7 +1,8 @@
 """Videos of a simulated run, as a laboratory camera would take them: the truth to test tracking against.
 
-A pinhole camera with a bending lens looks square at the plane of motion. Bars are grey, each node carries a black
-sticker with a bright disc; the picture is averaged over the exposure, blurred, and noisy.
+A pinhole camera with a bending lens looks at the plane of motion, square to it or slanting. Bars are grey, each node
+carries a black sticker with a bright disc; the picture is averaged over the exposure, blurred, and noisy. A post stands
+and a plate moves between the camera and the motion.
 """
 
 from __future__ import annotations
@@ -19,8 +20,31 @@ from fitting.tracking.video import opencv
 
 #: Grey of the plate, the bars, the stickers, the discs and a post before the plate.
 PLATE, BAR, STICKER, DISC, POST = 105.0, 150.0, 22.0, 235.0, 60.0
-#: Radius of a sticker [radius of the disc]; pictures averaged over an exposure.
-STICKER_SIZE, EXPOSURES = 1.7, 5
+#: Radius of a sticker [radius of the disc]; pictures averaged over an exposure, at least, and at most so far apart
+#: [pixel] that a disc is drawn out to a streak, not to a row of discs.
+STICKER_SIZE, EXPOSURES, APART = 1.7, 5, 1.0
+
+
+@dataclass(frozen=True)
+class Cover:
+    """An upright plate of `size` (width, height) [m] whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
+
+    Before and after it is out of view. Places are (x, z) [m] of the run, times count from its first frame.
+    """
+
+    begin: float
+    end: float
+    start: tuple[float, float]
+    stop: tuple[float, float]
+    size: tuple[float, float]
+
+    def corners(self, t: float) -> np.ndarray | None:
+        """Its corners (4, 2) [m] in order, or None where it is out of view."""
+        share = (t - self.begin) / (self.end - self.begin)
+        if not 0 <= share <= 1:
+            return None
+        middle = np.asarray(self.start) + share * (np.asarray(self.stop) - np.asarray(self.start))
+        return middle + 0.5 * np.asarray(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
 @dataclass(frozen=True)
@@ -36,6 +60,9 @@ class View:
         blur [pixel], noise [grey]: standard deviations.
         hidden: (node, first frame, last frame) in which a disc is covered.
         post: (x, width) [m] of an upright post before the plate, or None.
+        slant: (pan, pitch) [rad] of the camera, which goes round `centre` at `distance`: seen from the right and from
+            above where positive. It never rolls: its rows are level.
+        cover: a plate that moves before the motion, or None.
     """
 
     size: tuple[int, int] = (640, 480)
@@ -49,6 +76,8 @@ class View:
     noise: float = 4.0
     hidden: tuple[tuple[int, int, int], ...] = ()
     post: tuple[float, float] | None = None
+    slant: tuple[float, float] = (0.0, 0.0)
+    cover: Cover | None = None
 
     @property
     def lens(self) -> Lens:
@@ -61,21 +90,38 @@ class View:
     def pixels_per_metre(self) -> float:
         return self.focus / self.distance
 
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) from right, down, away of the plane of motion to right, down, ahead of the camera."""
+        (cp, ct), (sp, st) = np.cos(self.slant), np.sin(self.slant)
+        pan = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+        return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ pan
+
     def to_pixels(self, places: np.ndarray) -> np.ndarray:
         """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
-        right, down = (places - np.asarray(self.centre)).T * [[1.0], [-1.0]]
-        straight = np.stack([right, down], axis=1) * self.pixels_per_metre + self.lens.matrix[:2, 2]
+        flat = (places - np.asarray(self.centre)) * [1.0, -1.0]
+        ahead = flat @ self.rotation[:, :2].T + [0.0, 0.0, self.distance]
+        straight = self.focus * ahead[:, :2] / ahead[:, 2:] + self.lens.matrix[:2, 2]
         return self.lens.bend(straight)
+
+    def stretch(self, places: np.ndarray) -> np.ndarray:
+        """Derivatives (k, 2, 2) [pixel/m] of the pixels by the places (k, 2) [m]."""
+        step = 1e-4
+        sides = [self.to_pixels(places + d) - self.to_pixels(places - d) for d in step * np.eye(2)]
+        return np.stack(sides, axis=-1) / (2 * step)
 
 
 def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:
     """Grey frames (height, width) of a run, one per 1/fps of its time; the same seed gives the same noise."""
     rng = np.random.default_rng(seed)
     at = CubicSpline(motion.t, motion.nodes[..., [0, 2]])
-    parts = np.linspace(-0.5, 0.5, 2 * EXPOSURES + 1)[1::2] * view.exposure
     for i in range(int((motion.t[-1] - motion.t[0]) * fps + 1e-6) + 1):
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
-        shots = [_shot(view, view.to_pixels(at(motion.t[0] + i / fps + part)), hidden) for part in parts]
+        now = motion.t[0] + i / fps
+        way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
+        count = max(EXPOSURES, int(np.ceil(way / APART)))
+        parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
+        shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
 
 
@@ -85,7 +131,7 @@ def chessboards(
     """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
     rng = np.random.default_rng(seed)
     for i in range(count):
-        turn = np.zeros(3) if i == 0 else rng.uniform(-0.5, 0.5, 3)
+        turn = opencv().Rodrigues(view.rotation)[0].ravel() if i == 0 else rng.uniform(-0.5, 0.5, 3)
         far = view.distance * (1.0 if i == 0 else rng.uniform(0.75, 1.1))
         # to the sides, where a lens bends most, by turns; whole boards only are found
         side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4]) if i else np.zeros(2)
@@ -93,34 +139,44 @@ def chessboards(
         yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
 
 
-def _shot(view: View, nodes: np.ndarray, hidden: list[int]) -> np.ndarray:
+def _shot(view: View, places: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
+    """The picture of an instant: nodes at `places` (n, 2) [m], `t` [s] after the first frame."""
     width, height = view.size
     image = np.full((height, width), PLATE, np.float32)
-    radius = view.radius * view.pixels_per_metre
+    nodes, stretch = view.to_pixels(places), view.stretch(places)
     cv2 = opencv()
+    thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
     for a, b in zip(nodes[:-1], nodes[1:], strict=True):
-        # coordinates with 4 binary digits behind the point
-        ends = [tuple(int(round(16 * x)) for x in p) for p in (a, b)]
-        cv2.line(image, *ends, BAR, max(1, round(1.6 * radius)), cv2.LINE_AA, 4)
+        cv2.line(image, *_sixteenths([a, b]), BAR, thick, cv2.LINE_AA, 4)
     for k, place in enumerate(nodes):
-        _disc(image, place, STICKER_SIZE * radius, STICKER)
+        _disc(image, place, STICKER_SIZE * view.radius, stretch[k], STICKER)
         if k not in hidden:
-            _disc(image, place, radius, DISC)
+            _disc(image, place, view.radius, stretch[k], DISC)
     if view.post is not None:
         x, wide = view.post
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
         image[:, max(0, round(edges[0])) : max(0, round(edges[1]))] = POST
+    if view.cover is not None and (corners := view.cover.corners(t)) is not None:
+        cv2.fillPoly(image, [np.array(_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
     return image
 
 
-def _disc(image: np.ndarray, centre: np.ndarray, radius: float, grey: float) -> None:
-    """Draw a disc whose rim is smooth over one pixel."""
-    low = np.maximum(np.floor(centre - radius - 2), 0).astype(int)
-    high = np.minimum(np.ceil(centre + radius + 3), image.shape[::-1]).astype(int)
+def _sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
+    """Coordinates with 4 binary digits behind the point, as OpenCV draws them."""
+    return [(round(16 * float(x)), round(16 * float(y))) for x, y in points]
+
+
+def _disc(image: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndarray, grey: float) -> None:
+    """Draw a disc of `radius` [m], an ellipse where the camera slants, whose rim is smooth over one pixel."""
+    scale = np.sqrt(abs(np.linalg.det(stretch)))
+    reach = 1.5 * radius * scale
+    low = np.maximum(np.floor(centre - reach - 2), 0).astype(int)
+    high = np.minimum(np.ceil(centre + reach + 3), image.shape[::-1]).astype(int)
     if (low >= high).any():
         return
     y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
-    cover = np.clip(0.5 + radius - np.hypot(x - centre[0], y - centre[1]), 0.0, 1.0)
+    flat = np.stack([x - centre[0], y - centre[1]], axis=-1) @ np.linalg.inv(stretch).T
+    cover = np.clip(0.5 + scale * (radius - np.hypot(flat[..., 0], flat[..., 1])), 0.0, 1.0)
     patch = image[low[1] : high[1], low[0] : high[0]]
     patch += cover * (grey - patch)
 

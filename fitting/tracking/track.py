@@ -12,18 +12,22 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from fitting.traces.trace import FEWEST, Trace
-from fitting.tracking.angles import place_errors, to_trace
-from fitting.tracking.calibration import Lens, Plane, calibrate, plane_from_board, plane_from_scale
-from fitting.tracking.detection import Look, detect
-from fitting.tracking.identity import Follower
-from fitting.tracking.learning import learn
-from fitting.tracking.ordering import Chain
+from fitting.tracking.angles import four_quadrant, scatter, to_trace
+from fitting.tracking.calibration import Lens, calibrate, plane_from_board
+from fitting.tracking.detection import Circles, Look, detect_at
+from fitting.tracking.flattening import Flat, link_lengths
+from fitting.tracking.following import Followed, follow_film, look_again
+from fitting.tracking.learning import scan
+from fitting.tracking.marks import Marks, find_marks
+from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.video import COMPLETE, Video
 
-#: A marker that is not seen for longer [s] is lost: where it comes back is no longer certain.
+#: A marker that is not seen for longer [s] at the end is lost; one that comes back may have turned round unseen.
 LONGEST_GAP = 0.5
 #: Change of a link's measured length, as a share of it, from which the pictures are not of a plane motion.
 LENGTH_WARNING = 0.03
+#: What marks mean.
+WORDS = {"swapped": "swapped", "jumped": "jumped", "length": "off the lengths of their links"}
 
 
 @dataclass(frozen=True)
@@ -31,13 +35,15 @@ class Tracked:
     """What a video holds.
 
     Attributes:
-        trace: angles [rad] and standard errors, empty where a marker was not seen.
+        trace: angles [rad] and standard errors, empty where a marker was not seen or a frame is marked.
         pixels: (k, n, 2) places in the video's own pixels, bridged where not seen.
         metres: (k, n, 2) right and up of the first frame's node 0 [m]; pixels where no scale was given.
         seen: (k, n).
         look, lens, scaled: what a marker looks like, the lens or None, whether metres are metres.
         first_frame: of the video, that of the trace's first sample.
         fps [1/s]; status: `ok` or `not_converged`, with the reason in `message`.
+        marks: frames in which nodes swapped, jumped, or left their links' lengths.
+        slant: pan and pitch of the camera [rad] found from the motion, or None where a board told the plane.
     """
 
     trace: Trace
@@ -52,13 +58,16 @@ class Tracked:
     status: str
     message: str
     warnings: tuple[str, ...]
+    marks: Marks
+    slant: tuple[float, float] | None = None
 
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
         length = np.linalg.norm(np.diff(self.metres, axis=1), axis=-1)
-        length = np.where(self.seen[:, 1:] & self.seen[:, :-1], length, np.nan)
-        return np.nanmean(length, axis=0), np.nanstd(length, axis=0)
+        length = np.where(self.seen[:, 1:] & self.seen[:, :-1] & ~self.marks.links, length, np.nan)
+        known = [column[np.isfinite(column)] for column in length.T]
+        return tuple(np.array([f(c) if len(c) else np.nan for c in known]) for f in (np.mean, np.std))
 
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
@@ -77,6 +86,9 @@ class Tracked:
             "marker_radius_pixel": self.look.radius,
             "link_length_m": [float(x) for x in mean] if self.scaled else None,
             "link_length_deviation": [float(x) for x in deviation / mean],
+            "marked": self.marks.spans(self.trace.t),
+            "marked_frames": int(self.marks.frames.sum()),
+            "slant_rad": None if self.slant is None else list(self.slant),
             "reprojection_error_pixel": None if self.lens is None else self.lens.error,
             "warnings": list(self.warnings),
         }
@@ -113,12 +125,14 @@ def track(
         level: the first and last marker are at the same height; else the picture's rows are level.
         radius [pixel], bright: of the markers; default: what stands out most.
         first: end of the chain where node 0 is: auto (the only end at rest, else the left one), left, right, top.
-        start: places (nodes, 2) [pixel] in the first frame, in order; default: found by which distances stay.
+        start: places (nodes, 2) [pixel] in the first frame, in order, of markers not seen there as well; default: found by
+            which distances stay.
         fps: frames per second where the file is wrong, as for high-speed cameras.
         begin, end: [s] of the video to take; t = 0 is `begin`.
 
     Raises:
         SceneError: for anything the caller can mend, in one line.
+        AmbiguousOrderError: the film allows several orders of the nodes.
     """
     if nodes < 2:
         raise SceneError(f"--nodes: {nodes} is too few; allowed: at least 2, both ends of the chain included")
@@ -132,28 +146,37 @@ def track(
     if lens is not None and lens.size != film.size:
         raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
     span = _span(film, begin, end)
+    if start is not None and np.shape(start) != (nodes, 2):
+        raise SceneError(f"--start: {len(start)} places; allowed: {nodes}, one x,y per node")
     say(0.0, "looking for markers")
-    look, chain, offset = learn(film, span, nodes, lens, radius, bright, first, start)
-    straight, error, seen, message = _follow(film, (span[0] + offset, span[1]), look, chain, lens, say)
-    if len(straight) < FEWEST:
-        raise SceneError(f"{film.path.name}: {message or 'only'} {len(straight)} frames; allowed: at least {FEWEST}")
-    flat = _plane(straight, plane, lens, board, square, scale, distance)
-    metres = flat.to_metres(straight)
+    look, circles = scan(film, span, nodes, radius, bright, say)
+    board_plane = None if plane is None else plane_from_board(plane, lens, board, square)
+    say(0.75, "finding out which is which")
+    try:
+        flat = Flat(film.size, lens, board_plane)
+        followed = follow_film(circles, nodes, look.radius, film.fps, flat, first, start)
+    except AmbiguousOrderError as error:
+        raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
+    _look_again(film, span, look, followed)
+    followed, offset, message = _kept(followed, film.fps)
+    marks = find_marks(followed.flat, followed.seen)
+    size = len(followed.seen)
+    if size < FEWEST:
+        raise SceneError(f"{film.path.name}: {message or 'only'} {size} frames; allowed: at least {FEWEST}")
+    metres = _metres(followed, scale, distance)
     if level:
         metres = _levelled(metres)
-    t = (offset + np.arange(len(straight))) / film.fps
-    scatter = place_errors(t, straight, error, seen)
-    # errors of places in the units of `metres`: the local scale is that of the links
-    local = np.linalg.norm(np.diff(metres, axis=1), axis=-1) / np.linalg.norm(np.diff(straight, axis=1), axis=-1)
-    trace = to_trace(film.path.stem, t, metres, scatter * np.median(local), seen)
-    taken = span[0] + offset + len(straight)
-    if not message and end is None and taken < COMPLETE * film.announced:
+    t = (offset + np.arange(size)) / film.fps
+    known = followed.seen[:, 1:] & followed.seen[:, :-1] & ~marks.links
+    trace = to_trace(film.path.stem, t, metres, _errors(followed, ~marks.links), known)
+    if not message and end is None and span[0] + len(circles) < COMPLETE * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
+    parameters = followed.map.parameters
     tracked = Tracked(
         trace=trace,
-        pixels=straight if lens is None else lens.bend(straight.reshape(-1, 2)).reshape(straight.shape),
+        pixels=followed.pixels,
         metres=metres - metres[0, 0],
-        seen=seen,
+        seen=followed.seen,
         look=look,
         lens=lens,
         scaled=not (plane is None and scale is None and distance is None),
@@ -161,7 +184,9 @@ def track(
         fps=film.fps,
         status="not_converged" if message else "ok",
         message=message,
-        warnings=_warnings(film, metres, seen, offset),
+        warnings=_warnings(film, followed, marks, t, offset),
+        marks=marks,
+        slant=None if parameters is None else (float(parameters[0]), float(parameters[1])),
     )
     say(1.0, tracked.status)
     return tracked
@@ -175,45 +200,59 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
     return round(begin * film.fps), None if end is None else round(end * film.fps)
 
 
-def _follow(
-    film: Video, span: tuple[int, int | None], look: Look, chain: Chain, lens: Lens | None, say: Progress
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Straight places (k, n, 2), their fit errors, seen (k, n), and why it ended early, if it did."""
-    follower, places, errors, seen = Follower(chain), [], [], []
-    total = (span[1] or film.announced or 0) - span[0]
-    for i, image in enumerate(film.frames(*span)):
-        guess = follower.expected()
-        circles = detect(image, look, guess if lens is None else lens.bend(guess))
-        if lens is not None:
-            circles = replace(circles, centre=lens.straighten(circles.centre))
-        found = follower.advance(circles)
-        places.append(follower.past[0])
-        errors.append(np.where(found >= 0, circles.error[found] if len(circles) else np.nan, np.nan))
-        seen.append(found >= 0)
-        worst = int(np.argmax(follower.lost))
-        if follower.lost[worst] > LONGEST_GAP * film.fps:
-            kept = i + 1 - int(follower.lost[worst])
-            why = f"marker {worst} is lost after {kept / film.fps:.3g} s;"
-            return np.array(places[:kept]).reshape(kept, -1, 2), np.array(errors[:kept]), np.array(seen[:kept]), why
-        if total > 0:
-            say(0.99 * min(1.0, (i + 1) / total), f"frame {span[0] + i + 1}")
-    return np.array(places), np.array(errors), np.array(seen), ""
+def _look_again(film: Video, span: tuple[int, int | None], look: Look, followed: Followed) -> None:
+    """Look in the frames themselves for markers whose circles were not found at first, half hidden ones above all."""
+    if followed.seen.all():
+        return
+    frames = enumerate(film.frames(*span))
+
+    def looked(i: int, guesses: np.ndarray) -> Circles:
+        image = next(image for number, image in frames if number == i)
+        return detect_at(image, look, guesses)
+
+    look_again(followed, looked)
 
 
-def _plane(
-    straight: np.ndarray,
-    picture: str | Path | None,
-    lens: Lens | None,
-    board: tuple[int, int],
-    square: float | None,
-    scale: float | None,
-    distance: float | None,
-) -> Plane:
-    if picture is not None:
-        return plane_from_board(picture, lens, board, square)
+def _kept(followed: Followed, fps: float) -> tuple[Followed, int, str]:
+    """The frames from the first to the last that hold a link, the first one's number, and why it ended early, if so."""
+    seen = followed.seen
+    some = np.flatnonzero((seen[:, 1:] & seen[:, :-1]).any(axis=1))
+    first, last = (int(some[0]), len(seen)) if len(some) else (0, 0)
+    until = len(seen) - np.argmax(seen[::-1], axis=0)
+    gone = np.flatnonzero((len(seen) - until > LONGEST_GAP * fps) | ~seen.any(axis=0))
+    why = ""
+    if len(gone):
+        worst = int(gone[np.argmin(until[gone])])
+        last = int(until[worst]) if seen[:, worst].any() else first
+        why = f"marker {worst} is lost after {last / fps:.3g} s;"
+    part = slice(first, max(first, last))
+    arrays = {name: getattr(followed, name)[part] for name in ("flat", "pixels", "error", "seen")}
+    return replace(followed, **arrays), first, why
+
+
+def _metres(followed: Followed, scale: float | None, distance: float | None) -> np.ndarray:
+    """Places (k, n, 2), right and up, in m where a scale is known and pixels where not."""
+    flat = followed.flat * [1.0, -1.0]
+    if followed.map.plane is not None:
+        scale = followed.map.metres_per_pixel()
     if distance is not None:
-        scale = distance / float(np.median(np.linalg.norm(straight[:, -1] - straight[:, 0], axis=1)))
-    return plane_from_scale(1.0 if scale is None else scale)
+        scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
+    return flat * (1.0 if scale is None else scale)
+
+
+def _errors(followed: Followed, used: np.ndarray) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad]: scatter, and what the map to the plane of motion leaves open."""
+    found = scatter(followed.flat, followed.error, followed.seen, used)
+    flat = followed.map
+    if flat.covariance is None:
+        return found
+    step = 1e-4
+    slopes = []
+    for d in step * np.eye(len(flat.parameters)):
+        low, high = (four_quadrant(replace(flat, parameters=flat.parameters + s)(followed.pixels)) for s in (-d, d))
+        slopes.append((high - low) / (2 * step))
+    jacobian = np.stack(slopes, axis=-1)
+    return np.sqrt(found**2 + np.einsum("kja,ab,kjb->kj", jacobian, flat.covariance, jacobian))
 
 
 def _levelled(metres: np.ndarray) -> np.ndarray:
@@ -236,21 +275,33 @@ def _longest_gaps(seen: np.ndarray) -> np.ndarray:
     return longest
 
 
-def _warnings(film: Video, metres: np.ndarray, seen: np.ndarray, offset: int) -> tuple[str, ...]:
-    found = []
+def _warnings(film: Video, followed: Followed, marks: Marks, t: np.ndarray, offset: int) -> tuple[str, ...]:
+    name, seen, found = film.path.name, followed.seen, []
     if offset:
-        found.append(f"{film.path.name}: not all markers show before frame {offset}; the trace begins there")
-    length = np.linalg.norm(np.diff(metres, axis=1), axis=-1)
-    length = np.where(seen[:, 1:] & seen[:, :-1], length, np.nan)
-    change = np.nanstd(length, axis=0) / np.nanmean(length, axis=0)
-    if np.nanmax(change) > LENGTH_WARNING:
-        worst, size = int(np.nanargmax(change)) + 1, 100 * float(np.nanmax(change))
+        found.append(f"{name}: no link shows before frame {offset}; the trace begins there")
+    if followed.straight:
+        found.append(f"{name}: no joint bends; the nodes are taken in the order in which they lie on a line")
+    length = np.where(seen[:, 1:] & seen[:, :-1] & ~marks.links, link_lengths(followed.flat), np.nan)
+    known = [column[np.isfinite(column)] for column in length.T]
+    change = np.array([np.std(c) / np.mean(c) if len(c) else 0.0 for c in known])
+    if change.max() > LENGTH_WARNING:
+        worst, size = int(np.argmax(change)) + 1, 100 * float(change.max())
         found.append(
-            f"{film.path.name}: link {worst} changes its length by {size:.2g} %: motion out of the plane, "
+            f"{name}: link {worst} changes its length by {size:.2g} %: motion out of the plane, "
             "a slanting camera (--plane) or an uncalibrated lens (--calibration)"
         )
+    gaps = _longest_gaps(seen) / film.fps
     for node in np.flatnonzero((~seen).any(axis=0)):
-        found.append(
-            f"{film.path.name}: marker {node} not seen in {(~seen[:, node]).sum()} frames, bridged and left empty"
+        long = (
+            f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted" if gaps[node] > LONGEST_GAP else ""
         )
+        found.append(f"{name}: marker {node} not seen in {(~seen[:, node]).sum()} frames, bridged and left empty{long}")
+    for span in marks.spans(t):
+        nodes, why = ", ".join(map(str, span["nodes"])), " and ".join(WORDS[word] for word in span["why"])
+        when = (
+            f"{span['from_s']:.4g} s"
+            if span["from_s"] == span["to_s"]
+            else f"{span['from_s']:.4g} to {span['to_s']:.4g} s"
+        )
+        found.append(f"{name}: {when}: nodes {nodes} {why}; marked and left empty")
     return tuple(found)

@@ -1,0 +1,163 @@
+"""The plane of motion from the motion itself: links are rigid, so a slant and a bending lens show in their lengths.
+
+A camera that never rolls, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1); rays are
+bent to r (1 + k1 |r|^2). Where boards tell neither lens nor plane, p, q, k1 and the focal length are those for which the
+logarithms of the links' measured lengths vary least in time, with what is known of ordinary cameras beforehand,
+
+    sum over links and frames of ((log l - mean of log l) / s)^2 + sum of (parameter / its spread)^2,
+
+s from the residuals themselves. Its covariance (a sandwich over blocks of time) is that part of the angles' errors which
+stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fitting.tracking.calibration import Lens, Plane
+
+#: What is known of ordinary cameras beforehand: spread of pan and pitch [rad], of k1 and of the focal length's logarithm.
+SLANT, BENDING, FOCUS = 0.15, 0.15, 0.3
+#: Usual focal length [image width].
+USUAL_FOCUS = 1.25
+#: Frames used at most, duration of a block [s], passes that weigh anew, least noise of a centre [pixel].
+FRAMES, BLOCK, PASSES, LEAST = 400, 0.25, 3, 0.03
+
+
+@dataclass(frozen=True)
+class Flat:
+    """From pixels of the video to the plane of motion, in pixels of a camera square to it: right, down.
+
+    Attributes:
+        size: (width, height) [pixel].
+        lens: calibrated, or None.
+        plane: from a board, or None; then `parameters` hold pan, pitch and, without a lens, k1 and log(focus / usual).
+        covariance: of the parameters.
+    """
+
+    size: tuple[int, int]
+    lens: Lens | None = None
+    plane: Plane | None = None
+    parameters: np.ndarray | None = None
+    covariance: np.ndarray | None = None
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Where the camera's axis meets the picture (2,) [pixel]."""
+        return (np.array(self.size) - 1) / 2 if self.lens is None else self.lens.matrix[:2, 2]
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Flat pixels (..., 2) of pixels of the video (..., 2)."""
+        shape = np.shape(points)
+        points = np.reshape(points, (-1, 2)).astype(float)
+        if self.lens is not None:
+            points = self.lens.straighten(points)
+        if self.plane is not None:
+            return (self.plane.to_metres(points) * [1.0, -1.0] / self.metres_per_pixel()).reshape(shape)
+        if self.parameters is None:
+            return points.reshape(shape)
+        return self._tilted(points).reshape(shape)
+
+    def back(self, flat: np.ndarray) -> np.ndarray:
+        """The inverse (Newton's iteration with differences; the map is nearly the identity up to a shift)."""
+        flat = np.asarray(flat, float)
+        step = 0.5 * np.eye(2)
+        guess = np.broadcast_to(self.middle, flat.shape).copy()
+        limit = 0.5 * np.array(self.size)
+        for _ in range(12):
+            slopes = np.stack([self(guess + d) - self(guess - d) for d in step], axis=-1)
+            move = np.linalg.solve(slopes, (flat - self(guess))[..., None])[..., 0]
+            guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
+        return guess
+
+    def metres_per_pixel(self) -> float:
+        """Scale of the board's plane at the middle of the picture [m]."""
+        there = self.plane.to_metres(self.middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
+        right, down = there[0] - there[1], there[2] - there[3]
+        return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
+
+    def _tilted(self, points: np.ndarray) -> np.ndarray:
+        pan, pitch = self.parameters[:2]
+        if self.lens is None:
+            focus = np.array([1.0, 1.0]) * USUAL_FOCUS * self.size[0] * np.exp(self.parameters[3])
+            bent = (points - self.middle) / focus
+            ray = bent
+            for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
+                ray = bent / (1 + self.parameters[2] * np.sum(ray**2, axis=-1, keepdims=True))
+        else:
+            focus = self.lens.matrix[[0, 1], [0, 1]]
+            ray = (points - self.middle) / focus
+        turn = rotation(pan, pitch)
+        ahead = ray @ turn[:2] + turn[2]  # the inverse rotation of (ray, 1)
+        return self.middle + focus * ahead[:, :2] / ahead[:, 2:]
+
+
+def rotation(pan: float, pitch: float) -> np.ndarray:
+    """(3, 3) from right, down, away of the plane to those of a camera that does not roll."""
+    (cp, ct), (sp, st) = np.cos([pan, pitch]), np.sin([pan, pitch])
+    around = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ around
+
+
+def flatten(pixels: np.ndarray, seen: np.ndarray, flat: Flat, fps: float) -> Flat:
+    """The map under which the links keep their lengths best.
+
+    Args:
+        pixels: (k, n, 2) of the video; seen: (k, n). A plane from a board is left as it is.
+    """
+    if flat.plane is not None:
+        return flat
+    both = seen[:, 1:] & seen[:, :-1]
+    keep = np.flatnonzero(both.any(axis=1))
+    keep = keep[np.unique(np.linspace(0, len(keep) - 1, FRAMES).astype(int))] if len(keep) else keep
+    spread = np.array([SLANT, SLANT] if flat.lens is not None else [SLANT, SLANT, BENDING, FOCUS])
+    places, both = pixels[keep], both[keep]
+    if both.sum() < 10 * len(spread):
+        return flat
+
+    def off(parameters: np.ndarray) -> np.ndarray:
+        length = link_lengths(Flat(flat.size, flat.lens, None, parameters)(places))
+        return np.where(both, _departures(np.log(np.maximum(length, 1e-9)), both), 0.0)
+
+    size = np.nanmedian(np.where(both, link_lengths(places), np.nan), axis=0)
+    found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
+    noise = np.full(both.shape[1], 0.3) / size
+    limit = np.array([0.6, 0.6, 0.6, 0.9])[: len(spread)]
+    for _ in range(PASSES):
+        result = least_squares(
+            lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
+            np.clip(found, -0.9 * limit, 0.9 * limit),
+            bounds=(-limit, limit),
+            loss="soft_l1",
+        )
+        found = result.x
+        left = np.where(both, off(found), np.nan)
+        noise = np.maximum(1.4826 * np.nanmedian(np.abs(left), axis=0), LEAST / size)
+        noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
+    return Flat(flat.size, flat.lens, None, found, _covariance(off, found, noise, spread, keep, fps))
+
+
+def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
+    count = np.maximum(both.sum(axis=0), 1)
+    return log - np.sum(np.where(both, log, 0.0), axis=0) / count
+
+
+def link_lengths(places: np.ndarray) -> np.ndarray:
+    """Lengths (k, n - 1) of places (k, n, 2)."""
+    return np.linalg.norm(np.diff(places, axis=1), axis=-1)
+
+
+def _covariance(off, found, noise, spread, keep, fps) -> np.ndarray:  # noqa: ANN001
+    """Sandwich over blocks of time: departures that stay for long count as often as they change, not as frames."""
+    step = 1e-4
+    slopes = np.stack([(off(found + d) - off(found - d)) / (2 * step) for d in step * np.eye(len(found))], axis=-1)
+    slopes, left = slopes / noise[:, None], np.clip(off(found) / noise, -5.0, 5.0)
+    prior = np.diag(1 / spread**2)
+    bread = np.linalg.inv(np.einsum("kja,kjb->ab", slopes, slopes) + prior)
+    block = (keep / (BLOCK * fps)).astype(int)
+    score = np.zeros((block.max() + 1, len(found)))
+    np.add.at(score, block, np.einsum("kja,kj->ka", slopes, left))
+    return bread @ (score.T @ score + prior) @ bread

@@ -1,0 +1,128 @@
+"""Frames that are wrong in spite of all care: nodes that swapped names, jumped, or lie off the lengths of their links.
+
+Three looks, each of its own. Lengths: a rigid link has one. Names: the places of each frame are taken without names and
+named anew from a frame in which all is well, forwards and backwards; where both give a place to another node, nodes
+swapped. Jumps: a place is compared with the cubic through the two before and the two after,
+
+    p(i) against (4 (p(i-1) + p(i+1)) - (p(i-2) + p(i+2))) / 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.tracking.detection import NONE, Circles
+from fitting.tracking.flattening import link_lengths
+from fitting.tracking.identity import Follower
+from fitting.tracking.ordering import Chain
+
+#: Departure of a length: robust deviations, and at least this [pixel] and this share of it.
+LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
+#: Departure of a place from its neighbours in time: robust deviations, and at least this share of a link.
+JUMP, JUMP_SHARE = 12.0, 0.15
+#: Passes in which the largest jumps are taken out and the others judged anew.
+PASSES = 6
+SWAPPED, JUMPED, OFF_LENGTH = "swapped", "jumped", "length"
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What is wrong where.
+
+    Attributes:
+        swapped, jumped: (k, n) samples of nodes; length: (k, n - 1) samples of links.
+    """
+
+    swapped: np.ndarray
+    jumped: np.ndarray
+    length: np.ndarray
+
+    @property
+    def frames(self) -> np.ndarray:
+        """Which frames (k,) are marked."""
+        return self.swapped.any(axis=1) | self.jumped.any(axis=1) | self.length.any(axis=1)
+
+    @property
+    def links(self) -> np.ndarray:
+        """Samples of links (k, n - 1) that are not to be trusted."""
+        nodes = self.swapped | self.jumped
+        return self.length | nodes[:, 1:] | nodes[:, :-1]
+
+    def spans(self, t: np.ndarray) -> list[dict[str, Any]]:
+        """Stretches of marked frames: from_s, to_s [s], nodes, and why (swapped, jumped, length)."""
+        found = []
+        frames = np.flatnonzero(self.frames)
+        for part in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []:
+            nodes = (self.swapped | self.jumped)[part].any(axis=0)
+            links = self.length[part].any(axis=0)
+            if not nodes.any():
+                nodes = np.append(links, False) | np.insert(links, 0, False)
+            kinds = ((SWAPPED, self.swapped), (JUMPED, self.jumped), (OFF_LENGTH, self.length))
+            why = [name for name, each in kinds if each[part].any()]
+            span = {"from_s": float(t[part[0]]), "to_s": float(t[part[-1]])}
+            found.append({**span, "nodes": [int(k) for k in np.flatnonzero(nodes)], "why": why})
+        return found
+
+
+def find_marks(places: np.ndarray, seen: np.ndarray) -> Marks:
+    """Marks of places (k, n, 2) [pixel of the plane of motion], `seen` (k, n) of which are measured."""
+    both = seen[:, 1:] & seen[:, :-1]
+    lengths = np.where(both, link_lengths(places), np.nan)
+    usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in lengths.T])
+    off = np.abs(lengths - usual)
+    deviation = np.array([1.4826 * np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in off.T])
+    limit = np.maximum(LENGTH * deviation, np.hypot(LENGTH_FLOOR, LENGTH_SHARE * usual))
+    length = np.where(np.isfinite(off), off, 0.0) > limit
+    swapped = _renamed(places, seen, length, usual, deviation)
+    return Marks(swapped, _jumps(places, seen, float(np.median(usual))), length)
+
+
+def _renamed(
+    places: np.ndarray, seen: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
+) -> np.ndarray:
+    """Samples (k, n) whose place is given to another node when all are named anew."""
+    good = seen.all(axis=1) & ~wrong.any(axis=1)
+    result = np.zeros(seen.shape, bool)
+    if not good.any():
+        return result
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    longest = int(np.argmax(ends[1::2] - ends[::2]))
+    at = int(ends[2 * longest] + ends[2 * longest + 1]) // 2
+    for way in (range(at, len(places)), range(at, -1, -1)):
+        follower = Follower(Chain(places[at], usual, 2 * deviation))
+        for i in way:
+            here = np.flatnonzero(seen[i])
+            found = follower.advance(_bare(places[i, here]))
+            for k in np.flatnonzero(found >= 0):
+                if here[found[k]] != k:
+                    result[i, k] = result[i, here[found[k]]] = True
+    return result & seen
+
+
+def _bare(centre: np.ndarray) -> Circles:
+    none = np.zeros(len(centre))
+    return Circles(centre, none, none, none, none) if len(centre) else NONE
+
+
+def _jumps(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
+    track = np.where(seen[..., None], places, np.nan)
+    result = np.zeros(seen.shape, bool)
+    if len(track) < 5:
+        return result
+    for _ in range(PASSES):
+        off = np.full(seen.shape, np.nan)
+        middle = (4 * (track[1:-3] + track[3:-1]) - (track[:-4] + track[4:])) / 6
+        off[2:-2] = np.linalg.norm(track[2:-2] - middle, axis=-1)
+        known = np.where(np.isfinite(off), off, 0.0)
+        usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in off.T])
+        large = known > np.maximum(JUMP * usual, JUMP_SHARE * length)
+        around = np.stack([np.roll(known, s, axis=0) for s in (-2, -1, 1, 2)]).max(axis=0)
+        now = large & (known >= around)
+        if not now.any():
+            break
+        result |= now
+        track[now] = np.nan
+    return result

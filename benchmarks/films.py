@@ -13,10 +13,6 @@ tracked twice: with boards (lens and plane) and without anything. `tables.py` wr
 
 from __future__ import annotations
 
-import argparse
-import json
-import tempfile
-import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,9 +21,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from fitting.traces.synthetic import Motion
-from fitting.tracking import track
-from fitting.tracking.render import Cover, View, chessboards, film
-from fitting.tracking.video import opencv, write_video
+from fitting.tracking.render import Cover, View
 
 RESULTS = Path(__file__).parent / "results" / "films.json"
 FPS, GRAVITY, STABILISER = 60.0, 9.81, 60.0

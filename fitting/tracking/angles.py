@@ -17,8 +17,8 @@ import numpy as np
 from fitting.traces.trace import Convention, Trace
 
 CONVENTION = Convention("horizontal", -1, "rad")
-#: Fewest samples of a link that tell its scatter; least scatter [that of the edges].
-FEWEST, LEAST = 10, 0.3
+#: Fewest samples of a link that tell its scatter; least scatter [that of the edges]; passes that weigh anew.
+FEWEST, LEAST, PASSES = 10, 0.3, 20
 
 
 def four_quadrant(places: np.ndarray) -> np.ndarray:
@@ -37,9 +37,12 @@ def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: n
     """Standard errors (k, n - 1) [rad] of the angles from what is seen to be wrong with the lengths.
 
     What moves a node across its link moves it along the link as well, and there the truth is known: the length never
-    changes. The scatter of each circle's edge, `fit_error` (k, n), gives a sample's weight against the others, the
-    departures of the link's length from its mean the size. They hold all that comes and goes with place and direction:
-    the noise of the pictures, hidden rims, and what is left of lens and slant.
+    changes. The scatter of each circle's edge, `fit_error` (k, n), is one part, v; the variance a of the other, the same
+    for all samples of a link, is what the departures x of its length from its mean show beyond that,
+
+        sum of (x^2 - v - a)/(v + a)^2 = 0.
+
+    It holds all that comes and goes with place and direction: vibration, and what is left of lens and slant.
 
     Args:
         places: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
@@ -52,12 +55,17 @@ def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: n
     for j in range(link.shape[1]):
         good = both[:, j] & used[:, j]
         good = good if good.sum() >= FEWEST else both[:, j]
-        if not good.any():
+        if good.sum() < 2:
+            found[:, j] = expected[:, j]
             continue
-        off = link[good, j] / link[good, j].mean() - 1
-        typical = float(np.sqrt(np.mean(expected[good, j] ** 2)))
-        size = float(np.sqrt(np.mean(off**2))) if good.sum() > 1 else typical
-        found[:, j] = expected[:, j] * max(size, LEAST * typical) / typical
+        variance, off = expected[good, j] ** 2, (link[good, j] / np.median(link[good, j]) - 1) ** 2
+        more = float(np.mean(off))
+        for _ in range(PASSES):
+            weight = 1 / (variance + max(more, 0.0)) ** 2
+            more = float(np.sum(weight * (off - variance)) / np.sum(weight))
+        # edges that scatter more than the lengths do share pixels: the lengths are right
+        scale = max(LEAST, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0))))) if more < 0 else 1.0
+        found[:, j] = np.sqrt((scale * expected[:, j]) ** 2 + max(more, 0.0))
     return np.where(both, found, np.nan)
 
 

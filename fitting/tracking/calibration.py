@@ -8,7 +8,7 @@ pixels below are those of the same camera without bending.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ class Lens:
         matrix: (3, 3) [pixel]; distortion: (5,) k1, k2, p1, p2, k3.
         error: RMS reprojection error [pixel]; pictures: how many showed the board.
         size: (width, height) [pixel] of the pictures.
+        others: the lens by all pictures but one, for each: how far it is known (jackknife).
     """
 
     matrix: np.ndarray
@@ -40,6 +41,7 @@ class Lens:
     error: float
     pictures: int
     size: tuple[int, int]
+    others: tuple[Lens, ...] = ()
 
     def straighten(self, points: np.ndarray) -> np.ndarray:
         """Straight pixels (k, 2) of image pixels (k, 2)."""
@@ -94,7 +96,6 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     Raises:
         SceneError: too few pictures with a board, sizes that differ, an error above one pixel, no convergence.
     """
-    cv2 = opencv()
     images = [(Path(path).name, read_image(path)) for path in pictures]
     if not images:
         raise SceneError(f"calibration: no picture given; allowed: at least {FEWEST}")
@@ -107,23 +108,33 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
             f"pictures; allowed: at least {FEWEST} (--board names the corners)"
         )
-    height, width = images[0][1].shape
+    size = images[0][1].shape[::-1]
+    lens = _lens(found, board, size)
+    if lens is None:
+        raise SceneError(NOT_CONVERGED)
+    if lens.error > LARGEST_ERROR:
+        raise SceneError(
+            f"calibration: reprojection error {lens.error:.3g} pixel; allowed: at most {LARGEST_ERROR:g} "
+            "(a flat board, sharp pictures, several slants)"
+        )
+    others = [_lens(found[:i] + found[i + 1 :], board, size) for i in range(len(found))]
+    return replace(lens, others=tuple(other for other in others if other is not None))
+
+
+def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]) -> Lens | None:
+    """The lens by boards whose corners are `found`, or None where the search runs away."""
+    cv2 = opencv()
     points = [board_points(board, 1.0)] * len(found)
     try:
         flags = cv2.CALIB_FIX_K3  # a third radial term is not determined by ordinary lenses
-        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, (width, height), None, None, flags=flags)
+        error, matrix, bending, *_ = cv2.calibrateCamera(points, found, size, None, None, flags=flags)
     except cv2.error:
-        raise SceneError(NOT_CONVERGED) from None
+        return None
     focus = matrix[[0, 1], [0, 1]]
-    sensible = (focus > 0).all() and (focus < LONGEST_FOCUS * width).all()
+    sensible = (focus > 0).all() and (focus < LONGEST_FOCUS * size[0]).all()
     if not (sensible and np.isfinite(error) and np.isfinite(bending).all()):
-        raise SceneError(NOT_CONVERGED)
-    if error > LARGEST_ERROR:
-        raise SceneError(
-            f"calibration: reprojection error {error:.3g} pixel; allowed: at most {LARGEST_ERROR:g} "
-            "(a flat board, sharp pictures, several slants)"
-        )
-    return Lens(matrix, np.ravel(bending)[:5], float(error), len(found), (width, height))
+        return None
+    return Lens(matrix, np.ravel(bending)[:5], float(error), len(found), size)
 
 
 def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, int], square: float) -> Plane:

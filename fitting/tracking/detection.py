@@ -27,6 +27,9 @@ FAINTEST = 2.0
 SEED_SHARE, RAY_SHARE = 0.35, 0.55
 #: Allowed radius and contrast, as shares of the usual ones.
 SMALLEST, LARGEST, CONTRAST_SHARE = 0.85, 1.35, 0.6
+#: Share of rays below which a part of the rim is hidden, and error of the centre then [missing radius]: measured behind
+#: posts, 0.9 to 2.
+WHOLE, HIDDEN = 0.95, 1.2
 #: Deviation of the radius [radius] and of an edge point [pixel]; passes in which departures are reweighted.
 RADIUS_SPREAD, EDGE_NOISE, REWEIGHTED = 0.04, 0.1, 8
 #: Radii [pixel] tried where none is named.
@@ -197,6 +200,8 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     # neighbouring rays share pixels: an independent edge point per pixel of the rim at most
     shared = max(1.0, RAYS / (2 * np.pi * usual))
     error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
+    # what hides a part of the rim draws the circle off as much as it makes it small
+    error = np.where(count < WHOLE * RAYS, np.hypot(error, HIDDEN * found[:, 2]), error)
     return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
 
 

@@ -1,30 +1,33 @@
 """The plane of motion from the motion itself: links are rigid, so a slant and a bending lens show in their lengths.
 
 A camera that never rolls, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1); rays are
-bent to r (1 + k1 |r|^2). Where boards tell neither lens nor plane, p, q, k1 and the focal length are those for which the
-logarithms of the links' measured lengths vary least in time, with what is known of ordinary cameras beforehand,
+bent to r (1 + k1 |r|^2). p, q, k1 and the focal length f are those for which the logarithms of the links' measured
+lengths vary least in time, with what is known beforehand,
 
     sum over links and frames of ((log l - mean of log l) / s)^2 + sum of (parameter / its spread)^2,
 
-s from the residuals themselves. Its covariance (a sandwich over blocks of time) is that part of the angles' errors which
+s from the residuals themselves. The spreads are those of ordinary cameras or, behind a lens or a plane that boards told,
+of what boards leave open. Its covariance (a sandwich over blocks of time) is that part of the angles' errors which
 stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as level.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from fitting.tracking.calibration import Lens, Plane
 
-#: What is known of ordinary cameras beforehand: spread of pan and pitch [rad], of k1 and of the focal length's logarithm.
-SLANT, BENDING, FOCUS = 0.15, 0.15, 0.3
+#: Spread of pan and pitch [rad], of k1 and of log(focal length): without boards, and behind what boards told.
+SLANT, BENDING, FOCUS = (0.15, 0.01), (0.15, 0.01), (0.3, 0.01)
+#: Largest values of pan, pitch, k1 and log(focus / usual).
+LARGEST = np.array([0.6, 0.6, 0.6, 0.9])
 #: Usual focal length [image width].
 USUAL_FOCUS = 1.25
 #: Frames used at most, duration of a block [s], passes that weigh anew, least noise of a centre [pixel].
-FRAMES, BLOCK, PASSES, LEAST = 400, 0.25, 3, 0.03
+FRAMES, BLOCK, PASSES, LEAST = 300, 0.25, 3, 0.03
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,8 @@ class Flat:
     Attributes:
         size: (width, height) [pixel].
         lens: calibrated, or None.
-        plane: from a board, or None; then `parameters` hold pan, pitch and, without a lens, k1 and log(focus / usual).
-        covariance: of the parameters.
+        plane: from a board, or None.
+        parameters: pan, pitch, k1 and log(focus / usual) (4,) behind these, or None for none; covariance: theirs.
     """
 
     size: tuple[int, int]
@@ -56,10 +59,11 @@ class Flat:
         if self.lens is not None:
             points = self.lens.straighten(points)
         if self.plane is not None:
-            return (self.plane.to_metres(points) * [1.0, -1.0] / self.metres_per_pixel()).reshape(shape)
-        if self.parameters is None:
-            return points.reshape(shape)
-        return self._tilted(points).reshape(shape)
+            there = self.plane.to_metres(np.concatenate([self.middle[None], points]))
+            points = (there[1:] - there[0]) * [1.0, -1.0] / self.metres_per_pixel() + self.middle
+        if self.parameters is not None:
+            points = self._tilted(points)
+        return points.reshape(shape)
 
     def back(self, flat: np.ndarray) -> np.ndarray:
         """The inverse (Newton's iteration with differences; the map is nearly the identity up to a shift)."""
@@ -79,20 +83,22 @@ class Flat:
         right, down = there[0] - there[1], there[2] - there[3]
         return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
 
+    @property
+    def spread(self) -> np.ndarray:
+        """What is known of the parameters beforehand (4,)."""
+        plane, lens = self.plane is not None, self.lens is not None
+        return np.array([SLANT[plane], SLANT[plane], BENDING[lens], FOCUS[lens]])
+
     def _tilted(self, points: np.ndarray) -> np.ndarray:
-        pan, pitch = self.parameters[:2]
-        if self.lens is None:
-            focus = np.array([1.0, 1.0]) * USUAL_FOCUS * self.size[0] * np.exp(self.parameters[3])
-            bent = (points - self.middle) / focus
-            ray = bent
-            for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
-                ray = bent / (1 + self.parameters[2] * np.sum(ray**2, axis=-1, keepdims=True))
-        else:
-            focus = self.lens.matrix[[0, 1], [0, 1]]
-            ray = (points - self.middle) / focus
+        pan, pitch, bending, focus = self.parameters
+        usual = USUAL_FOCUS * self.size[0] * np.ones(2) if self.lens is None else self.lens.matrix[[0, 1], [0, 1]]
+        size = usual * np.exp(focus)
+        ray = bent = (points - self.middle) / size
+        for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
+            ray = bent / (1 + bending * np.sum(ray**2, axis=-1, keepdims=True))
         turn = rotation(pan, pitch)
         ahead = ray @ turn[:2] + turn[2]  # the inverse rotation of (ray, 1)
-        return self.middle + focus * ahead[:, :2] / ahead[:, 2:]
+        return self.middle + size * ahead[:, :2] / ahead[:, 2:]
 
 
 def rotation(pan: float, pitch: float) -> np.ndarray:
@@ -106,38 +112,35 @@ def flatten(pixels: np.ndarray, seen: np.ndarray, flat: Flat, fps: float) -> Fla
     """The map under which the links keep their lengths best.
 
     Args:
-        pixels: (k, n, 2) of the video; seen: (k, n). A plane from a board is left as it is.
+        pixels: (k, n, 2) of the video; seen: (k, n).
     """
-    if flat.plane is not None:
-        return flat
     both = seen[:, 1:] & seen[:, :-1]
     keep = np.flatnonzero(both.any(axis=1))
     keep = keep[np.unique(np.linspace(0, len(keep) - 1, FRAMES).astype(int))] if len(keep) else keep
-    spread = np.array([SLANT, SLANT] if flat.lens is not None else [SLANT, SLANT, BENDING, FOCUS])
+    spread = flat.spread
     places, both = pixels[keep], both[keep]
     if both.sum() < 10 * len(spread):
         return flat
 
     def off(parameters: np.ndarray) -> np.ndarray:
-        length = link_lengths(Flat(flat.size, flat.lens, None, parameters)(places))
+        length = link_lengths(replace(flat, parameters=parameters)(places))
         return np.where(both, _departures(np.log(np.maximum(length, 1e-9)), both), 0.0)
 
     size = np.nanmedian(np.where(both, link_lengths(places), np.nan), axis=0)
     found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
     noise = np.full(both.shape[1], 0.3) / size
-    limit = np.array([0.6, 0.6, 0.6, 0.9])[: len(spread)]
     for _ in range(PASSES):
         result = least_squares(
             lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
-            np.clip(found, -0.9 * limit, 0.9 * limit),
-            bounds=(-limit, limit),
+            np.clip(found, -0.9 * LARGEST, 0.9 * LARGEST),
+            bounds=(-LARGEST, LARGEST),
             loss="soft_l1",
         )
         found = result.x
         left = np.where(both, off(found), np.nan)
         noise = np.maximum(1.4826 * np.nanmedian(np.abs(left), axis=0), LEAST / size)
         noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
-    return Flat(flat.size, flat.lens, None, found, _covariance(off, found, noise, spread, keep, fps))
+    return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
 
 def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
@@ -148,6 +151,24 @@ def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
 def link_lengths(places: np.ndarray) -> np.ndarray:
     """Lengths (k, n - 1) of places (k, n, 2)."""
     return np.linalg.norm(np.diff(places, axis=1), axis=-1)
+
+
+def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, seen: np.ndarray) -> float:
+    """Standard error [rad] of a turn of the whole picture, which no length shows, by the jackknife.
+
+    Args:
+        others: the same map with the lens and plane that all pictures of the board but one give, for each.
+        pixels: (k, n, 2) of the video; seen: (k, n).
+    """
+    rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
+    if len(others) < 3 or not len(rows):
+        return 0.0
+    both = (seen[:, 1:] & seen[:, :-1])[rows]
+    turns = []
+    for each in others:
+        here, there = (np.diff(to(pixels[rows]), axis=1)[both] @ [1.0, 1.0j] for to in (flat, each))
+        turns.append(float(np.angle(np.sum(there * here.conj()))))
+    return float(np.sqrt((len(turns) - 1) * np.var(turns)))
 
 
 def _covariance(off, found, noise, spread, keep, fps) -> np.ndarray:  # noqa: ANN001

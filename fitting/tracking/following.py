@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator
 
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.detection import Circles
+from fitting.tracking.exposure import exposure_share, second_differences
 from fitting.tracking.flattening import Flat, flatten, link_lengths
 from fitting.tracking.identity import Follower, bridge, length_errors
 from fitting.tracking.learning import moved
@@ -24,6 +25,7 @@ from fitting.tracking.ordering import (
     all_paths,
     changes,
     clearest_chain,
+    follow_unnamed,
     on_a_line,
     resting,
     turn_round,
@@ -50,6 +52,7 @@ class Followed:
         error: (k, n) standard errors of the circles' fits [pixel]; seen: (k, n).
         chain, map: what was learned; chain.at is the frame from which it was followed.
         resting: (n,) which nodes rest; straight: the order is known only from lying on a line.
+        exposure: [frame] that the lengths show, 0 where none; its effect on `flat` is taken back.
     """
 
     flat: np.ndarray
@@ -60,6 +63,7 @@ class Followed:
     map: Flat
     resting: np.ndarray
     straight: bool = False
+    exposure: float = 0.0
 
 
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
@@ -137,7 +141,7 @@ def turned(found: Followed) -> Followed:
     """The same chain read from its other end."""
     chain = Chain(found.chain.places[::-1], found.chain.length[::-1], found.chain.spread[::-1], found.chain.at)
     arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.seen))
-    return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight)
+    return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
 
 
 def _ends(found: Followed) -> np.ndarray:
@@ -218,8 +222,6 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, seen: np.ndarray, still
 
 def _in_line(circles: list[Circles], nodes: int) -> Chain | None:
     """The chain of markers in a row, where as many circles as nodes lie on a line all the time."""
-    from fitting.tracking.ordering import follow_unnamed
-
     counts = np.array([len(each) for each in circles])
     if not (counts == nodes).any():
         return None
@@ -344,6 +346,8 @@ def bridged(found: Followed) -> None:
         found.pixels[hidden] = found.map.back(found.flat[hidden])
 
 
-def without(found: Followed, samples: np.ndarray) -> Followed:
-    """The same with `samples` (k, n) taken for not seen."""
-    return replace(found, seen=found.seen & ~samples)
+def unblurred(found: Followed) -> Followed:
+    """The places without what a long exposure does to them."""
+    share = exposure_share(found.flat, found.seen)
+    flat = found.flat - share * second_differences(found.flat, found.seen)
+    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))

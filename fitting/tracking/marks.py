@@ -1,8 +1,8 @@
 """Frames that are wrong in spite of all care: nodes that swapped names, jumped, or lie off the lengths of their links.
 
 Three looks, each of its own. Lengths: a rigid link has one. Names: the places of each frame are taken without names and
-named anew from a frame in which all is well, forwards and backwards; where both give a place to another node, nodes
-swapped. Jumps: a place is compared with the cubic through the two before and the two after,
+named anew from frames in which all is well, forwards from the first and backwards from the last such stretch; where all
+that come by give a place to another node, nodes swapped. Jumps: a place is compared with the cubic through the two before and the two after,
 
     p(i) against (4 (p(i-1) + p(i+1)) - (p(i-2) + p(i+2))) / 6.
 """
@@ -25,6 +25,8 @@ LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
 JUMP, JUMP_SHARE = 12.0, 0.15
 #: Passes in which the largest jumps are taken out and the others judged anew.
 PASSES = 6
+#: Frames of a stretch in which all is well; distance [link] below which two nodes may have either name.
+STRETCH, SAME = 12, 0.05
 SWAPPED, JUMPED, OFF_LENGTH = "swapped", "jumped", "length"
 
 
@@ -85,21 +87,27 @@ def _renamed(
 ) -> np.ndarray:
     """Samples (k, n) whose place is given to another node when all are named anew."""
     good = seen.all(axis=1) & ~wrong.any(axis=1)
-    result = np.zeros(seen.shape, bool)
-    if not good.any():
-        return result
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    longest = int(np.argmax(ends[1::2] - ends[::2]))
-    at = int(ends[2 * longest] + ends[2 * longest + 1]) // 2
-    for way in (range(at, len(places)), range(at, -1, -1)):
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    starts, ends = edges[::2], edges[1::2]
+    if not len(starts):
+        return np.zeros(seen.shape, bool)
+    long = np.flatnonzero(ends - starts >= min(STRETCH, (ends - starts).max()))
+    first, last = (int(starts[i] + ends[i]) // 2 for i in (long[0], long[-1]))
+    runs = [(first, len(places), 1), (first, -1, -1), (last, len(places), 1), (last, -1, -1)]
+    asked, other = np.zeros(len(places), int), np.zeros(seen.shape, int)
+    for at, stop, way in runs[:2] if first == last else [runs[0], runs[3], runs[1], runs[2]]:
         follower = Follower(Chain(places[at], usual, 2 * deviation))
-        for i in way:
+        for i in range(at, stop, way):
             here = np.flatnonzero(seen[i])
             found = follower.advance(_bare(places[i, here]))
+            asked[i] += 1
             for k in np.flatnonzero(found >= 0):
                 if here[found[k]] != k:
-                    result[i, k] = result[i, here[found[k]]] = True
-    return result & seen
+                    other[i, here[found[k]]] += 1
+    # two that lie on each other may have either name
+    near = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1) + 1e9 * np.eye(seen.shape[1])
+    alone = near.min(axis=2) > SAME * np.median(usual)
+    return (other > 0) & (other >= asked[:, None]) & seen & alone
 
 
 def _bare(centre: np.ndarray) -> Circles:

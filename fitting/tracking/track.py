@@ -15,8 +15,8 @@ from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.angles import four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.detection import Circles, Look, detect_at
-from fitting.tracking.flattening import Flat, link_lengths
-from fitting.tracking.following import Followed, follow_film, look_again
+from fitting.tracking.flattening import Flat, level_error, link_lengths
+from fitting.tracking.following import Followed, follow_film, look_again, unblurred
 from fitting.tracking.learning import scan
 from fitting.tracking.marks import Marks, find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
@@ -44,6 +44,7 @@ class Tracked:
         fps [1/s]; status: `ok` or `not_converged`, with the reason in `message`.
         marks: frames in which nodes swapped, jumped, or left their links' lengths.
         slant: pan and pitch of the camera [rad] found from the motion, or None where a board told the plane.
+        exposure: [s] that the lengths of turning links show, whose effect is taken back; 0 where it is too short to show.
     """
 
     trace: Trace
@@ -60,6 +61,7 @@ class Tracked:
     warnings: tuple[str, ...]
     marks: Marks
     slant: tuple[float, float] | None = None
+    exposure: float = 0.0
 
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,6 +91,7 @@ class Tracked:
             "marked": self.marks.spans(self.trace.t),
             "marked_frames": int(self.marks.frames.sum()),
             "slant_rad": None if self.slant is None else list(self.slant),
+            "exposure_s": self.exposure,
             "reprojection_error_pixel": None if self.lens is None else self.lens.error,
             "warnings": list(self.warnings),
         }
@@ -158,7 +161,7 @@ def track(
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     _look_again(film, span, look, followed)
-    followed, offset, message = _kept(followed, film.fps)
+    followed, offset, message = _kept(unblurred(followed), film.fps)
     marks = find_marks(followed.flat, followed.seen)
     size = len(followed.seen)
     if size < FEWEST:
@@ -168,7 +171,12 @@ def track(
         metres = _levelled(metres)
     t = (offset + np.arange(size)) / film.fps
     known = followed.seen[:, 1:] & followed.seen[:, :-1] & ~marks.links
-    trace = to_trace(film.path.stem, t, metres, _errors(followed, ~marks.links), known)
+    level_unknown = 0.0
+    if lens is not None and not level:
+        planes = [None if plane is None else plane_from_board(plane, other, board, square) for other in lens.others]
+        others = [replace(followed.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
+        level_unknown = level_error(followed.map, others, followed.pixels, followed.seen)
+    trace = to_trace(film.path.stem, t, metres, _errors(followed, ~marks.links, level_unknown), known)
     if not message and end is None and span[0] + len(circles) < COMPLETE * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     parameters = followed.map.parameters
@@ -186,7 +194,8 @@ def track(
         message=message,
         warnings=_warnings(film, followed, marks, t, offset),
         marks=marks,
-        slant=None if parameters is None else (float(parameters[0]), float(parameters[1])),
+        slant=None if parameters is None or board_plane is not None else (float(parameters[0]), float(parameters[1])),
+        exposure=followed.exposure / film.fps,
     )
     say(1.0, tracked.status)
     return tracked
@@ -240,9 +249,9 @@ def _metres(followed: Followed, scale: float | None, distance: float | None) -> 
     return flat * (1.0 if scale is None else scale)
 
 
-def _errors(followed: Followed, used: np.ndarray) -> np.ndarray:
-    """Standard errors (k, n - 1) [rad]: scatter, and what the map to the plane of motion leaves open."""
-    found = scatter(followed.flat, followed.error, followed.seen, used)
+def _errors(followed: Followed, used: np.ndarray, level: float) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad]: scatter, and what `level` and the map to the plane of motion leave open."""
+    found = np.hypot(scatter(followed.flat, followed.error, followed.seen, used), level)
     flat = followed.map
     if flat.covariance is None:
         return found

@@ -48,7 +48,9 @@ def _jacobian(places: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def point_masses(start: np.ndarray, loop: bool, t: np.ndarray, damping: float = 0.15) -> np.ndarray:
-    """Places (k, n, 2) [m] at the times t (k,) [s] of unit masses let go at `start` (n, 2), node 0 held, the last in a loop.
+    """Places (k, n, 2) [m] at the times t (k,) [s] of unit masses let go at `start` (n, 2).
+
+    Node 0 is held, in a loop the last one too.
 
     Args:
         damping: c/m [1/s].

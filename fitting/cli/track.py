@@ -15,6 +15,7 @@ from dropper_jax.cli.options import add_json, add_quiet, number, output_file
 from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
+    from fitting.tracking.ordering import AmbiguousOrderError
     from fitting.tracking.track import Tracked
 
 name = "track"
@@ -44,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     look.add_argument("--marker", choices=("bright", "dark"), help="circles against their rim (default: found)")
     look.add_argument("--first", choices=("auto", "left", "right", "top"), default="auto", help="which end is node 0")
     look.add_argument(
-        "--start", nargs="+", metavar="X,Y", help="places of the nodes in the first frame [pixel], in order"
+        "--start",
+        nargs="+",
+        metavar="X,Y",
+        help="places of all nodes in the first frame [pixel], in order",
     )
     parser.add_argument("--fps", type=number, help="frames per second, where the file is wrong")
     parser.add_argument("--begin", type=number, default=0.0, metavar="T", help="take the video from here [s]")
@@ -63,30 +67,34 @@ def run(args: argparse.Namespace) -> int:
     overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
 
     from fitting.traces.trace import write_trace
+    from fitting.tracking.ordering import AmbiguousOrderError
     from fitting.tracking.overlay import write_overlay
     from fitting.tracking.track import track
 
-    tracked = track(
-        args.video,
-        args.nodes,
-        calibration=args.calibration,
-        board=board_size(args.board),
-        square=args.square,
-        plane=args.plane,
-        scale=args.scale,
-        distance=args.distance,
-        level=args.level,
-        radius=args.radius,
-        bright=None if args.marker is None else args.marker == "bright",
-        first=args.first,
-        start=None if args.start is None else [place(text) for text in args.start],
-        fps=args.fps,
-        begin=args.begin,
-        end=args.end,
-        progress=progress(args.quiet),
-    )
+    try:
+        tracked = track(
+            args.video,
+            args.nodes,
+            calibration=args.calibration,
+            board=board_size(args.board),
+            square=args.square,
+            plane=args.plane,
+            scale=args.scale,
+            distance=args.distance,
+            level=args.level,
+            radius=args.radius,
+            bright=None if args.marker is None else args.marker == "bright",
+            first=args.first,
+            start=None if args.start is None else [place(text) for text in args.start],
+            fps=args.fps,
+            begin=args.begin,
+            end=args.end,
+            progress=progress(args.quiet),
+        )
+    except AmbiguousOrderError as error:
+        return undecided(error, args, out.with_name(f"{out.stem}-orders.png"))
     print_warnings(tracked.warnings)
-    write_trace(out, tracked.trace)
+    write_trace(out, tracked.trace, notes(tracked))
     if positions:
         write_positions(tracked, positions)
     if overlay:
@@ -95,6 +103,29 @@ def run(args: argparse.Namespace) -> int:
     if tracked.status != "ok":
         print_line(f"error: {tracked.message}; what came before is in {out}")
     return OK if tracked.status == "ok" else FAILED
+
+
+def undecided(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
+    """Show the orders that the film allows; no trace is written."""
+    from fitting.tracking.alternatives import write_alternatives
+
+    write_alternatives(error, args.video, picture)
+    message = f"{error}; the orders are drawn in {picture}"
+    orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in places] for places in error.orders]
+    found = {"schema": 1, "status": "ambiguous_order", "error": message, "frame": error.frame, "orders": orders}
+    print_result(args.json, {**found, "picture": str(picture)}, f"ambiguous_order: see {picture}")
+    print_line(f"error: {message}")
+    return FAILED
+
+
+def notes(tracked: Tracked) -> list[str]:
+    """Marked frames, as comments of the trace."""
+    spans = tracked.marks.spans(tracked.trace.t)
+    return [
+        f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
+        f"({' '.join(span['why'])})"
+        for span in spans
+    ]
 
 
 def board_size(text: str) -> tuple[int, int]:
@@ -115,17 +146,21 @@ def place(text: str) -> tuple[float, float]:
 
 
 def write_positions(tracked: Tracked, path: Path) -> Path:
-    """Time, places and whether each node was seen: t, x_0, z_0, seen_0, ...; places of unseen nodes are bridged."""
+    """Time, places and whether each node was seen: t, x_0, z_0, seen_0, ...; places of unseen nodes are bridged.
+
+    The last column tells whether the frame is marked: nodes swapped, jumped or left the lengths of their links.
+    """
     from dropper_jax.base.files import atomic_write
 
     nodes = tracked.seen.shape[1]
     text = io.StringIO()
     text.write(f"# unit={'m' if tracked.scaled else 'pixel'}, x=right, z=up, zero=node 0 in the first frame\n")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t", *(f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen"))])
-    for t, places, seen in zip(tracked.trace.t, tracked.metres, tracked.seen, strict=True):
+    writer.writerow(["t", *(f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen")), "marked"])
+    rows = zip(tracked.trace.t, tracked.metres, tracked.seen, tracked.marks.frames, strict=True)
+    for t, places, seen, marked in rows:
         cells = [(f"{x:.7g}", f"{z:.7g}", int(s)) for (x, z), s in zip(places, seen, strict=True)]
-        writer.writerow([f"{t:.9g}", *(cell for node in cells for cell in node)])
+        writer.writerow([f"{t:.9g}", *(cell for node in cells for cell in node), int(marked)])
     return atomic_write(path, text.getvalue())
 
 
@@ -137,6 +172,7 @@ def text(tracked: Tracked, out: Path) -> str:
         ("frames", f"{found['frames']} at {found['fps']:g} 1/s, {tracked.trace.t[-1] - tracked.trace.t[0]:.3g} s"),
         ("markers", f"{found['nodes']} of radius {found['marker_radius_pixel']:.3g} pixel, {found['links']} links"),
         ("not seen", f"{bridged} samples, longest gap {found['longest_gap_s']:.2g} s" if bridged else "none"),
+        ("marked", f"{found['marked_frames']} frames, left empty" if found["marked_frames"] else "none"),
         ("angles", f"standard error {found['angle_se_rad']:.2g} rad (median)"),
     ]
     if tracked.lens is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import comb
 from pathlib import Path
@@ -244,8 +245,8 @@ def noise(trace: Trace) -> np.ndarray:
     return np.where(np.isfinite(found), np.maximum(found, 1e-6), 1e-3)
 
 
-def write_trace(path: str | Path, trace: Trace) -> Path:
-    """Write a trace in the format that `read_trace` reads."""
+def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
+    """Write a trace in the format that `read_trace` reads; `notes` are comment lines for people, without `=`."""
     names = ["t"] + [f"theta_{j + 1}" for j in range(trace.links)]
     columns = [trace.t[:, None], trace.theta]
     for stem, values in (("omega", trace.omega), ("se", trace.se)):
@@ -255,6 +256,7 @@ def write_trace(path: str | Path, trace: Trace) -> Path:
     text = io.StringIO()
     c = trace.convention
     text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}\n")
+    text.writelines(f"# {note}\n" for note in notes)
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     for row in np.concatenate(columns, axis=1):

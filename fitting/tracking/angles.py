@@ -37,8 +37,8 @@ def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: n
     """Standard errors (k, n - 1) [rad] of the angles from what is seen to be wrong with the lengths.
 
     What moves a node across its link moves it along the link as well, and there the truth is known: the length never
-    changes. The scatter of each circle's edge, `fit_error` (k, n), is one part, v; the variance a of the other, the same
-    for all samples of a link, is what the departures x of its length from its mean show beyond that,
+    changes. The scatter of each circle's edge, `fit_error` (k, n), is one part, v; the variance a of the other, the
+    same for all samples of a link, is what the departures x of its length from its mean show beyond that,
 
         sum of (x^2 - v - a)/(v + a)^2 = 0.
 

@@ -1,14 +1,14 @@
 """The plane of motion from the motion itself: links are rigid, so a slant and a bending lens show in their lengths.
 
-A camera that never rolls, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1); rays are
-bent to r (1 + k1 |r|^2). p, q, k1 and the focal length f are those for which the logarithms of the links' measured
-lengths vary least in time, with what is known beforehand,
+A camera that never rolls, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1);
+rays are bent to r (1 + k1 |r|^2). p, q, k1 and the focal length f are those for which the logarithms of the links'
+measured lengths vary least in time, with what is known beforehand,
 
     sum over links and frames of ((log l - mean of log l) / s)^2 + sum of (parameter / its spread)^2,
 
-s from the residuals themselves. The spreads are those of ordinary cameras or, behind a lens or a plane that boards told,
-of what boards leave open. Its covariance (a sandwich over blocks of time) is that part of the angles' errors which
-stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as level.
+s from the residuals themselves. The spreads are those of ordinary cameras or, behind a lens or a plane that boards
+told, of what boards leave open. Its covariance (a sandwich over blocks of time) is that part of the angles' errors
+which stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as level.
 """
 
 from __future__ import annotations

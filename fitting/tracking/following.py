@@ -166,8 +166,10 @@ def _learn(places: np.ndarray, seen: np.ndarray, chain: Chain, still: np.ndarray
     if order and len(still) > 2:
         ratio = _ratio(tracks)
         found = all_paths(ratio, still, AS_GOOD)
-        if found and not np.array_equal(found[0], path):
-            path, changed = found[0], True
+        line = on_a_line(tracks) if len(found) > 1 else None
+        best = line if line is not None else found[0] if found else path
+        if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
+            path, changed = best, True
     tracks, seen = tracks[:, path], seen[:, path]
     both = seen[:, 1:] & seen[:, :-1]
     length = np.where(both, link_lengths(tracks), np.nan)
@@ -272,7 +274,7 @@ def missed(found: Followed, mapped: list[Circles], circles: list[Circles], which
 
 
 def look_again(found: Followed, looked: Callable[[int, np.ndarray], Circles]) -> None:
-    """Look for nodes that are not seen where they are expected; `looked` gives the circles there [pixel of the video]."""
+    """Look for nodes that are not seen where they are expected; `looked` gives the circles there [pixel, video's]."""
 
     def there(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         circles = looked(i, found.pixels[i, ~found.seen[i]])

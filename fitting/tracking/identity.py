@@ -20,8 +20,8 @@ from fitting.tracking.ordering import Chain
 
 #: Price of not seeing a node, in squared standard deviations: 4 sigma.
 LOST_PRICE = 16.0
-#: Price of a node that comes back away from where it is expected, most departure of a length there [standard deviations],
-#: and its reach: changes of step per frame [fastest step], and a floor [pixel].
+#: Price of a node that comes back away from where it is expected, most departure of a length there [standard
+#: deviations], and its reach: way per frame that it was lost [fastest step], and a floor [pixel].
 RETURN_PRICE, RETURN_LENGTH, REACH, REACH_FLOOR = 12.0, 3.0, 1.5, 12.0
 #: Departures of a length count at most so much: a wrong neighbour must not drive a right node off.
 MOST_LENGTH_PRICE = 30.0

@@ -1,8 +1,9 @@
 """Frames that are wrong in spite of all care: nodes that swapped names, jumped, or lie off the lengths of their links.
 
 Three looks, each of its own. Lengths: a rigid link has one. Names: the places of each frame are taken without names and
-named anew from frames in which all is well, forwards from the first and backwards from the last such stretch; where all
-that come by give a place to another node, nodes swapped. Jumps: a place is compared with the cubic through the two before and the two after,
+named anew from frames in which all is well, forwards from the first such stretch and backwards from the last; where all
+that come by give a place to another node, nodes swapped. Jumps: a place is compared with the cubic through the two
+before and the two after,
 
     p(i) against (4 (p(i-1) + p(i+1)) - (p(i-2) + p(i+2))) / 6.
 """
@@ -79,7 +80,11 @@ def find_marks(places: np.ndarray, seen: np.ndarray) -> Marks:
     limit = np.maximum(LENGTH * deviation, np.hypot(LENGTH_FLOOR, LENGTH_SHARE * usual))
     length = np.where(np.isfinite(off), off, 0.0) > limit
     swapped = _renamed(places, seen, length, usual, deviation)
-    return Marks(swapped, _jumps(places, seen, float(np.median(usual))), length)
+    # what is wrong already must not make its neighbours in time look wrong
+    wrong = swapped.copy()
+    wrong[:, 1:] |= length
+    wrong[:, :-1] |= length
+    return Marks(swapped, _jumps(places, seen & ~wrong, float(np.median(usual))), length)
 
 
 def _renamed(

@@ -20,8 +20,8 @@ from dropper_jax.base.errors import SceneError
 STILL = (0.5, 0.12)
 #: Spots seen in fewer frames (share) are reflections, not markers, where enough others are there.
 OFTEN = 0.5
-#: Departure from where a spot without a name is expected, at most: [pixel] beside its step, or this share of the distance
-#: to the next spot, up to so far [pixel].
+#: Departure from where a spot without a name is expected, at most: [pixel] beside its step, or this share of the
+#: distance to the next spot, up to so far [pixel].
 NEAR, ALONE, FAR = 8.0, 0.4, 60.0
 #: Spots that are followed at most, and steps of the search for paths.
 MOST, STEPS = 13, 40_000

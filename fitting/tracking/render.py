@@ -27,9 +27,10 @@ STICKER_SIZE, EXPOSURES, APART = 1.7, 5, 1.0
 
 @dataclass(frozen=True)
 class Cover:
-    """An upright plate of `size` (width, height) [m] whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
+    """An upright plate whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
 
-    Before and after it is out of view. Places are (x, z) [m] of the run, times count from its first frame.
+    Before and after it is out of view. Places are (x, z) [m] of the run, times count from its first frame; `size` is
+    (width, height) [m].
     """
 
     begin: float

@@ -44,7 +44,7 @@ class Tracked:
         fps [1/s]; status: `ok` or `not_converged`, with the reason in `message`.
         marks: frames in which nodes swapped, jumped, or left their links' lengths.
         slant: pan and pitch of the camera [rad] found from the motion, or None where a board told the plane.
-        exposure: [s] that the lengths of turning links show, whose effect is taken back; 0 where it is too short to show.
+        exposure: [s] that the lengths of turning links show, whose effect is taken back; 0 where too short to show.
     """
 
     trace: Trace
@@ -128,8 +128,8 @@ def track(
         level: the first and last marker are at the same height; else the picture's rows are level.
         radius [pixel], bright: of the markers; default: what stands out most.
         first: end of the chain where node 0 is: auto (the only end at rest, else the left one), left, right, top.
-        start: places (nodes, 2) [pixel] in the first frame, in order, of markers not seen there as well; default: found by
-            which distances stay.
+        start: places (nodes, 2) [pixel] in the first frame, in order, of markers not seen there as well; default: found
+            by which distances stay.
         fps: frames per second where the file is wrong, as for high-speed cameras.
         begin, end: [s] of the video to take; t = 0 is `begin`.
 

@@ -8,7 +8,8 @@ measured lengths vary least in time, with what is known beforehand,
 
 s from the residuals themselves. The spreads are those of ordinary cameras or, behind a lens or a plane that boards
 told, of what boards leave open. Its covariance (a sandwich over blocks of time) is that part of the angles' errors
-which stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as level.
+which stays for long and which no scatter shows. A roll turns all angles alike and shows nowhere: rows are taken as
+level.
 """
 
 from __future__ import annotations

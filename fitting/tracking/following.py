@@ -27,14 +27,15 @@ from fitting.tracking.ordering import (
     clearest_chain,
     follow_unnamed,
     on_a_line,
+    rates,
     resting,
     turn_round,
 )
 
 #: Tolerated change of a link [pixel, share, deviations of the chain's own links] once the plane is known.
-LENGTH_FLOOR, LENGTH_SHARE, OWN = 0.15, 0.002, 2.0
+LENGTH_FLOOR, LENGTH_SHARE, OWN = 0.05, 0.0005, 2.0
 #: Changes [tolerances] up to which another order is as good.
-AS_GOOD = 4.0
+AS_GOOD = 3.0
 #: Rounds in which map, lengths and order are learned from each other.
 ROUNDS = 3
 #: Expected places between samples: error [pixel] there, and per frame from the nearest one, at most so many.
@@ -69,9 +70,9 @@ class Followed:
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
     """Number of each node's circle in each frame (k, n), -1 where not seen, followed from `chain.at` both ways."""
     found = np.full((len(circles), len(chain.places)), -1)
-    for way in (range(chain.at, len(circles)), range(chain.at, -1, -1)):
-        follower = Follower(chain)
-        for i in way:
+    for way in (1, -1):
+        follower = Follower.along(chain, way)
+        for i in range(chain.at, len(circles) if way > 0 else -1, way):
             found[i] = follower.advance(circles[i])
     return found
 
@@ -139,7 +140,9 @@ def follow_film(
 
 def turned(found: Followed) -> Followed:
     """The same chain read from its other end."""
-    chain = Chain(found.chain.places[::-1], found.chain.length[::-1], found.chain.spread[::-1], found.chain.at)
+    old = found.chain
+    rate = None if old.rate is None else old.rate[::-1]
+    chain = Chain(old.places[::-1], old.length[::-1], old.spread[::-1], old.at, rate)
     arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.seen))
     return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
 
@@ -179,9 +182,9 @@ def _learn(places: np.ndarray, seen: np.ndarray, chain: Chain, still: np.ndarray
     off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
     at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
     if not seen[at].all():
-        return Chain(chain.places, chain.length, chain.spread, chain.at), False
+        return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
-    return Chain(tracks[at], new, 2 * spread, at), changed
+    return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at)), changed
 
 
 def _pairs(length: np.ndarray, chain: Chain) -> list[tuple[np.ndarray, float]]:

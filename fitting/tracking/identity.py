@@ -23,6 +23,8 @@ LOST_PRICE = 16.0
 #: Price of a node that comes back away from where it is expected, most departure of a length there [standard
 #: deviations], and its reach: way per frame that it was lost [fastest step], and a floor [pixel].
 RETURN_PRICE, RETURN_LENGTH, REACH, REACH_FLOOR = 12.0, 3.0, 1.5, 12.0
+#: Fastest step before any was seen [mean link].
+FASTEST = 0.3
 #: Departures of a length count at most so much: a wrong neighbour must not drive a right node off.
 MOST_LENGTH_PRICE = 30.0
 #: Error of an expected place [pixel]: a floor, a share of the last step, a share of its last change.
@@ -52,8 +54,14 @@ class Follower:
     def __post_init__(self) -> None:
         self.past = self.past or [self.chain.places.copy()]
         self.lost = np.zeros(len(self.chain.places), int)
-        self.seen_at, self.fastest = self.chain.places.copy(), 0.0
+        self.seen_at, self.fastest = self.chain.places.copy(), FASTEST * float(np.mean(self.chain.length))
         self.length_error = length_errors(self.chain)
+
+    @classmethod
+    def along(cls, chain: Chain, way: int) -> Follower:
+        """One that starts in the chain's frame and goes forwards in time (way 1) or backwards (-1)."""
+        places = chain.places.copy()
+        return cls(chain, [places] if chain.rate is None else [places, places - way * chain.rate])
 
     def expected(self) -> np.ndarray:
         """Places (n, 2) expected in the next frame: by the parabola through the last three, or the line through two."""

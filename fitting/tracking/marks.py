@@ -3,7 +3,7 @@
 Three looks, each of its own. Lengths: a rigid link has one. Names: the places of each frame are taken without names and
 named anew from frames in which all is well, forwards from the first such stretch and backwards from the last; where all
 that come by give a place to another node, nodes swapped. Jumps: a place is compared with the cubic through the two
-before and the two after,
+before and the two after, without gaps
 
     p(i) against (4 (p(i-1) + p(i+1)) - (p(i-2) + p(i+2))) / 6.
 """
@@ -14,16 +14,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import maximum_filter, median_filter
 
 from fitting.tracking.detection import NONE, Circles
 from fitting.tracking.flattening import link_lengths
 from fitting.tracking.identity import Follower
-from fitting.tracking.ordering import Chain
+from fitting.tracking.ordering import Chain, rates
 
 #: Departure of a length: robust deviations, and at least this [pixel] and this share of it.
 LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
-#: Departure of a place from its neighbours in time: robust deviations, and at least this share of a link.
-JUMP, JUMP_SHARE = 12.0, 0.15
+#: Departure of a place from its neighbours in time: times the usual one of so many samples before and after, and at
+#: least this share of a link; the neighbours' distance [frames] beyond which nothing is said.
+JUMP, NEAR, JUMP_SHARE, FARTHEST = 8.0, 8, 0.15, 8
 #: Passes in which the largest jumps are taken out and the others judged anew.
 PASSES = 6
 #: Frames of a stretch in which all is well; distance [link] below which two nodes may have either name.
@@ -101,7 +103,8 @@ def _renamed(
     runs = [(first, len(places), 1), (first, -1, -1), (last, len(places), 1), (last, -1, -1)]
     asked, other = np.zeros(len(places), int), np.zeros(seen.shape, int)
     for at, stop, way in runs[:2] if first == last else [runs[0], runs[3], runs[1], runs[2]]:
-        follower = Follower(Chain(places[at], usual, 2 * deviation))
+        rate = rates(np.where(seen[..., None], places, np.nan), at)
+        follower = Follower.along(Chain(places[at], usual, 2 * deviation, at, rate), way)
         for i in range(at, stop, way):
             here = np.flatnonzero(seen[i])
             found = follower.advance(_bare(places[i, here]))
@@ -121,21 +124,36 @@ def _bare(centre: np.ndarray) -> Circles:
 
 
 def _jumps(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
-    track = np.where(seen[..., None], places, np.nan)
+    """Samples (k, n) off the cubics through the two seen before and the two seen after them."""
     result = np.zeros(seen.shape, bool)
-    if len(track) < 5:
-        return result
-    for _ in range(PASSES):
-        off = np.full(seen.shape, np.nan)
-        middle = (4 * (track[1:-3] + track[3:-1]) - (track[:-4] + track[4:])) / 6
-        off[2:-2] = np.linalg.norm(track[2:-2] - middle, axis=-1)
-        known = np.where(np.isfinite(off), off, 0.0)
-        usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in off.T])
-        large = known > np.maximum(JUMP * usual, JUMP_SHARE * length)
-        around = np.stack([np.roll(known, s, axis=0) for s in (-2, -1, 1, 2)]).max(axis=0)
-        now = large & (known >= around)
-        if not now.any():
-            break
-        result |= now
-        track[now] = np.nan
+    for k in range(seen.shape[1]):
+        for _ in range(PASSES):
+            frames = np.flatnonzero(seen[:, k] & ~result[:, k])
+            if len(frames) < 2 * NEAR:
+                break
+            off, apart = _off_cubic(frames, places[frames, k])
+            usual = median_filter(off, 2 * NEAR + 1, mode="nearest")
+            limit = np.maximum(JUMP * usual, JUMP_SHARE * length * (apart / 2) ** 2)
+            # of neighbours that all look off, the worst is: the others are judged without it
+            worst = maximum_filter(off / limit, 5, mode="nearest")
+            now = (off > limit) & (off / limit >= worst) & (apart <= FARTHEST)
+            if not now.any():
+                break
+            result[frames[now], k] = True
     return result
+
+
+def _off_cubic(frames: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Departures (k,) of places (k, 2) from Lagrange's cubic through their neighbours, and the inner ones' distance."""
+    t, off, apart = frames.astype(float), np.zeros(len(frames)), np.full(len(frames), 1e9)
+    where = [np.arange(2, len(t) - 2) + step for step in (-2, -1, 1, 2)]
+    now = t[2:-2]
+    guess = np.zeros((len(now), 2))
+    for i in where:
+        share = np.ones(len(now))
+        for j in where:
+            if j is not i:
+                share *= (now - t[j]) / (t[i] - t[j])
+        guess += share[:, None] * places[i]
+    off[2:-2], apart[2:-2] = np.linalg.norm(places[2:-2] - guess, axis=1), t[where[2]] - t[where[1]]
+    return off, apart

@@ -8,7 +8,7 @@ their distance as a link does. Any stretch may settle the order; the clearest is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -19,10 +19,12 @@ from dropper_jax.base.errors import SceneError
 #: the first leaves too few that move: the noise of a centre is a hundredth of a radius.
 STILL = (0.5, 0.12)
 #: Spots seen in fewer frames (share) are reflections, not markers, where enough others are there.
-OFTEN = 0.5
+OFTEN, NOW_AND_THEN = 0.5, 0.1
 #: Departure from where a spot without a name is expected, at most: [pixel] beside its step, or this share of the
 #: distance to the next spot, up to so far [pixel].
 NEAR, ALONE, FAR = 8.0, 0.4, 60.0
+#: Share of its rate that a spot keeps per frame in which it is hidden.
+FADE = 0.8
 #: Spots that are followed at most, and steps of the search for paths.
 MOST, STEPS = 13, 40_000
 #: Tolerated change of a link's length [pixel, share]: a slanting camera changes it by some per cent.
@@ -39,12 +41,18 @@ STRETCHES, COUNT, SHORTEST = (1.0, 2.0, 4.0), 16, 20
 
 @dataclass(frozen=True)
 class Chain:
-    """The nodes in order at some frame: places (n, 2), lengths of the links and how much they vary (n - 1,) [pixel]."""
+    """The nodes in order at some frame.
+
+    Attributes:
+        places: (n, 2) [pixel]; length, spread: of the links and how much they vary (n - 1,) [pixel].
+        at: the frame; rate: (n, 2) [pixel per frame] there, or None where it is not known.
+    """
 
     places: np.ndarray
     length: np.ndarray
     spread: np.ndarray
     at: int = 0
+    rate: np.ndarray | None = None
 
 
 class AmbiguousOrderError(Exception):
@@ -79,7 +87,8 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
                 if apart[i, j] < limit[i]:
                     now[i] = centres[j]
         seen = np.isfinite(now[:, 0])
-        rate = np.where(seen[:, None], now - last, rate)
+        # what is hidden for long is no longer where its rate would have carried it
+        rate = np.where(seen[:, None], now - last, FADE * rate)
         last = np.where(seen[:, None], now, guess)
         tracks.append(now)
     return np.stack(tracks)
@@ -118,7 +127,9 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     """The chain that changes its lengths least, which of its nodes are still, and how much worse the next one is."""
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
     often = np.argsort(-share, kind="stable")[:MOST]
-    tracks = tracks[:, often[share[often] >= OFTEN]]
+    # a marker that comes out from behind a post now and then is one where the others are too few
+    enough = (share[often] >= OFTEN) | ((np.arange(len(often)) < nodes) & (share[often] >= NOW_AND_THEN))
+    tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
         return None, np.zeros(0, bool), 0.0
     change, mean = changes(tracks)
@@ -133,7 +144,16 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     margin = (found[1][0] if len(found) > 1 else worst**2) - found[0][0]
     path = found[0][1]
     pairs = path[:-1], path[1:]
-    return Chain(tracks[at, path], mean[pairs], change[pairs], at), still[path], float(margin)
+    rate = rates(tracks[:, path], at)
+    return Chain(tracks[at, path], mean[pairs], change[pairs], at, rate), still[path], float(margin)
+
+
+def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
+    """Rates (n, 2) [pixel per frame] of tracks (k, n, 2) at a frame, or None where a neighbour in time is missing."""
+    if not 0 < at < len(tracks) - 1:
+        return None
+    found = 0.5 * (tracks[at + 1] - tracks[at - 1])
+    return found if np.isfinite(found).all() else None
 
 
 def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> tuple[Chain | None, float]:
@@ -155,7 +175,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             tracks = np.concatenate([before, follow_unnamed(part, middle)[1:]])
             chain, _, margin = best_chain(tracks, nodes, radius, middle)
             if chain is not None and margin > clear and np.isfinite(chain.places).all():
-                best, clear = Chain(chain.places, chain.length, chain.spread, start + middle), margin
+                best, clear = replace(chain, at=int(start) + middle), margin
         if clear >= CLEAR or size == len(frames):
             break
     return best, clear
@@ -165,7 +185,7 @@ def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 where hardly ever seen together."""
     apart = np.linalg.norm(tracks[:, :, None] - tracks[:, None], axis=-1)
     together = np.isfinite(apart).sum(axis=0)
-    few = together < max(2, min(10, len(tracks) // 4))
+    few = together < max(2, min(10, len(tracks) // 8))
     apart = np.where(few, 0.0, apart)
     low, middle, high = np.nanpercentile(apart, (5, 50, 95), axis=0)
     return np.where(few, 1e6, 0.5 * (high - low)), middle

@@ -13,7 +13,7 @@ tracked twice: with boards (lens and plane) and without anything. `tables.py` wr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,16 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from fitting.traces.synthetic import Motion
+from fitting.tracking.marks import find_marks
+from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.render import Cover, View
 
 RESULTS = Path(__file__).parent / "results" / "films.json"
 FPS, GRAVITY, STABILISER = 60.0, 9.81, 60.0
 #: Samples per frame of the motion that the renderer interpolates.
 FINE = 8
+#: Pictures of the board; noise of a centre where marks are tried [pixel]; largest error of an angle in the right order [rad].
+BOARDS, NOISE, RIGHT = 8, 0.05, 0.2
 
 
 def closed(guess: np.ndarray, lengths: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -92,7 +96,6 @@ class Film:
     links: int = 4
     rest: float = 0.0
     duration: float = 3.0
-    more: dict[str, Any] = field(default_factory=dict)
 
     @property
     def nodes(self) -> int:
@@ -142,3 +145,100 @@ FILMS = {
         Film("loop, first circles missing", True, replace(LOOP, hidden=((2, 0, 8), (4, 0, 14))), links=5),
     )
 }  # fmt: skip
+
+
+def make(what: Film, folder: Path) -> tuple[Path, list[Path], np.ndarray]:
+    """The film, pictures of boards by its camera, and the true angles (k, links) [rad], counter-clockwise."""
+    motion = what.motion()
+    path = write_video(folder / "film.avi", film(motion, what.view, FPS), FPS)
+    boards = [folder / f"board-{i}.png" for i in range(BOARDS)]
+    for board, image in zip(boards, chessboards(what.view, count=BOARDS), strict=True):
+        opencv().imwrite(str(board), image)
+    link = np.diff(motion.nodes[::FINE][..., [0, 2]], axis=1)
+    return path, boards, np.arctan2(link[..., 1], link[..., 0])
+
+
+def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dict[str, Any]:
+    """How well a film is tracked, with `boards` or without (an empty list)."""
+    given = {"calibration": boards, "plane": boards[0], "square": 0.03} if boards else {}
+    row: dict[str, Any] = {"film": what.name, "calibrated": bool(boards)}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = track(path, what.nodes, **given)
+    except AmbiguousOrderError as error:
+        return {**row, "status": "ambiguous_order", "message": str(error)}
+    frames = np.round(found.trace.t * FPS).astype(int)
+    off = _turns(found.trace.theta - truth[frames])
+    known = np.isfinite(off)
+    rms, stated = (float(np.sqrt(np.mean(x[known] ** 2))) for x in (off, found.trace.se))
+    links = [_ratio(found.trace.se[known[:, j], j], off[known[:, j], j]) for j in range(what.links)]
+    return {
+        **row,
+        "status": found.status,
+        "right_order": bool(np.abs(off[known]).max() < RIGHT),
+        "frames": len(frames),
+        "first_frame": int(frames[0]),
+        "rms_mrad": 1e3 * rms,
+        "largest_mrad": 1e3 * float(np.abs(off[known]).max()),
+        "stated_over_true": stated / rms,
+        "of_links": [min(links), max(links)],
+        "empty_share": float(1 - known.mean()),
+        "marked_share": float(found.marks.frames.mean()),
+        "slant_deg": None if found.slant is None else [float(x / DEGREE) for x in found.slant],
+    }
+
+
+def _turns(angle: np.ndarray) -> np.ndarray:
+    """Angles [rad] without full turns."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _ratio(stated: np.ndarray, off: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(stated**2) / np.mean(off**2)))
+
+
+def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
+    """Shares of frames marked where names of two nodes were swapped, where one node jumped, and where all is well."""
+    rng = np.random.default_rng(seed)
+    pixels = what.motion().nodes[::FINE][..., [0, 2]] * what.view.pixels_per_metre * [1.0, -1.0]
+    frames, nodes = pixels.shape[:2]
+    counts = dict.fromkeys(("swapped", "swapped_found", "jumped", "jumped_found", "well", "well_marked"), 0)
+    for _ in range(draws):
+        places = pixels + NOISE * rng.standard_normal(pixels.shape)
+        first, last = rng.integers(5, frames // 2 - 20), rng.integers(frames // 2 + 20, frames - 10)
+        swap, jump = np.zeros(frames, bool), np.zeros(frames, bool)
+        swap[first : first + rng.integers(1, 20)] = True
+        jump[last : last + rng.integers(1, 4)] = True
+        a, b = rng.choice(nodes, 2, replace=False)
+        places[np.ix_(swap, [a, b])] = places[np.ix_(swap, [b, a])]
+        way = rng.uniform(0, 2 * np.pi)
+        places[jump, rng.integers(nodes)] += (
+            rng.uniform(0.2, 1.0) * 0.1 * what.view.pixels_per_metre * np.array([np.cos(way), np.sin(way)])
+        )
+        marked = find_marks(places, np.ones((frames, nodes), bool)).frames
+        for name, where in (("swapped", swap), ("jumped", jump), ("well", ~swap & ~jump)):
+            counts[name] += int(where.sum())
+            counts["well_marked" if name == "well" else f"{name}_found"] += int((marked & where).sum())
+    return {"film": what.name, **counts}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--films", nargs="+", choices=FILMS, default=list(FILMS))
+    chosen = [FILMS[name] for name in parser.parse_args().films]
+    rows = []
+    for what in chosen:
+        with tempfile.TemporaryDirectory() as folder:
+            path, boards, truth = make(what, Path(folder))
+            for given in (boards, []):
+                rows.append(judged(what, path, given, truth))
+                print(json.dumps(rows[-1]), flush=True)
+    marks = [spoiled(FILMS[name]) for name in ("loop, slanting camera", "chain, slanting camera")]
+    print(json.dumps(marks))
+    if len(chosen) == len(FILMS):
+        RESULTS.write_text(json.dumps({"films": rows, "marks": marks}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -219,6 +219,30 @@ def one_kernel(found: dict[str, Any]) -> str:
     return markdown(rows)
 
 
+def films(found: dict[str, Any]) -> str:
+    """Films of known motion, tracked with boards and without."""
+    head = ("film", "boards", "order", "RMS error [mrad]", "largest [mrad]", "stated over true error", "of each link")
+    rows = [(*head, "left empty", "marked")]
+    for row in found["films"]:
+        first = (row["film"], "yes" if row["calibrated"] else "no")
+        if "rms_mrad" not in row:
+            rows.append((*first, "not known, exit 3", *["-"] * 6))
+            continue
+        low, high = row["of_links"]
+        errors = (f"{row['rms_mrad']:.2f}", f"{row['largest_mrad']:.1f}", f"{row['stated_over_true']:.2f}")
+        shares = (f"{100 * row['empty_share']:.1f} %", f"{100 * row['marked_share']:.1f} %")
+        rows.append(
+            (*first, "right" if row["right_order"] else "**wrong**", *errors, f"{low:.2f} to {high:.2f}", *shares)
+        )
+    total = {key: sum(row[key] for row in found["marks"]) for key in found["marks"][0] if key != "film"}
+    share = lambda part, whole: f"{100 * total[part] / total[whole]:.1f} %"  # noqa: E731
+    return (
+        f"{markdown(rows)}\n\nOf {total['swapped']} frames in which two nodes were made to swap names "
+        f"{share('swapped_found', 'swapped')} are marked, of {total['jumped']} in which one was shifted by 0.2 to 1 "
+        f"link {share('jumped_found', 'jumped')}, of {total['well']} others {share('well_marked', 'well')}."
+    )
+
+
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 TABLES = {
     **{
@@ -238,6 +262,7 @@ TABLES = {
     "peers": ("peers", peers),
     "one_kernel": ("one_kernel", one_kernel),
     "convergence": ("convergence", convergence),
+    "films": ("films", films),
 }
 
 

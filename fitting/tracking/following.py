@@ -142,7 +142,8 @@ def turned(found: Followed) -> Followed:
     """The same chain read from its other end."""
     old = found.chain
     rate = None if old.rate is None else old.rate[::-1]
-    chain = Chain(old.places[::-1], old.length[::-1], old.spread[::-1], old.at, rate)
+    held = None if old.held is None else old.held[::-1]
+    chain = Chain(old.places[::-1], old.length[::-1], old.spread[::-1], old.at, rate, held)
     arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.seen))
     return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
 
@@ -184,7 +185,10 @@ def _learn(places: np.ndarray, seen: np.ndarray, chain: Chain, still: np.ndarray
     if not seen[at].all():
         return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
-    return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at)), changed
+    # a node hidden most of the time may have been taken for a reflection that rests
+    held = still[path] & (seen.mean(axis=0) > 0.5)
+    changed = changed or (held.any() and chain.held is None)
+    return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at), held), changed
 
 
 def _pairs(length: np.ndarray, chain: Chain) -> list[tuple[np.ndarray, float]]:

@@ -70,7 +70,13 @@ class Follower:
         guess = 2 * self.past[0] - self.past[1]
         if len(self.past) > 2:
             guess = 3 * self.past[0] - 3 * self.past[1] + self.past[2]
-        return self._bridge(guess, self.lost > 0)
+        return self._at_rest(self._bridge(guess, self.lost > 0))
+
+    def _at_rest(self, places: np.ndarray) -> np.ndarray:
+        """The places (n, 2) with held nodes where they are."""
+        if self.chain.held is None:
+            return places
+        return np.where(self.chain.held[:, None], self.chain.places, places)
 
     def _errors(self) -> np.ndarray:
         step = np.zeros(len(self.lost))
@@ -79,7 +85,8 @@ class Follower:
             step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
         if len(self.past) > 2:
             change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
-        return (FLOOR + OF_STEP * step + OF_CHANGE * change) * (1.0 + self.lost)
+        found = (FLOOR + OF_STEP * step + OF_CHANGE * change) * (1.0 + self.lost)
+        return found if self.chain.held is None else np.where(self.chain.held, FLOOR, found)
 
     def advance(self, circles: Circles) -> np.ndarray:
         """Take the next frame; returns for each node the number of its circle, or -1 where it is not seen (n,)."""
@@ -87,7 +94,8 @@ class Follower:
         found = self._assign(circles.centre, guess, self._errors())
         seen = found >= 0
         places = np.where(seen[:, None], circles.centre[found] if len(circles) else guess, guess)
-        places = self._bridge(places, ~seen)
+        hidden = ~seen if self.chain.held is None else ~seen & ~self.chain.held
+        places = self._bridge(np.where(seen[:, None], places, self._at_rest(places)), hidden)
         step = np.linalg.norm(places - self.past[0], axis=1)
         steady = step[seen & (self.lost == 0)]
         self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
@@ -101,6 +109,8 @@ class Follower:
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
         reach = REACH_FLOOR + REACH * self.lost * self.fastest
+        if self.chain.held is not None:
+            reach = np.where(self.chain.held, 0.0, reach)
         away = np.linalg.norm(centre[None] - self.seen_at[:, None], axis=-1) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
         unary = np.where(back, np.minimum(unary, RETURN_PRICE), unary)

@@ -26,6 +26,8 @@ LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
 #: Departure of a place from its neighbours in time: times the usual one of so many samples before and after, and at
 #: least this share of a link; the neighbours' distance [frames] beyond which nothing is said.
 JUMP, NEAR, JUMP_SHARE, FARTHEST = 8.0, 8, 0.15, 8
+#: The same beside a gap, from one side [link].
+EDGE = 0.6
 #: Passes in which the largest jumps are taken out and the others judged anew.
 PASSES = 6
 #: Frames of a stretch in which all is well; distance [link] below which two nodes may have either name.
@@ -140,6 +142,19 @@ def _jumps(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
             if not now.any():
                 break
             result[frames[now], k] = True
+    return result | _at_gaps(np.where((seen & ~result)[..., None], places, np.nan), EDGE * length)
+
+
+def _at_gaps(track: np.ndarray, limit: float) -> np.ndarray:
+    """Samples (k, n) beside a gap that are off the parabola through the three before them, or the three after."""
+    result = np.zeros(track.shape[:2], bool)
+    if len(track) < 5:
+        return result
+    for way in (slice(None), slice(None, None, -1)):
+        p, found = track[way], result[way]
+        off = np.linalg.norm(p[3:] - 3 * p[2:-1] + 3 * p[1:-2] - p[:-3], axis=-1)
+        gap = np.isnan(p[4:, :, 0])  # the other side tells nothing
+        found[3:-1] |= gap & (np.nan_to_num(off[:-1]) > limit)
     return result
 
 

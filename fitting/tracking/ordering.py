@@ -46,6 +46,7 @@ class Chain:
     Attributes:
         places: (n, 2) [pixel]; length, spread: of the links and how much they vary (n - 1,) [pixel].
         at: the frame; rate: (n, 2) [pixel per frame] there, or None where it is not known.
+        held: (n,) nodes known to rest, or None: hidden or not, they are where they were.
     """
 
     places: np.ndarray
@@ -53,6 +54,7 @@ class Chain:
     spread: np.ndarray
     at: int = 0
     rate: np.ndarray | None = None
+    held: np.ndarray | None = None
 
 
 class AmbiguousOrderError(Exception):

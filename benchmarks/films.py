@@ -13,6 +13,10 @@ tracked twice: with boards (lens and plane) and without anything. `tables.py` wr
 
 from __future__ import annotations
 
+import argparse
+import json
+import tempfile
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,15 +25,18 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from fitting.traces.synthetic import Motion
+from fitting.tracking import track
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
-from fitting.tracking.render import Cover, View
+from fitting.tracking.render import Cover, View, chessboards, film
+from fitting.tracking.video import opencv, write_video
 
 RESULTS = Path(__file__).parent / "results" / "films.json"
 FPS, GRAVITY, STABILISER = 60.0, 9.81, 60.0
 #: Samples per frame of the motion that the renderer interpolates.
 FINE = 8
-#: Pictures of the board; noise of a centre where marks are tried [pixel]; largest error of an angle in the right order [rad].
+#: Pictures of the board; noise of a centre where marks are tried [pixel]; largest error of an angle in the right order
+#: [rad].
 BOARDS, NOISE, RIGHT = 8, 0.05, 0.2
 
 
@@ -147,15 +154,15 @@ FILMS = {
 }  # fmt: skip
 
 
-def make(what: Film, folder: Path) -> tuple[Path, list[Path], np.ndarray]:
+def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[Path], np.ndarray]:
     """The film, pictures of boards by its camera, and the true angles (k, links) [rad], counter-clockwise."""
     motion = what.motion()
     path = write_video(folder / "film.avi", film(motion, what.view, FPS), FPS)
-    boards = [folder / f"board-{i}.png" for i in range(BOARDS)]
-    for board, image in zip(boards, chessboards(what.view, count=BOARDS), strict=True):
+    pictures = [folder / f"board-{i}.png" for i in range(boards)]
+    for board, image in zip(pictures, chessboards(what.view, count=boards), strict=True):
         opencv().imwrite(str(board), image)
     link = np.diff(motion.nodes[::FINE][..., [0, 2]], axis=1)
-    return path, boards, np.arctan2(link[..., 1], link[..., 0])
+    return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 
 
 def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dict[str, Any]:

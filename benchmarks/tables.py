@@ -231,9 +231,8 @@ def films(found: dict[str, Any]) -> str:
         low, high = row["of_links"]
         errors = (f"{row['rms_mrad']:.2f}", f"{row['largest_mrad']:.1f}", f"{row['stated_over_true']:.2f}")
         shares = (f"{100 * row['empty_share']:.1f} %", f"{100 * row['marked_share']:.1f} %")
-        rows.append(
-            (*first, "right" if row["right_order"] else "**wrong**", *errors, f"{low:.2f} to {high:.2f}", *shares)
-        )
+        order = "right" if row["right_order"] else "**wrong**"
+        rows.append((*first, order, *errors, f"{low:.2f} to {high:.2f}", *shares))
     total = {key: sum(row[key] for row in found["marks"]) for key in found["marks"][0] if key != "film"}
     share = lambda part, whole: f"{100 * total[part] / total[whole]:.1f} %"  # noqa: E731
     return (

@@ -7,30 +7,27 @@ looked for again between the places before and after.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.detection import Circles
-from fitting.tracking.exposure import exposure_share, second_differences
 from fitting.tracking.flattening import Flat, flatten, link_lengths
-from fitting.tracking.identity import Follower, bridge, length_errors
+from fitting.tracking.hindsight import Followed, missed, turned
+from fitting.tracking.identity import Follower, length_errors
 from fitting.tracking.learning import moved
+from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import (
     AmbiguousOrderError,
     Chain,
     all_paths,
     changes,
     clearest_chain,
-    follow_unnamed,
     on_a_line,
     rates,
     resting,
     turn_round,
 )
+from fitting.tracking.starting import chain_in_line, named_chain
 
 #: Tolerated change of a link [pixel, share, deviations of the chain's own links] once the plane is known.
 LENGTH_FLOOR, LENGTH_SHARE, OWN = 0.05, 0.0005, 2.0
@@ -38,33 +35,6 @@ LENGTH_FLOOR, LENGTH_SHARE, OWN = 0.05, 0.0005, 2.0
 AS_GOOD = 3.0
 #: Rounds in which map, lengths and order are learned from each other.
 ROUNDS = 3
-#: Expected places between samples: error [pixel] there, and per frame from the nearest one, at most so many.
-HINDSIGHT, PER_FRAME, FRAMES = 2.0, 1.0, 12
-#: Departures [standard deviations] of place and length up to which a circle is the node that was missed.
-GATE = 3.0
-
-
-@dataclass
-class Followed:
-    """The nodes in all frames.
-
-    Attributes:
-        flat: (k, n, 2) flat pixels, bridged where not seen; pixels: the same in the video's own.
-        error: (k, n) standard errors of the circles' fits [pixel]; seen: (k, n).
-        chain, map: what was learned; chain.at is the frame from which it was followed.
-        resting: (n,) which nodes rest; straight: the order is known only from lying on a line.
-        exposure: [frame] that the lengths show, 0 where none; its effect on `flat` is taken back.
-    """
-
-    flat: np.ndarray
-    pixels: np.ndarray
-    error: np.ndarray
-    seen: np.ndarray
-    chain: Chain
-    map: Flat
-    resting: np.ndarray
-    straight: bool = False
-    exposure: float = 0.0
 
 
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
@@ -98,12 +68,12 @@ def follow_film(
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
     """
     mapped = moved(circles, flat)
-    chain = _start(mapped, circles, np.asarray(start, float), flat, radius, fps) if start is not None else None
+    chain = named_chain(mapped, circles, np.asarray(start, float), flat, radius, fps) if start is not None else None
     if chain is None:
         chain, _ = clearest_chain([each.centre for each in mapped], nodes, radius, fps)
     straight = False
     if chain is None:
-        chain = _in_line(mapped, nodes)
+        chain = chain_in_line(mapped, nodes)
         straight = chain is not None
     if chain is None:
         most = max(len(each) for each in circles)
@@ -131,21 +101,14 @@ def follow_film(
     error = np.full(seen.shape, np.nan)
     for i, each in enumerate(circles):
         error[i, seen[i]] = each.error[found[i, seen[i]]]
+    marks = find_marks(np.where(seen[..., None], places, 0.0), seen)
+    dropped = marks.swapped | marks.jumped
+    found, seen, error = np.where(dropped, -1, found), seen & ~dropped, np.where(dropped, np.nan, error)
     result = Followed(places, pixels, error, seen, chain, flat, still, straight)
     missed(result, mapped, circles, found)
     if start is None and turn_round(_ends(result), still, first):
         result = turned(result)
     return result
-
-
-def turned(found: Followed) -> Followed:
-    """The same chain read from its other end."""
-    old = found.chain
-    rate = None if old.rate is None else old.rate[::-1]
-    held = None if old.held is None else old.held[::-1]
-    chain = Chain(old.places[::-1], old.length[::-1], old.spread[::-1], old.at, rate, held)
-    arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.seen))
-    return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
 
 
 def _ends(found: Followed) -> np.ndarray:
@@ -227,136 +190,3 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, seen: np.ndarray, still
         orders,
         frame,
     )
-
-
-def _in_line(circles: list[Circles], nodes: int) -> Chain | None:
-    """The chain of markers in a row, where as many circles as nodes lie on a line all the time."""
-    counts = np.array([len(each) for each in circles])
-    if not (counts == nodes).any():
-        return None
-    at = int(np.argmax(counts == nodes))
-    tracks = follow_unnamed([each.centre for each in circles[at:]], 0)
-    line = on_a_line(tracks)
-    if line is None:
-        return None
-    change, mean = changes(tracks)
-    if (change[line[:-1], line[1:]] > 1.0).any():
-        return None
-    return Chain(tracks[0, line], mean[line[:-1], line[1:]], change[line[:-1], line[1:]], at)
-
-
-def _start(
-    mapped: list[Circles], circles: list[Circles], named: np.ndarray, flat: Flat, radius: float, fps: float
-) -> Chain:
-    """The chain named by the user; a circle that is missing in the first frame may come within half a second."""
-    nodes = len(named)
-    places, length_error = flat(named), np.zeros(nodes)
-    taken: dict[int, int] = {}
-    for k in range(nodes):
-        for i in range(min(len(circles), max(1, round(0.5 * fps)))):
-            apart = np.linalg.norm(circles[i].centre - named[k], axis=1)
-            if len(apart) and apart.min() <= 3 * radius and (j := int(np.argmin(apart))) is not None:
-                if i == 0 and j in taken.values():
-                    break
-                if i == 0:
-                    places[k], taken[k] = mapped[0].centre[j], j
-                else:
-                    length_error[k] = 3 * radius
-                break
-        else:
-            taken[k] = -1
-        if taken.get(k, 0) == -1 or (k not in taken and length_error[k] == 0):
-            raise SceneError(
-                f"--start: no circle of its own near node {k}; allowed: places within 3 radii of the circles"
-            )
-    length = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    return Chain(places, length, np.hypot(length_error[1:], length_error[:-1]), 0)
-
-
-def missed(found: Followed, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
-    """Fill in circles that are there and were not taken, and bridge the rest, in place."""
-    bridged(found)
-    _take(found, lambda i: _left(mapped[i], circles[i], which[i]))
-    bridged(found)
-
-
-def look_again(found: Followed, looked: Callable[[int, np.ndarray], Circles]) -> None:
-    """Look for nodes that are not seen where they are expected; `looked` gives the circles there [pixel, video's]."""
-
-    def there(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        circles = looked(i, found.pixels[i, ~found.seen[i]])
-        flat = found.map(circles.centre) if len(circles) else np.zeros((0, 2))
-        free = np.ones(len(circles), bool)
-        for place in found.pixels[i, found.seen[i]]:
-            free &= np.linalg.norm(circles.centre - place, axis=1) > 3.0
-        return flat[free], circles.centre[free], circles.error[free]
-
-    _take(found, there)
-    bridged(found)
-
-
-def _left(mapped: Circles, circles: Circles, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    free = np.setdiff1d(np.arange(len(mapped)), which)
-    return mapped.centre[free], circles.centre[free], circles.error[free]
-
-
-def _take(found: Followed, there: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
-    """Give nodes that are not seen the circles that fit where they are expected and the lengths of their links."""
-    error = length_errors(found.chain)
-    expected, away = found.flat.copy(), _frames_away(found.seen)
-    for i in np.flatnonzero((~found.seen).any(axis=1)):
-        flat, pixels, scatter = there(i)
-        for k in np.flatnonzero(~found.seen[i]):
-            if not len(flat):
-                break
-            size = HINDSIGHT + PER_FRAME * min(away[i, k], FRAMES)
-            price = np.linalg.norm(flat - expected[i, k], axis=1) / size
-            for j, other in ((k - 1, k - 1), (k, k + 1)):
-                if 0 <= other < found.seen.shape[1] and found.seen[i, other]:
-                    miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
-                    price = np.maximum(price, np.abs(miss) / error[j])
-            best = int(np.argmin(price))
-            if price[best] < GATE:
-                found.flat[i, k], found.pixels[i, k] = flat[best], pixels[best]
-                found.error[i, k], found.seen[i, k] = scatter[best], True
-                flat, pixels, scatter = (np.delete(a, best, axis=0) for a in (flat, pixels, scatter))
-
-
-def _frames_away(seen: np.ndarray) -> np.ndarray:
-    """Frames (k, n) to the nearest one in which the node is seen."""
-    away = np.full(seen.shape, len(seen))
-    for way in (slice(None), slice(None, None, -1)):
-        run = np.full(seen.shape[1], len(seen))
-        for i, row in enumerate(seen[way]):
-            run = np.where(row, 0, run + 1)
-            away[way][i] = np.minimum(away[way][i], run)
-    return away
-
-
-def bridged(found: Followed) -> None:
-    """Put nodes that are not seen between the places before and after, drawn to their links; in place."""
-    frames = np.arange(len(found.seen))
-    for k in range(found.seen.shape[1]):
-        known = found.seen[:, k]
-        if known.all():
-            continue
-        if known.sum() < 2:
-            found.flat[~known, k] = found.flat[known, k][0] if known.any() else found.chain.places[k]
-            continue
-        # no overshoot in long gaps; beyond the first and last sample the place stays
-        inside = np.clip(frames[~known], frames[known][0], frames[known][-1])
-        found.flat[~known, k] = PchipInterpolator(frames[known], found.flat[known, k])(inside)
-    error = length_errors(found.chain)
-    rows = np.flatnonzero((~found.seen).any(axis=1))
-    for i in rows:
-        found.flat[i] = bridge(found.flat[i], ~found.seen[i], found.chain.length, error)
-    if len(rows):
-        hidden = ~found.seen
-        found.pixels[hidden] = found.map.back(found.flat[hidden])
-
-
-def unblurred(found: Followed) -> Followed:
-    """The places without what a long exposure does to them."""
-    share = exposure_share(found.flat, found.seen)
-    flat = found.flat - share * second_differences(found.flat, found.seen)
-    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))

@@ -33,6 +33,8 @@ FLOOR, OF_STEP, OF_CHANGE = 1.5, 0.05, 0.7
 BRIDGE_ERROR, BRIDGE_PASSES = 5.0, 6
 #: Error of a link's length: at least this [pixel] and this share of it.
 LENGTH_FLOOR, LENGTH_SHARE = 0.6, 0.008
+#: What a length may vary at most [length].
+MOST_SPREAD = 0.25
 
 
 @dataclass
@@ -153,7 +155,9 @@ class Follower:
 
 def length_errors(chain: Chain) -> np.ndarray:
     """Errors of the links' lengths (n - 1,) [pixel] that the chain allows."""
-    return np.maximum(np.maximum(LENGTH_FLOOR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, 3.0))
+    return np.maximum(
+        np.maximum(LENGTH_FLOOR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, MOST_SPREAD * chain.length)
+    )
 
 
 def bridge(places: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:

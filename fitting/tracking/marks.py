@@ -26,8 +26,9 @@ LENGTH, LENGTH_FLOOR, LENGTH_SHARE = 7.0, 0.8, 0.015
 #: Departure of a place from its neighbours in time: times the usual one of so many samples before and after, and at
 #: least this share of a link; the neighbours' distance [frames] beyond which nothing is said.
 JUMP, NEAR, JUMP_SHARE, FARTHEST = 8.0, 8, 0.15, 8
-#: The same beside a gap, from one side [link].
-EDGE = 0.6
+#: Way that a node cannot have come: steps as fast as nearly all [times] and so much of a link; longest run taken for
+#: wrong [frames].
+FASTER, REACH, SHORT = 1.5, 0.2, 6
 #: Passes in which the largest jumps are taken out and the others judged anew.
 PASSES = 6
 #: Frames of a stretch in which all is well; distance [link] below which two nodes may have either name.
@@ -142,19 +143,26 @@ def _jumps(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
             if not now.any():
                 break
             result[frames[now], k] = True
-    return result | _at_gaps(np.where((seen & ~result)[..., None], places, np.nan), EDGE * length)
+    return result | _out_of_reach(places, seen & ~result, length)
 
 
-def _at_gaps(track: np.ndarray, limit: float) -> np.ndarray:
-    """Samples (k, n) beside a gap that are off the parabola through the three before them, or the three after."""
-    result = np.zeros(track.shape[:2], bool)
-    if len(track) < 5:
+def _out_of_reach(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
+    """Short runs of samples (k, n) that no node can have come to, across gaps as well."""
+    result = np.zeros(seen.shape, bool)
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)[seen[1:] & seen[:-1]]
+    if not len(steps):
         return result
-    for way in (slice(None), slice(None, None, -1)):
-        p, found = track[way], result[way]
-        off = np.linalg.norm(p[3:] - 3 * p[2:-1] + 3 * p[1:-2] - p[:-3], axis=-1)
-        gap = np.isnan(p[4:, :, 0])  # the other side tells nothing
-        found[3:-1] |= gap & (np.nan_to_num(off[:-1]) > limit)
+    fastest = FASTER * float(np.percentile(steps, 98))
+    for k in range(seen.shape[1]):
+        frames = np.flatnonzero(seen[:, k])
+        way = np.linalg.norm(np.diff(places[frames, k], axis=0), axis=-1)
+        broken = np.flatnonzero(way > fastest * np.diff(frames) + REACH * length) + 1
+        if not len(broken):
+            continue
+        runs = np.split(frames, broken)
+        for run in runs:
+            if len(run) <= SHORT and len(run) < len(frames) / 2:
+                result[run, k] = True
     return result
 
 

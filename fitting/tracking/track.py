@@ -16,7 +16,8 @@ from fitting.tracking.angles import four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.detection import Circles, Look, detect_at
 from fitting.tracking.flattening import Flat, level_error, link_lengths
-from fitting.tracking.following import Followed, follow_film, look_again, unblurred
+from fitting.tracking.following import follow_film
+from fitting.tracking.hindsight import Followed, look_again, unblurred
 from fitting.tracking.learning import scan
 from fitting.tracking.marks import Marks, find_marks
 from fitting.tracking.ordering import AmbiguousOrderError

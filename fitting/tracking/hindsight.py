@@ -1,0 +1,146 @@
+"""What a film shows beyond what was followed: with the places before and after known, missed circles are found.
+
+A node that is not seen is expected between its places before and after, drawn to where its links allow; a circle there
+that fits their lengths is its own, be it left over, half hidden, or not found at first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from fitting.tracking.detection import Circles
+from fitting.tracking.exposure import exposure_share, second_differences
+from fitting.tracking.flattening import Flat
+from fitting.tracking.identity import bridge, length_errors
+from fitting.tracking.ordering import Chain
+
+#: Expected places between samples: error [pixel] there, and per frame from the nearest one, at most so many.
+HINDSIGHT, PER_FRAME, FRAMES = 2.0, 1.0, 12
+#: Departures [standard deviations] of place and length up to which a circle is the node that was missed.
+GATE = 3.0
+
+
+@dataclass
+class Followed:
+    """The nodes in all frames.
+
+    Attributes:
+        flat: (k, n, 2) flat pixels, bridged where not seen; pixels: the same in the video's own.
+        error: (k, n) standard errors of the circles' fits [pixel]; seen: (k, n).
+        chain, map: what was learned; chain.at is the frame from which it was followed.
+        resting: (n,) which nodes rest; straight: the order is known only from lying on a line.
+        exposure: [frame] that the lengths show, 0 where none; its effect on `flat` is taken back.
+    """
+
+    flat: np.ndarray
+    pixels: np.ndarray
+    error: np.ndarray
+    seen: np.ndarray
+    chain: Chain
+    map: Flat
+    resting: np.ndarray
+    straight: bool = False
+    exposure: float = 0.0
+
+
+def turned(found: Followed) -> Followed:
+    """The same chain read from its other end."""
+    old = found.chain
+    rate = None if old.rate is None else old.rate[::-1]
+    held = None if old.held is None else old.held[::-1]
+    chain = Chain(old.places[::-1], old.length[::-1], old.spread[::-1], old.at, rate, held)
+    arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.seen))
+    return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
+
+
+def missed(found: Followed, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
+    """Fill in circles that are there and were not taken, and bridge the rest, in place."""
+    bridged(found)
+    _take(found, lambda i: _left(mapped[i], circles[i], which[i]))
+    bridged(found)
+
+
+def look_again(found: Followed, looked: Callable[[int, np.ndarray], Circles]) -> None:
+    """Look for nodes that are not seen where they are expected; `looked` gives the circles there [pixel, video's]."""
+
+    def there(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        circles = looked(i, found.pixels[i, ~found.seen[i]])
+        flat = found.map(circles.centre) if len(circles) else np.zeros((0, 2))
+        free = np.ones(len(circles), bool)
+        for place in found.pixels[i, found.seen[i]]:
+            free &= np.linalg.norm(circles.centre - place, axis=1) > 3.0
+        return flat[free], circles.centre[free], circles.error[free]
+
+    _take(found, there)
+    bridged(found)
+
+
+def _left(mapped: Circles, circles: Circles, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    free = np.setdiff1d(np.arange(len(mapped)), which)
+    return mapped.centre[free], circles.centre[free], circles.error[free]
+
+
+def _take(found: Followed, there: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
+    """Give nodes that are not seen the circles that fit where they are expected and the lengths of their links."""
+    error = length_errors(found.chain)
+    expected, away = found.flat.copy(), _frames_away(found.seen)
+    for i in np.flatnonzero((~found.seen).any(axis=1)):
+        flat, pixels, scatter = there(i)
+        for k in np.flatnonzero(~found.seen[i]):
+            if not len(flat):
+                break
+            size = HINDSIGHT + PER_FRAME * min(away[i, k], FRAMES)
+            price = np.linalg.norm(flat - expected[i, k], axis=1) / size
+            for j, other in ((k - 1, k - 1), (k, k + 1)):
+                if 0 <= other < found.seen.shape[1] and found.seen[i, other]:
+                    miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
+                    price = np.maximum(price, np.abs(miss) / error[j])
+            best = int(np.argmin(price))
+            if price[best] < GATE:
+                found.flat[i, k], found.pixels[i, k] = flat[best], pixels[best]
+                found.error[i, k], found.seen[i, k] = scatter[best], True
+                flat, pixels, scatter = (np.delete(a, best, axis=0) for a in (flat, pixels, scatter))
+
+
+def _frames_away(seen: np.ndarray) -> np.ndarray:
+    """Frames (k, n) to the nearest one in which the node is seen."""
+    away = np.full(seen.shape, len(seen))
+    for way in (slice(None), slice(None, None, -1)):
+        run = np.full(seen.shape[1], len(seen))
+        for i, row in enumerate(seen[way]):
+            run = np.where(row, 0, run + 1)
+            away[way][i] = np.minimum(away[way][i], run)
+    return away
+
+
+def bridged(found: Followed) -> None:
+    """Put nodes that are not seen between the places before and after, drawn to their links; in place."""
+    frames = np.arange(len(found.seen))
+    for k in range(found.seen.shape[1]):
+        known = found.seen[:, k]
+        if known.all():
+            continue
+        if known.sum() < 2:
+            found.flat[~known, k] = found.flat[known, k][0] if known.any() else found.chain.places[k]
+            continue
+        # no overshoot in long gaps; beyond the first and last sample the place stays
+        inside = np.clip(frames[~known], frames[known][0], frames[known][-1])
+        found.flat[~known, k] = PchipInterpolator(frames[known], found.flat[known, k])(inside)
+    error = length_errors(found.chain)
+    rows = np.flatnonzero((~found.seen).any(axis=1))
+    for i in rows:
+        found.flat[i] = bridge(found.flat[i], ~found.seen[i], found.chain.length, error)
+    if len(rows):
+        hidden = ~found.seen
+        found.pixels[hidden] = found.map.back(found.flat[hidden])
+
+
+def unblurred(found: Followed) -> Followed:
+    """The places without what a long exposure does to them."""
+    share = exposure_share(found.flat, found.seen)
+    flat = found.flat - share * second_differences(found.flat, found.seen)
+    return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))

@@ -23,6 +23,8 @@ SEED_RADIUS = 4.0
 NARROW, WIDE, BEST = 0.6, 1.2, 1.15
 #: Answers [grey] below this are noise.
 FAINTEST = 2.0
+#: Answer of a marker [that of the other spots]: noise reaches 1.3, discs of 10 grey levels in noise of 5 give 13.
+OUTSTANDING = 2.0
 #: Share of a marker's usual answer from which a spot is a seed, and share of rays that must show an edge.
 SEED_SHARE, RAY_SHARE = 0.35, 0.55
 #: Allowed radius and contrast, as shares of the usual ones.
@@ -89,6 +91,12 @@ def learn_look(image: np.ndarray, nodes: int, radius: float | None = None, brigh
             contrast=float(np.median(np.sort(fitted.contrast)[-nodes:])),
         )
     return best
+
+
+def stands_out(image: np.ndarray, look: Look, nodes: int) -> bool:
+    """Whether the `nodes` strongest spots are more than the strongest of many alike, as noise has them."""
+    answers = _spots(image, look.radius, look.bright)[1][2 * nodes :]
+    return look.answer > 0 and (len(answers) < 2 * nodes or look.answer > OUTSTANDING * float(np.median(answers)))
 
 
 def detect(image: np.ndarray, look: Look) -> Circles:

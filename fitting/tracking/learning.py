@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress
-from fitting.tracking.detection import NONE, Circles, Look, detect, learn_look
+from fitting.tracking.detection import NONE, Circles, Look, detect, learn_look, stands_out
 from fitting.tracking.video import Video
 
 #: Frames, spread over the film, from which the look is learned, at most.
@@ -43,15 +43,16 @@ def _look(film: Video, span: tuple[int, int | None], nodes: int, radius: float |
     best, most = None, 0
     for image in images:
         look = learn_look(image, nodes, radius, bright)
-        count = len(detect(image, look)) if look.answer > 0 else 0
+        count = len(detect(image, look)) if stands_out(image, look, nodes) else 0
         if count >= nodes and (best is None or look.answer > best.answer):
             best = look
         most = max(most, count)
     if best is not None:
         return best
     for fewer in range(nodes - 1, most, -1):
-        counts = [len(detect(image, learn_look(image, fewer, radius, bright))) for image in images[::5]]
-        most = max(most, *counts)
+        for image in images[::5]:
+            look = learn_look(image, fewer, radius, bright)
+            most = max(most, len(detect(image, look)) if stands_out(image, look, fewer) else 0)
     if most == 0:
         raise SceneError(
             f"{film.path.name}: no circles found in {len(images)} frames; allowed: a circle on every node "

@@ -18,8 +18,9 @@ from fitting.tracking.flattening import Flat
 from fitting.tracking.identity import bridge, length_errors
 from fitting.tracking.ordering import Chain
 
-#: Expected places between samples: error [pixel] there, and per frame from the nearest one, at most so many.
-HINDSIGHT, PER_FRAME, FRAMES = 2.0, 1.0, 12
+#: Expected places between samples: error [pixel] there, and per frame from the nearest one, for so many at most; the
+#: same in shares of a fast step, for so many frames at most.
+HINDSIGHT, PER_FRAME, FRAMES, OF_STEP, SOON = 2.0, 1.0, 12, 0.2, 2
 #: Departures [standard deviations] of place and length up to which a circle is the node that was missed.
 GATE = 3.0
 
@@ -88,12 +89,14 @@ def _take(found: Followed, there: Callable[[int], tuple[np.ndarray, np.ndarray, 
     """Give nodes that are not seen the circles that fit where they are expected and the lengths of their links."""
     error = length_errors(found.chain)
     expected, away = found.flat.copy(), _frames_away(found.seen)
+    steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.seen[1:] & found.seen[:-1]]
+    fast = OF_STEP * float(np.percentile(steps, 98)) if len(steps) else 0.0
     for i in np.flatnonzero((~found.seen).any(axis=1)):
         flat, pixels, scatter = there(i)
         for k in np.flatnonzero(~found.seen[i]):
             if not len(flat):
                 break
-            size = HINDSIGHT + PER_FRAME * min(away[i, k], FRAMES)
+            size = HINDSIGHT + PER_FRAME * min(away[i, k], FRAMES) + fast * min(away[i, k], SOON)
             price = np.linalg.norm(flat - expected[i, k], axis=1) / size
             for j, other in ((k - 1, k - 1), (k, k + 1)):
                 if 0 <= other < found.seen.shape[1] and found.seen[i, other]:

@@ -25,6 +25,8 @@ LOST_PRICE = 16.0
 RETURN_PRICE, RETURN_LENGTH, REACH, REACH_FLOOR = 12.0, 3.0, 1.5, 12.0
 #: Fastest step before any was seen [mean link].
 FASTEST = 0.3
+#: Change of a step before any rate is known [mean link].
+UNKNOWN = 0.12
 #: Departures of a length count at most so much: a wrong neighbour must not drive a right node off.
 MOST_LENGTH_PRICE = 30.0
 #: Error of an expected place [pixel]: a floor, a share of the last step, a share of its last change.
@@ -82,7 +84,7 @@ class Follower:
 
     def _errors(self) -> np.ndarray:
         step = np.zeros(len(self.lost))
-        change = np.full(len(self.lost), 4.0)
+        change = np.full(len(self.lost), max(4.0, UNKNOWN * float(np.mean(self.chain.length))))
         if len(self.past) > 1:
             step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
         if len(self.past) > 2:

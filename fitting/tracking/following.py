@@ -103,8 +103,9 @@ def follow_film(
         error[i, seen[i]] = each.error[found[i, seen[i]]]
     marks = find_marks(np.where(seen[..., None], places, 0.0), seen)
     # a single frame between gaps has nothing to confirm it yet: with hindsight it is taken again where it fits
-    beside = np.pad(seen, ((1, 1), (0, 0)))
-    dropped = marks.swapped | marks.jumped | (seen & ~beside[:-2] & ~beside[2:])
+    well = seen & ~marks.swapped & ~marks.jumped
+    beside = np.pad(well, ((1, 1), (0, 0)))
+    dropped = seen & ~(well & (beside[:-2] | beside[2:]))
     found, seen, error = np.where(dropped, -1, found), seen & ~dropped, np.where(dropped, np.nan, error)
     result = Followed(places, pixels, error, seen, chain, flat, still, straight)
     missed(result, mapped, circles, found)

@@ -107,10 +107,11 @@ def run(args: argparse.Namespace) -> int:
 
 def undecided(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Show the orders that the film allows; no trace is written."""
-    from fitting.tracking.alternatives import write_alternatives
+    from fitting.tracking.alternatives import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
-    message = f"{error}; the orders are drawn in {picture}"
+    shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
+    message = f"{error}; {shown} are drawn in {picture}"
     orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in places] for places in error.orders]
     found = {"schema": 1, "status": "ambiguous_order", "error": message, "frame": error.frame, "orders": orders}
     print_result(args.json, {**found, "picture": str(picture)}, f"ambiguous_order: see {picture}")

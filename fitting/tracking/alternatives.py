@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from fitting.tracking.ordering import AmbiguousOrderError
+from fitting.tracking.overlay import write_text
 from fitting.tracking.video import Video, opencv
 
 #: Colours (blue, green, red) of links and numbers; alternatives shown at most; width of one picture [pixel].
@@ -37,6 +38,5 @@ def _tile(image: np.ndarray, places: np.ndarray, number: int) -> np.ndarray:
         cv2.line(picture, a, b, LINK, 2, cv2.LINE_AA)
     labels = [(str(k), (x + 8, y - 8), 0.6, NUMBER) for k, (x, y) in enumerate(points)]
     for text, place, size, colour in [*labels, (f"order {number + 1}", (12, 28), 0.8, (40, 40, 40))]:
-        for shade, thick in (((255, 255, 255), 4), (colour, 1)):
-            cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, shade, thick, cv2.LINE_AA)
+        write_text(picture, text, place, size, colour)
     return np.pad(picture, ((4, 4), (4, 4), (0, 0)), constant_values=255)

@@ -78,14 +78,20 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
         else:
             here, size = (round(x), round(y)), round(3 * radius)
             cv2.drawMarker(picture, here, colour, cv2.MARKER_TILTED_CROSS, size, thick + 1)
-        _text(picture, str(k), (round(x + 1.5 * radius), round(y - 1.2 * radius)), letters, colour)
+        write_text(picture, str(k), (round(x + 1.5 * radius), round(y - 1.2 * radius)), letters, colour)
     left, top, *_ = _box(tracked, image.shape[::-1])
     corner = (left + round(20 * letters), top + round(40 * letters))
-    _text(picture, f"t = {tracked.trace.t[i]:.2f} s", corner, 1.2 * letters, TEXT)
+    write_text(picture, f"t = {tracked.trace.t[i]:.2f} s", corner, 1.2 * letters, TEXT)
     return picture
 
 
-def _text(picture: np.ndarray, text: str, place: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
+def write_text(
+    picture: np.ndarray, text: str, place: tuple[int, int], size: float, colour: tuple[int, int, int]
+) -> None:
+    """Letters with a white rim, from `place` [pixel] to the right, in place."""
     cv2 = opencv()
-    for shade, thick in (((255, 255, 255), 2), (colour, 1)):
-        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, shade, thick, cv2.LINE_AA)
+    # a rim of the same letters around: heavier ones are wider in OpenCV 5
+    rim = [(dx, dy, (255, 255, 255)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+    for dx, dy, shade in [*rim, (0, 0, colour)]:
+        there = (place[0] + dx, place[1] + dy)
+        cv2.putText(picture, text, there, cv2.FONT_HERSHEY_SIMPLEX, size, shade, 1, cv2.LINE_AA)

@@ -30,6 +30,9 @@ from fitting.traces.trace import Convention, Trace, noise, read_trace
 #: Schemes that hold their own error are seen at least so often, for the cubics between.
 STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 300}
 
+#: Held-out spans up to so many windows long are run by the windows' own program, compiled with room for them.
+ROOM = 4
+
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
 
@@ -82,6 +85,9 @@ def prepare(
     sigma = [noise(trace) for trace in seen]
     length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
     values = np.array([p.value for p in parameters])
+    longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
+    if simulator.freedoms == 2 and length < longest < ROOM * length:  # one angle: held-out spans are one window each
+        simulator.room = int(longest / dt + 1e-6), max(len(tr.between(*span).t) for span in held_out for tr in runs)
 
     def windowed(length: float) -> tuple[Windows, Starts, float]:
         say(0.02, f"windows of {length:.3g} s: compiling")

@@ -22,6 +22,7 @@ from dropper_jax.load.written import Written
 from dropper_jax.scene import (
     BuoySpec,
     FailureSpec,
+    FitSpec,
     LineSpec,
     PointSpec,
     RunSpec,
@@ -32,7 +33,7 @@ from dropper_jax.scene import (
 )
 from dropper_jax.sea.spec import SeaSpec
 
-SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes")
+SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes", "fit")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,6 +84,7 @@ class Scene(SceneData):
             notes=tuple(
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
+            fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
             written=Written.of(given, table),
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)

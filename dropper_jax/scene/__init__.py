@@ -2,6 +2,7 @@
 
 from dropper_jax.scene.data import SceneData, is_branched, point_named
 from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
 from dropper_jax.scene.growth import GrowthSpec, grown
 from dropper_jax.scene.line import LineSpec, joined
 from dropper_jax.scene.point import BuoySpec, PointSpec
@@ -12,12 +13,15 @@ from dropper_jax.scene.start import StartSpec, directions
 __all__ = [
     "BuoySpec",
     "FailureSpec",
+    "FitSpec",
     "GrowthSpec",
     "LineSlice",
     "LineSpec",
     "PointSpec",
+    "PriorSpec",
     "RunSpec",
     "SceneData",
+    "SensorSpec",
     "StartSpec",
     "WholeLine",
     "directions",

@@ -7,6 +7,7 @@ from typing import Any
 
 from dropper_jax.base.read import as_table, plain
 from dropper_jax.scene.failure import FailureSpec
+from dropper_jax.scene.fit import FitSpec
 from dropper_jax.scene.line import LineSpec, joined
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
@@ -28,6 +29,7 @@ class SceneData:
         buoys: upright cylinders at free points.
         failures: where lines break, at a load or a time.
         notes: what a file that the scene was read from says and the scene does not; warnings of every run.
+        fit: what the rig leaves open and what it knows, for fits to traces alone; or None.
     """
 
     name: str
@@ -41,6 +43,7 @@ class SceneData:
     buoys: tuple[BuoySpec, ...] = ()
     failures: tuple[FailureSpec, ...] = ()
     notes: tuple[str, ...] = ()
+    fit: FitSpec | None = None
 
     @property
     def branched(self) -> bool:
@@ -69,6 +72,7 @@ class SceneData:
             **({} if self.sea is None else {"sea": self.sea.table()}),
             **({"failure": [as_table(failure) for failure in self.failures]} if self.failures else {}),
             **({"notes": list(self.notes)} if self.notes else {}),
+            **({} if self.fit is None else {"fit": self.fit.table()}),
         }
 
     def point(self, name: str) -> PointSpec:

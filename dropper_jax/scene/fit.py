@@ -1,0 +1,157 @@
+"""What a rig knows of itself: `[fit]` of a scene, which a fit to measured traces reads and a simulation does not.
+
+What is left open, the sensors, and what is known beforehand of the rig's numbers:
+
+    [fit]
+    free = ["line.0.inertia", "b_l"]
+
+    [[fit.sensor]]
+    channel = "angle"
+    resolution = 0.36
+    unit = "deg"
+
+    [[fit.prior]]
+    of = "line.0.length"        # one standard deviation around the scene's value, each link its own
+    sigma = 0.5
+    unit = "mm"
+
+    [[fit.prior]]
+    of = "line.0.mass"          # one scale, wrong by as much for all of them
+    sigma = 0.3
+    unit = "%"
+    common = true
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import Plain, as_table, check_keys, join, read_fields, read_list, read_table, refuse
+
+#: Units of `sensor` and `prior` in SI, by what they measure; `%` is of the scene's value.
+UNITS: dict[str, tuple[str, float]] = {
+    "%": ("%", 0.01),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "rad": ("rad", 1.0),
+    "mrad": ("rad", 1e-3),
+    "deg": ("rad", 0.017453292519943295),
+    "kg": ("kg", 1.0),
+    "g": ("kg", 1e-3),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "m/s^2": ("m/s^2", 1.0),
+    "N": ("N", 1.0),
+    "kg/s": ("kg/s", 1.0),
+    "kg/m": ("kg/m", 1.0),
+    "kg m^2": ("kg m^2", 1.0),
+    "N m": ("N m", 1.0),
+    "N m s/rad": ("N m s/rad", 1.0),
+}
+#: What a sensor may measure, and in which unit.
+CHANNELS = {"angle": "rad"}
+
+
+def in_si(value: float, unit: str) -> tuple[float, str]:
+    """A value in SI (a share of one for `%`) and its unit there."""
+    base, factor = UNITS[unit]
+    return value * factor, base
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorSpec:
+    """`[[fit.sensor]]`: what measures a channel; its rounding is the least noise that a fit believes."""
+
+    channel: str = option("what is measured", choices=tuple(CHANNELS))
+    resolution: float = parameter("smallest difference that it tells", unit="-", low=0.0, open_low=True)
+    unit: str = option("unit of the resolution", choices=tuple(UNITS), default="rad")
+
+    @property
+    def si(self) -> float:
+        """The resolution in SI."""
+        return in_si(self.resolution, self.unit)[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class PriorSpec:
+    """`[[fit.prior]]`: how well a number of the scene is known before any trace."""
+
+    of: str = option("path of one or several numbers", type=str)
+    sigma: float = parameter("standard deviation around the scene's value", unit="-", low=0.0, open_low=True)
+    unit: str = option("unit of sigma", choices=tuple(UNITS))
+    common: bool = option("whether all of them are wrong by one and the same share", type=bool, default=False)
+
+    @property
+    def si(self) -> tuple[float, str]:
+        """Sigma in SI (a share of one for `%`), and the unit there."""
+        return in_si(self.sigma, self.unit)
+
+
+@dataclasses.dataclass(frozen=True)
+class FitSpec:
+    """`[fit]`: free parameters, sensors and priors, checked but for the paths, which a fit knows."""
+
+    free: tuple[str, ...] = ()
+    sensors: tuple[SensorSpec, ...] = ()
+    priors: tuple[PriorSpec, ...] = ()
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> FitSpec:
+        """A checked section.
+
+        Raises:
+            SceneError: an unknown key, channel or unit, a sigma or resolution that is not positive, a name twice.
+        """
+        table = read_table(table, path)
+        check_keys(table, ("free", "sensor", "prior"), path)
+        free = read_list(table.get("free", []), join(path, "free"), None, "a list of paths of parameters")
+        for i, name in enumerate(free):
+            if not isinstance(name, str) or not name.strip():
+                raise refuse(f"{path}.free.{i}", name, "is not a text", "a path of a parameter, such as b_l")
+            if name in free[:i]:
+                raise SceneError(f"{path}.free.{i}: {name!r} is given twice; allowed: every parameter once")
+        sensors = tuple(_sensor(item, f"{path}.sensor.{i}") for i, item in enumerate(_items(table, path, "sensor")))
+        priors = tuple(_prior(item, f"{path}.prior.{i}") for i, item in enumerate(_items(table, path, "prior")))
+        for i, prior in enumerate(priors):
+            if (prior.of, prior.common) in [(p.of, p.common) for p in priors[:i]]:
+                raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: every prior once")
+        return cls(tuple(free), sensors, priors)
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` makes the same."""
+        found: dict[str, Any] = {"free": list(self.free)} if self.free else {}
+        for key, items in (("sensor", self.sensors), ("prior", self.priors)):
+            if items:
+                found[key] = [as_table(item) for item in items]
+        return found
+
+    def resolution(self, channel: str) -> float:
+        """Smallest difference [SI] that the channel's sensor tells; 0 where the rig does not say."""
+        return max((s.si for s in self.sensors if s.channel == channel), default=0.0)
+
+
+def _items(table: Any, path: str, key: str) -> list[Any]:
+    return read_list(table.get(key, []), join(path, key), None, f"one or more [[{path}.{key}]] tables")
+
+
+def _sensor(table: Plain, path: str) -> SensorSpec:
+    spec = SensorSpec(**read_fields(SensorSpec, table, path, {}))
+    _check_unit(f"{path}.unit", spec.unit, CHANNELS[spec.channel])
+    return spec
+
+
+def _prior(table: Plain, path: str) -> PriorSpec:
+    spec = PriorSpec(**read_fields(PriorSpec, table, path, {}))
+    if spec.common and spec.unit != "%":
+        raise refuse(f"{path}.unit", spec.unit, "is no share", "% for a prior that is common to several numbers")
+    return spec
+
+
+def _check_unit(path: str, unit: str, wanted: str) -> None:
+    if UNITS[unit][0] != wanted:
+        fitting = [name for name, (base, _) in UNITS.items() if base == wanted]
+        raise SceneError(f"{path}: {unit!r} does not measure this; {nearest(unit, fitting)}")

@@ -23,7 +23,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import lag_one
-from fitting.estimate.windows import Starts, Windows, cut, first_starts
+from fitting.estimate.windows import Starts, Windows, first_starts
 from fitting.parameters.parameter import resolve, with_effects
 
 #: Every damping coefficient that a law may use.
@@ -84,7 +84,7 @@ def _split(prepared: Prepared) -> tuple[Windows, Windows]:
             if min(high, float(trace.t[-1]) + trace.interval) - max(low, float(trace.t[0])) >= windows.length
         ]
         if pieces:
-            return windows, cut(prepared.traces, windows.length, windows.dt, prepared.sigma, pieces)
+            return windows, prepared.cut(windows.length, pieces)
     # a released window is fitted: it alone tells when its run was let go, and its own start cannot be found again
     own = np.flatnonzero(~windows.released)
     kept = np.zeros(windows.count, bool)

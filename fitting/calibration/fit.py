@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,12 +17,13 @@ from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.gradient import fit_gradient
 from fitting.estimate.loss import LEAST_SQUARES, Loss, loss_of
+from fitting.estimate.noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import finer_step, refine
-from fitting.estimate.shooting import fit_shooting
+from fitting.estimate.shooting import continue_shooting, fit_shooting
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
@@ -107,7 +107,7 @@ def fit(
     solution = estimate(prepared, method, loss_of(huber), continuity, iterations, progress, settings)
     result = summarise(prepared, method, solution)
     if compare_models:
-        result.comparison = compare(prepared, progress=progress)
+        result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
         result.seconds["run"] = time.perf_counter() - prepared.begun - result.seconds["compile"]
     progress(1.0, result.status)
     return result
@@ -137,31 +137,17 @@ def estimate(
     )
     if solution.status != "ok":
         return solution
+    own_noise = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     refined = partial(refine, progress=lambda _, text: progress(0.95, text))
+    solution = own_noise(solution, again=continue_windows)
     if method == "windows":
         return refined(solution)
     joined = fit_shooting(
-        renoise(solution),
+        solution,
         continuity=continuity,
         finer=finer_step,
         progress=lambda fraction, text: progress(0.55 + 0.4 * fraction, text),
     )
-    return refined(joined) if joined.status == "ok" else joined
-
-
-def renoise(solution: Solution) -> Solution:
-    """The solution in units of a noise that is the fit's own residual deviation."""
-    windows = solution.windows
-    dof = max(1, windows.samples - windows.free_starts * solution.problem.freedoms - len(solution.values))
-    factor = float(np.sqrt(solution.chi2 / dof))
-    if factor <= 0:
-        return solution
-    e = solution.evaluation
-    return replace(
-        solution,
-        problem=replace(solution.problem, windows=replace(windows, weight=windows.weight / factor)),
-        evaluation=e._replace(residual=e.residual / factor, jacobian=e.jacobian / factor),
-        cost=solution.cost / factor**2,
-        information=solution.information / factor**2,
-        gradient=solution.gradient / factor**2,
-    )
+    if joined.status != "ok":
+        return joined
+    return refined(own_noise(joined, again=continue_shooting))

@@ -12,7 +12,7 @@ from fitting.calibration.result import HeldOut
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.lyapunov import HELD_GROWTH
 from fitting.estimate.problem import Solution
-from fitting.estimate.windows import Windows, cut, first_starts
+from fitting.estimate.windows import Windows, first_starts
 from fitting.traces.trace import Trace
 
 #: Parts of a held-out window whose angles are used one after another to find its start.
@@ -27,14 +27,13 @@ def score_held_out(prepared: Prepared, values: np.ndarray, span: tuple[float, fl
     """
     low, high = span
     whole = prepared.lyapunov * (high - low) < HELD_GROWTH
-    dt = prepared.windows.dt
     pieces = []
     for i, trace in enumerate(prepared.traces):
         part = trace.between(low, high)
         if len(part.t) > 2:
             pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + trace.interval)))
     length = min(end - begin for _, begin, end in pieces) if whole else prepared.windows.length
-    windows = cut(prepared.traces, length, dt, prepared.sigma, pieces)
+    windows = prepared.cut(length, pieces)
     windows = replace(windows.padded(*_shape(prepared)), substeps=prepared.windows.substeps)
     return HeldOut(low, high, fit_starts(prepared, windows, values))
 

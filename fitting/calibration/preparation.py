@@ -21,6 +21,7 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import Starts, Windows, check_step, cut, first_starts, time_step
 from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
+from fitting.parameters.priors import rig_priors
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
@@ -73,6 +74,7 @@ def prepare(
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
     parameters = resolve(model, names, start, bounds, priors, release=release)
+    parameters, known = rig_priors(scene, model, parameters)
     held_out = check_spans(runs, held_out)
     spans = fitted_spans(runs, until, held_out)
     span = max(high - low for _, low, high in spans)
@@ -122,6 +124,7 @@ def prepare(
         warnings=tuple(notes),
         begun=begun,
         compiled_before=compiled_before,
+        known=known,
     )
 
 

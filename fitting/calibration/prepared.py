@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
+from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Problem
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Starts, Windows
+from fitting.estimate.windows import Starts, Windows, cut
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.priors import Known
 from fitting.traces.trace import Trace
 
 #: Half width of the smoother for the starts, as a part of the shortest link's period.
@@ -35,10 +38,34 @@ class Prepared:
     warnings: tuple[str, ...]
     begun: float = 0.0
     compiled_before: float = 0.0
+    noise: Noise | None = None
+    known: Known = Known()
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
-        return Problem(self.simulator, self.windows, self.parameters, loss, frozen)
+        return Problem(self.simulator, self.windows, self.parameters, loss, frozen, self.noise, self.known)
+
+    def noisy(self, noise: Noise | None) -> Prepared:
+        """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""
+        if noise is None:
+            return self
+        return replace(self, windows=noise.put(self.windows, self.traces), noise=noise)
+
+    def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
+        """Windows of `length` [s] of these (run, from, to)."""
+        windows = cut(self.traces, length, self.windows.dt, self.sigma, pieces)
+        return windows if self.noise is None else self.noise.put(windows, self.traces)
+
+    @property
+    def floor(self) -> np.ndarray:
+        """Least noise of every run and link over the one that its trace claims (R, n): the sensor's rounding."""
+        fit = self.scene.fit
+        rounding = 0.0 if fit is None else fit.resolution("angle") / np.sqrt(12)
+        claimed = [
+            s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0))
+            for s, trace in zip(self.sigma, self.traces, strict=True)
+        ]
+        return np.maximum(rounding / np.array(claimed), 1e-9)
 
     @property
     def smooth(self) -> float:

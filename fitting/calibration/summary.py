@@ -13,7 +13,7 @@ from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.problem import Solution
-from fitting.estimate.uncertainty import uncertainty
+from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
 
 
 def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
@@ -23,10 +23,11 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     # held-out stretches are simulated as finely as the fit was
     prepared = replace(prepared, lyapunov=rate, windows=replace(prepared.windows, substeps=windows.substeps))
     u = uncertainty(solution)
-    known = windows.weight > 0
-    claimed, used = (float(np.sqrt(np.mean(1 / w.weight[known] ** 2))) for w in (prepared.windows, windows))
-    chi2 = u.noise**2 * (used / claimed) ** 2
-    held = [score_held_out(prepared, solution.values, span) for span in prepared.held_out]
+    expected = prepared.windows.weight
+    claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
+    chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
+    scored = prepared.noisy(solution.problem.noise)
+    held = [score_held_out(scored, solution.values, span) for span in prepared.held_out]
     warnings = list(prepared.warnings) + warnings_of(prepared, solution, u, chi2)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(

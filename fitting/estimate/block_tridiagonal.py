@@ -28,3 +28,12 @@ class Factor:
         for k in range(len(x) - 2, -1, -1):
             x[k] = cho_solve(self.factors[k], x[k] - self.below[k].T @ x[k + 1])
         return x
+
+    def inverse_diagonal(self) -> np.ndarray:
+        """Diagonal blocks (K, m, m) of the inverse: `G_k = P_k^-1 + P_k^-1 B_k' G_{k+1} B_k P_k^-1`, P the pivots."""
+        one = np.eye(len(self.factors[0][0]))
+        found = [cho_solve(self.factors[-1], one)]
+        for k in range(len(self.factors) - 2, -1, -1):
+            back = cho_solve(self.factors[k], self.below[k].T)
+            found.append(cho_solve(self.factors[k], one) + back @ found[-1] @ back.T)
+        return np.array(found[::-1])

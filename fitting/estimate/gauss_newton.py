@@ -124,6 +124,16 @@ def fit_windows(
     )
 
 
+#: Most evaluations when a solution goes on with other noise.
+CONTINUED = 12
+
+
+def continue_windows(point: Solution) -> Solution:
+    """Go on from a solution of separate windows with its own problem, whose noise may have changed."""
+    start = point.values, point.starts, point.evaluation
+    return descend(Separate(point.problem), *start, CONTINUED, before=point, history=list(point.history))
+
+
 def descend(
     objective: Separate,
     values: np.ndarray,

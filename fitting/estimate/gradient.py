@@ -76,7 +76,7 @@ class Projected:
         self.zero, self.curvature, self.information = np.zeros(k), np.ones(k), np.eye(k)
 
     def _starts_eliminated(self, normal: Normal, damping: float) -> Step:
-        return eliminate(normal, damping, Prior(0.0, self.zero, self.zero), self.zero, self.zero)
+        return eliminate(normal, damping, Prior(0.0, self.zero, np.diag(self.zero)), self.zero, self.zero)
 
     def __call__(self, values: np.ndarray, inner: int = INNER) -> tuple[float, np.ndarray]:
         problem, best = self.problem, None

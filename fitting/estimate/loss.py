@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import norm
 
 
 class Loss(Protocol):
     """A sum over residuals r of a function that is `r^2/2` near zero."""
+
+    @property
+    def spread(self) -> float:
+        """Mean square of the slope over normal residuals of deviation 1: what makes a robust scale consistent."""
 
     def cost(self, residual: np.ndarray) -> float:
         """The sum over all residuals."""
@@ -20,6 +25,8 @@ class Loss(Protocol):
 
 class LeastSquares:
     """`r^2/2`: for normal noise."""
+
+    spread = 1.0
 
     def cost(self, residual: np.ndarray) -> float:
         return 0.5 * float(np.sum(residual**2))
@@ -36,6 +43,11 @@ class Huber:
     """`r^2/2` up to `threshold`, in standard deviations, and `threshold |r| - threshold^2/2` beyond (Huber 1964)."""
 
     threshold: float
+
+    @property
+    def spread(self) -> float:
+        c = self.threshold
+        return float(2 * norm.cdf(c) - 1 - 2 * c * norm.pdf(c) + 2 * c**2 * norm.sf(c))
 
     def cost(self, residual: np.ndarray) -> float:
         size, c = np.abs(residual), self.threshold

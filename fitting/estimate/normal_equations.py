@@ -18,6 +18,7 @@ from scipy.optimize import lsq_linear
 
 from fitting.estimate.simulator import Evaluation
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.priors import Common
 
 #: Added to the diagonal of a scaled information matrix, the first that makes it positive definite: eliminating starts
 #: that a stuck joint leaves undetermined costs digits.
@@ -35,20 +36,24 @@ class Normal(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Cost, gradient (k,) and curvature (k,) of normal priors."""
+    """Cost, gradient (k,) and curvature (k, k) of normal priors."""
 
     cost: float
     gradient: np.ndarray
     curvature: np.ndarray
 
 
-def prior_of(parameters: Sequence[Parameter], values: np.ndarray) -> Prior:
-    """What the parameters' priors add at these values (k,)."""
+def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common] = ()) -> Prior:
+    """What the parameters' priors, and those of several of them, add at these values (k,)."""
     rest = np.array(
         [0.0 if p.prior is None else (v - p.prior[0]) / p.prior[1] for p, v in zip(parameters, values, strict=True)]
     )
     scale = np.array([0.0 if p.prior is None else 1 / p.prior[1] for p in parameters])
-    return Prior(0.5 * float(rest @ rest), rest * scale, scale**2)
+    cost, gradient, curvature = 0.5 * float(rest @ rest), rest * scale, np.diag(scale**2)
+    for each in common:
+        row, off = each.share / each.sigma, (float(each.share @ values) - 1) / each.sigma
+        cost, gradient, curvature = cost + 0.5 * off**2, gradient + off * row, curvature + np.outer(row, row)
+    return Prior(cost, gradient, curvature)
 
 
 def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Normal:
@@ -121,7 +126,7 @@ def reduced(
         solved: the starts' matrix inverse times B and gz (K, m2, k + 1).
     """
     AB, Ag = solved[..., :-1], solved[..., -1]
-    information = normal.C + np.diag(prior.curvature) - np.einsum("kij,kil->jl", normal.B, AB)
+    information = normal.C + prior.curvature - np.einsum("kij,kil->jl", normal.B, AB)
     information = 0.5 * (information + information.T)
     gradient = normal.gp + prior.gradient - np.einsum("kij,ki->j", normal.B, Ag)
     dp = bounded_step(information + damping * np.diag(np.diag(information)), gradient, low, high)
@@ -138,7 +143,7 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
     step, slope = reduced(normal, solved, damping, prior, low, high)
     dp, dz = step.dp, step.dz
-    curvature = normal.C + np.diag(prior.curvature)
+    curvature = normal.C + prior.curvature
     square = (
         np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp) + dp @ curvature @ dp
     )

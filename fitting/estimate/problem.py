@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.whitening import whitened
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.priors import Known
+
+if TYPE_CHECKING:
+    from fitting.estimate.noise import Noise
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """The angle as the shortest turn, in [-pi, pi] [rad]."""
+    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
 
 
 @dataclass(frozen=True)
@@ -21,6 +31,8 @@ class Problem:
     Attributes:
         parameters: bounds and priors (k,).
         frozen: parameters that are held where they start (k,) bool; None holds none. They may lie on their bounds.
+        known: what is known of several parameters together, or of none that is free.
+        noise: what the windows' weights are made of, where it was estimated (`noise.Noise`).
     """
 
     simulator: Simulator
@@ -28,6 +40,8 @@ class Problem:
     parameters: tuple[Parameter, ...]
     loss: Loss = LEAST_SQUARES
     frozen: np.ndarray | None = None
+    noise: Noise | None = None
+    known: Known = Known()
 
     @property
     def freedoms(self) -> int:
@@ -45,12 +59,12 @@ class Problem:
         return np.where(self.held, values, low), np.where(self.held, values, high)
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
-        """All windows at parameter values (k,) and starts."""
-        return self.simulator(values, starts, self.windows)
+        """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
+        return whitened(self.windows, self.simulator(values, starts, self.windows))
 
     def prior(self, values: np.ndarray) -> Prior:
         """What the priors add."""
-        return prior_of(self.parameters, values)
+        return prior_of(self.parameters, values, self.known.common)
 
     def data_cost(self, evaluation: Evaluation) -> float:
         """The loss of the measured angles; infinite where the motion is not finite."""
@@ -120,8 +134,7 @@ class Solution:
     @property
     def errors(self) -> np.ndarray:
         """Simulated less measured angles (K, S, n) [rad], 0 where there is no sample."""
-        known = self.windows.weight > 0
-        return np.where(known, self.evaluation.residual / np.where(known, self.windows.weight, 1.0), 0.0)
+        return np.where(self.windows.weight > 0, wrapped(self.evaluation.theta - self.windows.theta), 0.0)
 
     @property
     def rms(self) -> float:

@@ -150,6 +150,13 @@ def continue_shooting(point: Solution) -> Solution:
     return replace(level.descend(point, CONTINUED), evidence=point.evidence)
 
 
+def level_of(problem: Problem, gap_weight: float | None) -> Separate:
+    """Cost and steps of a problem whose windows are separate (None) or joined with this gap weight."""
+    if gap_weight is None or not problem.windows.follows.any():
+        return Separate(problem)
+    return JoinedWindows(problem, gap_weight or EXACT_WEIGHT)
+
+
 def loosest(found: Sequence[Solution]) -> Solution:
     """The loosest weight whose evidence is near the best: below it, the noise cannot tell weights apart."""
     most = max(point.evidence for point in found)

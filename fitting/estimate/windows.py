@@ -26,6 +26,8 @@ ON_GRID = 1e-6
 
 #: What every window has of its own, besides what it follows.
 PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released")
+#: The same, where there is any.
+OF_NOISE = ("decay", "jitter")
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Windows:
         dt, steps: time step [s] and steps of a window.
         released: whether the model says where a window begins, see `release` (K,).
         substeps: parts in which every step is taken.
+        decay: rate at which noise forgets itself (K, n) [1/s]; None where it is white.
+        jitter: deviation by frames' common delays over that of the noise, signed as the rates (K, S, n); None: none.
     """
 
     begin: np.ndarray
@@ -55,6 +59,8 @@ class Windows:
     steps: int
     released: np.ndarray
     substeps: int = 1
+    decay: np.ndarray | None = None
+    jitter: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -86,7 +92,8 @@ class Windows:
         """
         more = max(0, slots - self.theta.shape[1])
         pad = lambda a: np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])  # noqa: E731
-        part = {f: pad(getattr(self, f)) for f in ("theta", "weight", "index", "fraction")}
+        slotted = ("theta", "weight", "index", "fraction", *(() if self.jitter is None else ("jitter",)))
+        part = {f: pad(getattr(self, f)) for f in slotted}
         return replace(self, steps=max(steps, self.steps), **part)
 
     def early(self, part: float) -> Windows:
@@ -96,7 +103,7 @@ class Windows:
 
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
-        part = {f: getattr(self, f)[which] for f in PER_WINDOW}
+        part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
 
 

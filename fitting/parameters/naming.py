@@ -20,11 +20,13 @@ DAMPING = {
 
 
 def default_free(scene: Scene) -> list[str]:
-    """Every damping parameter that the scene has.
+    """What the rig leaves open, where the scene says so (`[fit] free`), else every damping parameter that it has.
 
     Raises:
         SceneError: a scene without damping.
     """
+    if scene.fit is not None and scene.fit.free:
+        return full_names(scene, scene.fit.free, "fit.free")
     found = [
         f"effects.{name}.{key}"
         for name, keys in DAMPING.items()

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.problem import Solution
+from fitting.estimate.problem import CHI2_RANGE, Solution
 from fitting.estimate.refinement import LARGEST_BIAS
+from fitting.estimate.sandwich import FEW
 from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
 
 #: Correlation of two estimates from which on they are called hard to tell apart.
 HARD = 0.98
-#: chi-square per degree of freedom outside which the noise does not explain the residuals.
-CHI2_RANGE = (0.5, 1.5)
 
 
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
@@ -36,6 +35,11 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         found.append(
             f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were widened "
             f"by up to {u.inflation:.2g}"
+        )
+    if 0 < u.blocks < FEW:
+        found.append(
+            f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}: longer traces "
+            "tell them better"
         )
     if not CHI2_RANGE[0] < chi2 < CHI2_RANGE[1]:
         found.append(

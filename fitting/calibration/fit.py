@@ -67,7 +67,7 @@ def fit(
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
         window: length [s]; default from the Lyapunov exponent.
         dt: time step [s], at most the samples' interval; a shorter one that divides it is taken. Default: 1/75 of the
-            shortest link's period, or 1/300 for second order.
+            shortest link's period, or 1/200 for second order.
         integrator: of the windows; default rattle_4 for point masses, else energy_momentum. tsit5 and dop853 are faster
             on lines that they run; `dt` is then how often they are seen.
         zero, sign, unit: how the traces count angles; default as the files say, else guessed from the scene.

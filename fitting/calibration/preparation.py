@@ -27,12 +27,12 @@ from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
-#: 1 s 1.6e-5 rad) at order 4; second order takes four times as many.
+#: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that this is too coarse for halves it.
 #: Schemes that hold their own error are seen at least so often, for the cubics between.
-STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 300}
+STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 #: Held-out spans up to so many windows long are run by the windows' own program, compiled with room for them.
-ROOM = 4
+ROOM = 2.5
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
@@ -88,7 +88,7 @@ def prepare(
     length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    if simulator.freedoms == 2 and length < longest < ROOM * length:  # one angle: held-out spans are one window each
+    if length < longest < ROOM * length:
         simulator.room = int(longest / dt + 1e-6), max(len(tr.between(*span).t) for span in held_out for tr in runs)
 
     def windowed(length: float) -> tuple[Windows, Starts, float]:

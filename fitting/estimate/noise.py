@@ -27,9 +27,10 @@ from scipy.signal import savgol_filter
 from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.normal_equations import Normal, solve_spd
 from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.sandwich import scores
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Evaluation
-from fitting.estimate.uncertainty import lag_one, scores
+from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
@@ -39,7 +40,7 @@ WORTH = 6.0
 #: Correlation of neighbours that counts as one: so many of its standard errors, and at least this large.
 CORRELATED, CORRELATION_FLOOR = 5.0, 0.1
 #: Largest correlation of neighbouring innovations, or delays, of noise that is what it is taken for.
-WHITE = 0.3
+WHITE = 0.15
 #: Deviations by which the links' common motion along their rates stands out before it is taken for a delay.
 STANDS_OUT = 5.0
 #: Largest memory of a sample's noise believed.

@@ -18,6 +18,9 @@ from fitting.parameters.priors import Known
 if TYPE_CHECKING:
     from fitting.estimate.noise import Noise
 
+#: chi-square per degree of freedom outside which the noise does not explain the residuals.
+CHI2_RANGE = (0.5, 1.5)
+
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
     """The angle as the shortest turn, in [-pi, pi] [rad]."""
@@ -47,6 +50,13 @@ class Problem:
     def freedoms(self) -> int:
         """Numbers of a window's start."""
         return self.simulator.freedoms
+
+    @property
+    def explained(self) -> bool:
+        """Whether the noise that the traces show, or one of another kind, explains the residuals."""
+        if self.noise is None or self.noise.kind != "white":
+            return True
+        return CHI2_RANGE[0] < float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
 
     @property
     def held(self) -> np.ndarray:

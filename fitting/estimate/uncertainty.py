@@ -1,19 +1,21 @@
 """How sure a fit is: covariance with correlated residuals, intervals at bounds, bootstrap, profiles, identifiability.
 
-The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of deviation s. Where residuals are correlated, the
-score `sum_i J_i r_i` of the parameters has another variance, V; then the covariance is `S^-1 V S^-1` (Huber 1967), with
-V summed over lags within each window and link (Newey and West 1987).
+The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of deviation s. Where residuals are correlated, or
+larger than the noise that the traces show, the scatter of blocks of scores tells it instead (`sandwich`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
+from fitting.estimate.sandwich import FEW, scatter, scores
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
@@ -36,6 +38,7 @@ class Uncertainty:
         correlation_1: correlation of neighbouring residuals.
         inflation: largest factor on a standard error that the correlation brought.
         undetermined: directions (name -> share) that the data do not determine.
+        blocks: how many blocks of scores the errors come from; 0 where they come from the noise.
     """
 
     covariance: np.ndarray
@@ -47,6 +50,7 @@ class Uncertainty:
     correlation_1: float
     inflation: float
     undetermined: tuple[dict[str, float], ...]
+    blocks: int = 0
 
     @property
     def correlation(self) -> np.ndarray:
@@ -64,13 +68,6 @@ def degrees_of_freedom(solution: Solution) -> int:
     return max(1, windows.samples - starts * problem.freedoms - int((~problem.held).sum()))
 
 
-def scores(solution: Solution) -> np.ndarray:
-    """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
-    m2 = solution.eliminated.shape[1]
-    jacobian = solution.evaluation.jacobian
-    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated)
-
-
 def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
     """Correlation of neighbouring residuals (K, S, n) and its standard error for white noise."""
     both = known[:, 1:] & known[:, :-1]
@@ -79,39 +76,29 @@ def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
     return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
 
 
-def long_run_variance(score: np.ndarray, lags: int) -> np.ndarray:
-    """Newey and West's variance (k, k) of the sum of scores (K, S, n, k): `G_0 + sum_l (1 - l/(L+1)) (G_l + G_l')`."""
-    flat = np.swapaxes(score, 1, 2).reshape(-1, score.shape[1], score.shape[3])
-    total = np.einsum("wsi,wsj->ij", flat, flat)
-    for lag in range(1, min(lags, score.shape[1] - 1) + 1):
-        part = np.einsum("wsi,wsj->ij", flat[:, lag:], flat[:, :-lag])
-        total = total + (1 - lag / (lags + 1)) * (part + part.T)
-    return total
-
-
 def uncertainty(solution: Solution) -> Uncertainty:
-    """Errors at a solution; the larger of the white and the correlated estimate where residuals are correlated."""
+    """Errors at a solution; the larger of the noise's and of the blocks' scatter where noise is not all there is."""
     problem, windows, k = solution.problem, solution.windows, len(solution.values)
     free = np.flatnonzero(~problem.held)
     noise2 = solution.chi2 / degrees_of_freedom(solution)
-    inner = _inverse(solution.information[np.ix_(free, free)])
-    white = noise2 * inner
-    residual = solution.weights * solution.evaluation.residual
-    correlation, error = lag_one(residual, windows.weight > 0)
-    covariance, inflation = white, 1.0
-    if abs(correlation) > max(CORRELATED * error, CORRELATION_FLOOR):
-        score = (scores(solution) * residual[..., None])[..., free]
-        # residuals of smooth misfits stay correlated over a good part of a window
-        lags = max(1, windows.theta.shape[1] // 2)
-        robust = inner @ long_run_variance(score, lags) @ inner
-        grow = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(white), 1e-300), 1.0))
-        covariance, inflation = white * np.outer(grow, grow), float(grow.max(initial=1.0))
+    white = noise2 * _inverse(solution.information[np.ix_(free, free)])
+    correlation, error = lag_one(solution.weights * solution.evaluation.residual, windows.weight > 0)
+    covariance, inflation, blocks = white, 1.0, 0
+    if abs(correlation) > max(CORRELATED * error, CORRELATION_FLOOR) or not problem.explained:
+        found = scatter(solution, free)
+        if found is not None:
+            blocks, size, least = found.blocks, np.diag(found.covariance), np.diag(white)
+            grow = np.sqrt(np.maximum(size / np.maximum(least, 1e-300), 1.0))
+            back = np.sqrt(np.maximum(least / np.maximum(size, 1e-300), 1.0))
+            covariance, inflation = found.covariance * np.outer(back, back), float(grow.max(initial=1.0))
     full = np.zeros((k, k))
     full[np.ix_(free, free)] = covariance
+    full = full + problem.known.carried_covariance(np.where(problem.held, 0.0, solution.values))
     se = np.sqrt(np.maximum(np.diag(full), 0.0))
     least, most = problem.bounds(solution.values)
     at_bound = ~problem.held & ((solution.values <= least) | (solution.values >= most))
-    low, high = intervals(solution, full, free)
+    law = student(blocks - 1) if 0 < blocks < FEW else norm
+    low, high = intervals(solution, full, free, law=law)
     return Uncertainty(
         full,
         se,
@@ -122,6 +109,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
         correlation,
         inflation,
         undetermined(solution, full, free),
+        blocks,
     )
 
 
@@ -132,16 +120,16 @@ def _inverse(information: np.ndarray) -> np.ndarray:
 
 
 def intervals(
-    solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL
+    solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL, law: Any = norm
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (k,) of the intervals: normal, cut at the bounds.
+    """Ends (k,) of the intervals: of a law such as the normal one, cut at the bounds.
 
     On a bound the interval starts there and ends at the quantile of the normal law around the unbounded optimum,
     given that the parameter is inside its bounds.
     """
     values = solution.values
     se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    reach = norm.ppf(0.5 + level / 2) * se
+    reach = law.ppf(0.5 + level / 2) * se
     low, high = values - reach, values + reach
     centre = values.copy()
     if len(free):
@@ -149,11 +137,11 @@ def intervals(
     for i in free:
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
-            below = norm.cdf((p.low - centre[i]) / se[i])
-            low[i], high[i] = p.low, centre[i] + se[i] * norm.ppf(below + level * (1 - below))
+            below = law.cdf((p.low - centre[i]) / se[i])
+            low[i], high[i] = p.low, centre[i] + se[i] * law.ppf(below + level * (1 - below))
         elif values[i] >= p.high and se[i] > 0:
-            below = norm.cdf((p.high - centre[i]) / se[i])
-            low[i], high[i] = centre[i] + se[i] * norm.ppf(below * (1 - level)), p.high
+            below = law.cdf((p.high - centre[i]) / se[i])
+            low[i], high[i] = centre[i] + se[i] * law.ppf(below * (1 - level)), p.high
         low[i], high[i] = max(low[i], p.low), min(high[i], p.high)
         if not np.isfinite(high[i]):
             high[i] = values[i] + reach[i]

@@ -1,0 +1,134 @@
+"""Errors of estimates whose model is wrong somewhere: from the scatter of blocks of scores, not from the noise's size.
+
+With g_b the part of the parameters' gradient that a stretch of time brings, its window starts following along (and the
+gaps of joined windows, each counted with the window after it), and S_b its part of the information S, leaving the block
+out moves the estimate by `d_b = (S - S_b)^-1 g_b` to first order, and
+
+    cov = (B - 1)/B sum_b (d_b - mean d)(d_b - mean d)'        (jackknife over blocks: Tukey 1958, Kuensch 1989)
+
+holds whatever the residuals are, as long as blocks are independent: each is at least two correlation times of the
+scores long. Priors count as measurements of their own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.estimate.gaps import gaps
+from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.problem import Solution
+
+#: Pieces of time wanted, into which joined windows are cut; separate windows are pieces themselves.
+PIECES = 60
+#: Fewest blocks, however long the scores remember.
+FEWEST = 4
+#: Blocks below which intervals take Student's quantile and a warning is due.
+FEW = 15
+
+
+class Pieces(NamedTuple):
+    """Gradients (P, k) and information (P, k, k) of pieces of time, run by run (P,) in their order."""
+
+    gradient: np.ndarray
+    information: np.ndarray
+    run: np.ndarray
+
+
+class Scatter(NamedTuple):
+    """Covariance (k, k) of the parameters by the scatter of this many blocks."""
+
+    covariance: np.ndarray
+    blocks: int
+
+
+def scores(solution: Solution) -> np.ndarray:
+    """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
+    m2 = solution.eliminated.shape[1]
+    jacobian = solution.evaluation.jacobian
+    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated)
+
+
+def pieces(solution: Solution, free: np.ndarray) -> Pieces:
+    """Parts of the gradient and the information of the free parameters (their numbers)."""
+    windows, weights = solution.windows, solution.weights
+    score = scores(solution)[..., free]
+    pull = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
+    square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
+    joined = solution.gap_weight is not None and windows.follows.any()
+    parts = int(np.ceil(PIECES / windows.count)) if joined else 1
+    place = np.minimum((windows.index * parts) // windows.steps, parts - 1)
+    gradient = np.zeros((windows.count, parts, len(free)))
+    information = np.zeros((windows.count, parts, len(free), len(free)))
+    for part in range(parts):
+        mine = place == part
+        gradient[:, part] = np.einsum("ks,ksp->kp", mine, pull)
+        information[:, part] = np.einsum("ks,kspq->kpq", mine, square)
+    if joined and solution.gap_weight:
+        found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+        left, right, along = found.left, found.left + 1, solution.eliminated
+        slope = found.shared + np.einsum("gij,gjp->gip", found.before, along[left])
+        slope = (slope + np.einsum("gij,gjp->gip", found.after, along[right]))[..., free] / solution.gap_weight
+        gradient[right, 0] += np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
+        information[right, 0] += np.einsum("gip,giq->gpq", slope, slope)
+    order = np.lexsort((windows.begin, windows.run))
+    flat = lambda a: a[order].reshape(-1, *a.shape[2:])  # noqa: E731
+    return Pieces(flat(gradient), flat(information), np.repeat(windows.run[order], parts))
+
+
+def memory(series: np.ndarray, run: np.ndarray) -> float:
+    """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to where pairs
+    of neighbouring lags sum to nothing (Geyer 1992); two correlation times where it falls exponentially."""
+    series = series - series.mean()
+    size = float(series @ series)
+    if size <= 0:
+        return 1.0
+    rho = [1.0]
+    for lag in range(1, max(2, len(series) // 2)):
+        same = run[lag:] == run[:-lag]
+        rho.append(float((series[lag:] * series[:-lag])[same].sum()) / size)
+    total = -1.0
+    for first, second in zip(rho[::2], rho[1::2], strict=False):
+        if first + second <= 0:
+            break
+        total += 2 * (first + second)
+    return max(1.0, total)
+
+
+def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
+    """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
+    parts = pieces(solution, free)
+    count = len(parts.gradient)
+    if count < FEWEST or not len(free):
+        return None
+    information = solution.information[np.ix_(free, free)]
+    influence = solve_spd(information, parts.gradient.T).T
+    together = max(memory(column, parts.run) for column in influence.T)
+    together = int(min(np.ceil(together), count // FEWEST))
+    # a run's last block takes what is left over
+    place = np.concatenate(
+        [np.minimum(np.arange(n) // together, max(n // together - 1, 0)) for n in np.bincount(parts.run)]
+    )
+    block = np.unique(np.stack([parts.run, place]), axis=1, return_inverse=True)[1].ravel()
+    blocks = int(block.max()) + 1
+    if blocks < 2:
+        return None
+    moved = []
+    for b in range(blocks):
+        mine = block == b
+        rest = information - parts.information[mine].sum(0)
+        moved.append(solve_spd(_positive(rest, information), parts.gradient[mine].sum(0)))
+    moved = np.array(moved) - np.mean(moved, axis=0)
+    inner = solve_spd(information, np.eye(len(free)))
+    prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
+    return Scatter((blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner, blocks)
+
+
+def _positive(rest: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """The information that is left, at least a tenth of the whole in every direction: one step is linear no farther."""
+    size = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    root = np.linalg.cholesky(whole * np.outer(size, size) + 1e-12 * np.eye(len(whole)))
+    inverse = np.linalg.inv(root)
+    share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
+    return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)

@@ -43,7 +43,7 @@ class Prepared:
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
-        return Problem(self.simulator, self.windows, self.parameters, loss, frozen, self.noise, self.known)
+        return Problem(self.simulator, self.windows, self.parameters, loss, frozen, self.noise, known=self.known)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""

@@ -76,8 +76,8 @@ class Separate:
         return self.problem.data_cost(evaluation) + self.problem.prior(values).cost
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
-        """Variance of the noise in units of the assumed one."""
-        return 2 * cost / max(self.problem.windows.samples, 1)
+        """Variance of the noise in units of the assumed one, as many times larger as samples repeat each other."""
+        return 2 * cost / max(self.problem.windows.samples, 1) * self.problem.memory
 
     def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal | Joined:
         """Normal equations."""

@@ -182,13 +182,23 @@ class Told:
             return None
         interval = np.array([trace.interval for trace in self.traces])[:, None]
         decay = lambda rho: -np.log(np.clip(rho, 1e-6, MOST_KEPT)) / interval  # noqa: E731
+        if self._innovations(replace(white, decay=decay(kept))) > 2 * WHITE:
+            return None
         shape = np.ones_like(white.factor)
         cost = lambda rho: minus_two_log(self.settled(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
         rho = float(minimize_scalar(cost, bounds=(0.02, MOST_KEPT), method="bounded", options={"xatol": 4e-3}).x)
         each = np.clip(rho + np.where(np.abs(kept - kept.mean()) > 3 * sure, kept - kept.mean(), 0.0), 0.02, MOST_KEPT)
         noise, point = self.settled(replace(white, decay=decay(each)))
-        left, _ = lag_one(point.evaluation.residual, point.windows.weight > 0)
-        return (noise, point) if abs(left) < WHITE else None
+        return (noise, point) if self._innovations(noise) < WHITE else None
+
+    def _innovations(self, noise: Noise) -> float:
+        """Size of the correlation of neighbours that noise with memory leaves in the residuals."""
+        windows = noise.put(self.claimed, self.traces)
+        known = windows.weight > 0
+        ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
+        nothing = np.zeros((*ratio.shape, 0))
+        left = whitened(windows, self.raw._replace(residual=self.raw.residual * ratio, jacobian=nothing)).residual
+        return abs(lag_one(left, known)[0])
 
     def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Correlation of neighbouring residuals of every run and link (R, n), and its error were the noise white."""
@@ -279,6 +289,14 @@ def minus_two_log(point: Solution) -> float:
     return 2 * (point.cost - step.predicted) + starts + shared + log_volume(point.windows)
 
 
+def memory_of(point: Solution) -> float:
+    """Samples that tell as much as one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
+    rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
+    if rho < max(CORRELATED * sure, CORRELATION_FLOOR):
+        return 1.0
+    return min((1 + rho) / max(1 - rho, 1e-9), max(1.0, point.windows.theta.shape[1] / 2))
+
+
 #: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: weights that are
 #: wrong by a twentieth cost less than a hundredth of a standard error.
 ROUNDS, SAME = 3, 0.05
@@ -303,6 +321,7 @@ def with_own_noise(
     for _ in range(ROUNDS):
         before = noise
         noise, solution = Told(solution, claimed, traces, floor).estimate(noise)
+        solution.problem = replace(solution.problem, memory=memory_of(solution))
         if noise.apart(before) < SAME:
             break
         further = again(solution)

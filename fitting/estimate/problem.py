@@ -34,6 +34,8 @@ class Problem:
     Attributes:
         parameters: bounds and priors (k,).
         frozen: parameters that are held where they start (k,) bool; None holds none. They may lie on their bounds.
+        memory: samples that tell as much as one whose error has nothing to do with its neighbours'; a fit is converged
+            when what is left to go is little against errors that are as much larger.
         known: what is known of several parameters together, or of none that is free.
         noise: what the windows' weights are made of, where it was estimated (`noise.Noise`).
     """
@@ -44,6 +46,7 @@ class Problem:
     loss: Loss = LEAST_SQUARES
     frozen: np.ndarray | None = None
     noise: Noise | None = None
+    memory: float = 1.0
     known: Known = Known()
 
     @property

@@ -25,6 +25,8 @@ from fitting.estimate.uncertainty import uncertainty
 
 #: Bias of the step that is accepted, in standard errors.
 LARGEST_BIAS = 0.3
+#: Bias below which what the coarser step told of half of it need not be looked at again.
+SURELY = 0.15
 #: Most substeps of a step.
 MOST_SUBSTEPS = 16
 
@@ -35,7 +37,11 @@ def refine(solution: Solution, progress: Progress = silent) -> Solution:
     Returns:
         The solution, its `step_bias` set, its windows with the substeps it used.
     """
+    told: np.ndarray | None = None
     while True:
+        if told is not None and np.max(np.abs(told), initial=0.0) < SURELY:
+            solution.step_bias = told
+            return solution
         solution.step_bias, ahead = step_bias(solution)
         worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
         if not worst > LARGEST_BIAS or ahead.windows.substeps > MOST_SUBSTEPS:
@@ -46,6 +52,7 @@ def refine(solution: Solution, progress: Progress = silent) -> Solution:
         if on.status != "ok":
             return solution
         on.iterations += solution.iterations + 1
+        told = solution.step_bias * 0.5**solution.problem.simulator.stepper.integrator.order
         solution = on
 
 

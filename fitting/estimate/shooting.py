@@ -30,6 +30,12 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 SAME_EVIDENCE = 0.5
 #: Less log evidence than the best by this much: it has passed its maximum.
 EVIDENCE_DROP = 5.0
+#: Part of the evidence lost with a tighter weight that finer steps must give back to be worth while.
+RECOVERED = 0.3
+#: By so much at once it will not come back.
+FAR_DROP = 50.0
+#: Gap weights that are this many times the gaps' own size, and more, are passed over.
+SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
 EXACT_WEIGHT, EXACT_ROUNDS = 1e-3, 4
 #: Most evaluations when a joined solution goes on with finer steps.
@@ -77,6 +83,11 @@ class JoinedWindows(Separate):
         found = descend(self, *start, iterations, before=begin, history=list(begin.history))
         return replace(found, iterations=count + found.iterations, gap_weight=self.weight)
 
+    def recovered(self, ahead: Solution, point: Solution) -> float:
+        """By how much the cost falls where a solution goes on with finer steps, by its model."""
+        step = joined_step(ahead, *(end - ahead.values for end in ahead.problem.bounds(ahead.values)))
+        return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
+
     def evidence(self, point: Solution) -> float:
         """Laplace's log evidence of the gap weight w, less constants: -cost - (gaps) log w - log det H / 2."""
         nowhere = np.zeros(len(point.values))
@@ -117,6 +128,9 @@ def fit_shooting(
     point, total, worse, found = begin, begin.iterations, 0, []
     if continuity == "exact":
         schedule = [w for w in schedule if w > EXACT_WEIGHT] + [EXACT_WEIGHT]
+    wide = gaps_now(begin)
+    # from gaps much smaller than a weight allows, the weight changes nothing
+    schedule = [w for i, w in enumerate(schedule) if w < SLACK * wide or i == len(schedule) - 1]
     for i, weight in enumerate(schedule):
         again = point
         while again is not None:
@@ -125,17 +139,26 @@ def fit_shooting(
             total, point.evidence = point.iterations, level.evidence(point)
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
             progress((i + 1) / (len(schedule) + 1), text)
-            fell = any(point.evidence < p.evidence - SAME_EVIDENCE for p in found)
-            again = finer(point) if fell else None
+            fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
+            again = finer(point) if fell > SAME_EVIDENCE else None
+            if again is not None and level.recovered(again, point) < RECOVERED * fell:
+                again = None
         found.append(point)
-        worse = worse + 1 if point.evidence < max(p.evidence for p in found) - EVIDENCE_DROP else 0
-        if continuity == "estimate" and worse == 2:
+        drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
+        worse = worse + 1 if drop > EVIDENCE_DROP else 0
+        if continuity == "estimate" and (worse == 2 or drop > FAR_DROP):
             break
     best = loosest(found) if continuity == "estimate" else found[-1]
     if continuity == "exact":
         best = _close(best, iterations)
     best.iterations = max(total, best.iterations)
     return best
+
+
+def gaps_now(point: Solution) -> float:
+    """RMS of the scaled gaps of separate windows."""
+    value = gaps(point.problem.simulator, point.windows, point.evaluation, point.values).value
+    return float(np.sqrt(np.mean(value**2)))
 
 
 def joined_step(point: Solution, low: np.ndarray, high: np.ndarray) -> Step | None:

@@ -136,10 +136,15 @@ class Simulator:
         self.room = 0, 0
         self._plain = self.stepper.plain != self.stepper
         self._programs: dict[Key, jax.stages.Compiled] = {}
+        # a fit begins where its preparation looked last
+        self._last: tuple[tuple[np.ndarray, Starts, Windows] | None, Evaluation | None] = None, None
 
     def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
         """Evaluate at parameter values (k,) and window starts; every window has its own line in the answer."""
         values = np.asarray(values, float)
+        asked = self._last[0]
+        if asked and asked[1] is starts and asked[2] is windows and np.array_equal(asked[0], values):
+            return self._last[1]
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
         if self.release:
@@ -152,7 +157,8 @@ class Simulator:
             better = self._run(values, tuple(a[again] for a in inputs), windows, False)
             for old, new in zip(found, better, strict=True):
                 old[again] = new
-        return trusted(found)
+        self._last = (values.copy(), starts, windows), trusted(found)
+        return self._last[1]
 
     def _run(self, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows, plain: bool) -> Evaluation:
         """Inputs of all or some of the windows, a chunk at a time."""
@@ -248,7 +254,7 @@ class Simulator:
             start = planar.closed(model, theta, omega0 + basis @ z[m:])
             angles, rates, failed = march(stepper, model, planar.to_state(model, *start), h, room, substeps, steps)
             seen = _at_samples(start, angles, rates, *place, h, on_grid)
-            seen = seen + camera_offset(self.parameters, p)
+            seen = seen + camera_offset(self.parameters, p, seen.shape[1])
             residual = planar.wrap(seen - measured) * weight
             end = jnp.concatenate([angles[steps - 1], rates[steps - 1]])
             return (residual, jnp.concatenate(start), end), (seen, failed)
@@ -277,10 +283,12 @@ def march(
         s, report = step(stepper, model, s, dt / substeps, bad == 0)
         return s, bad + unsolved(stepper, model, s, report.residual)
 
+    put = jax.lax.dynamic_update_index_in_dim
+
     def whole(i: int, carry: tuple[tuple[State, jax.Array], jax.Array, jax.Array]) -> tuple[Any, ...]:
         carry, r, v = carry
         carry = jax.lax.fori_loop(0, substeps, part, carry)
-        return carry, r.at[i].set(carry[0].r), v.at[i].set(carry[0].v)
+        return carry, put(r, carry[0].r, i, 0), put(v, carry[0].v, i, 0)
 
     first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
     # what is not reached stays at the first pose: a link of no length would have no angle, nor a finite derivative

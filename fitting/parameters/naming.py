@@ -49,7 +49,7 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
 def _full(scene: Scene, name: str, option: str) -> str:
     if not name:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
-    if name.count(".") >= 2 or name == "camera.offset" or name.startswith("release."):
+    if name.count(".") >= 2 or name.startswith(("camera.", "marker.", "release.")):
         return name
     stem, _, entry = name.partition(".")
     known = [p for p in paths(build(scene)[0]) if not p.startswith("line.") or p.split(".")[1].isdecimal()]

@@ -1,8 +1,9 @@
 """Free parameters: numbers of a model's pytree by path, with bounds taken from the fields' declarations.
 
 Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
-`camera.offset`, a rotation of the camera that adds to every measured angle, `release.time` and `release.force` (see
-`release`). A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no
+`camera.offset`, a rotation of the camera that adds to every measured angle, `marker.offset`, one of each link's marker
+or encoder against the link, that adds to its own (`marker.offset.1` of the second link), `release.time` and
+`release.force` (see `release`). A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no
 exponential), so that a damping of exactly 0 is reachable.
 """
 
@@ -19,7 +20,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Line, Model, Point
-from fitting.parameters.place import CAMERA, CameraPlace, Direction, ModelPlace, Place
+from fitting.parameters.place import CAMERA, MARKER, CameraPlace, Direction, ModelPlace, Place
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
 StartValues = Mapping[str, float]
@@ -125,7 +126,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) ->
 
 def paths(model: Model) -> list[str]:
     """Every path of the model that can be free."""
-    found = [CAMERA]
+    found = [CAMERA, MARKER]
     for section, items in (("point", model.points), ("line", model.lines), ("effects", model.effects)):
         for i, item in enumerate(items):
             labels = [item.name] if section == "effects" else [str(i), item.name]
@@ -144,6 +145,8 @@ def _fields(item: Point | Line | Effect) -> list[dataclasses.Field]:
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if name == CAMERA:
         return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
+    if name == MARKER or name.startswith(MARKER + "."):
+        return _markers(model, name, option)
     section, index, field, entry = _locate(model, name, option)
     item = getattr(model, section)[index]
     value = np.asarray(getattr(item, field.name))
@@ -157,6 +160,14 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     entries = range(count) if entry is None else [entry]
     stem = name if entry is None else name.rsplit(".", 1)[0]
     return [_parameter(f"{stem}.{i}", ModelPlace(section, index, field.name, i), float(flat[i]), meta) for i in entries]
+
+
+def _markers(model: Model, name: str, option: str) -> list[Parameter]:
+    links, entry = model.line.links, name.removeprefix(MARKER).lstrip(".")
+    if entry and not (entry.isdecimal() and int(entry) < links):
+        raise SceneError(f"{option}: {name!r} has no such link; allowed: {MARKER}.0 to {MARKER}.{links - 1}")
+    each = [int(entry)] if entry else range(links)
+    return [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in each]
 
 
 def _used(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
@@ -197,9 +208,14 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
     return model
 
 
-def camera_offset(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | float:
-    """Rotation of the camera [rad]; 0 where it is not free."""
-    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, CameraPlace)), 0.0)
+def camera_offset(parameters: Sequence[Parameter], values: jax.Array, links: int) -> jax.Array | float:
+    """Rotation of the camera and of the links' markers, of each link (n,) [rad]; 0 where none is free."""
+    total: jax.Array | float = 0.0
+    for i, p in enumerate(parameters):
+        if isinstance(p.where, CameraPlace):
+            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
+            total = total + values[i] * share
+    return total
 
 
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.model import Model
 
-CAMERA = "camera.offset"
+CAMERA, MARKER = "camera.offset", "marker.offset"
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,9 @@ class Direction:
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """The rotation of the camera."""
+    """The rotation of the camera; of one link: how far its marker, or its encoder's zero, is turned against it."""
 
+    link: int | None = None
     field: ClassVar[str] = CAMERA
 
 

@@ -182,23 +182,24 @@ class Told:
             return None
         interval = np.array([trace.interval for trace in self.traces])[:, None]
         decay = lambda rho: -np.log(np.clip(rho, 1e-6, MOST_KEPT)) / interval  # noqa: E731
-        if self._innovations(replace(white, decay=decay(kept))) > 2 * WHITE:
+        # fitted starts take some of the memory away, never add to it
+        if not -WHITE < self._innovations(replace(white, decay=decay(kept))) < 2 * WHITE:
             return None
         shape = np.ones_like(white.factor)
         cost = lambda rho: minus_two_log(self.settled(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
         rho = float(minimize_scalar(cost, bounds=(0.02, MOST_KEPT), method="bounded", options={"xatol": 4e-3}).x)
         each = np.clip(rho + np.where(np.abs(kept - kept.mean()) > 3 * sure, kept - kept.mean(), 0.0), 0.02, MOST_KEPT)
         noise, point = self.settled(replace(white, decay=decay(each)))
-        return (noise, point) if self._innovations(noise) < WHITE else None
+        return (noise, point) if abs(self._innovations(noise)) < WHITE else None
 
     def _innovations(self, noise: Noise) -> float:
-        """Size of the correlation of neighbours that noise with memory leaves in the residuals."""
+        """Correlation of neighbours that noise with memory leaves in the residuals."""
         windows = noise.put(self.claimed, self.traces)
         known = windows.weight > 0
         ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
         nothing = np.zeros((*ratio.shape, 0))
         left = whitened(windows, self.raw._replace(residual=self.raw.residual * ratio, jacobian=nothing)).residual
-        return abs(lag_one(left, known)[0])
+        return lag_one(left, known)[0]
 
     def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Correlation of neighbouring residuals of every run and link (R, n), and its error were the noise white."""

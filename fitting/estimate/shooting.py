@@ -32,8 +32,6 @@ SAME_EVIDENCE = 0.5
 EVIDENCE_DROP = 5.0
 #: Part of the evidence lost with a tighter weight that finer steps must give back to be worth while.
 RECOVERED = 0.3
-#: By so much at once it will not come back.
-FAR_DROP = 50.0
 #: Gap weights that are this many times the gaps' own size, and more, are passed over.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
@@ -146,7 +144,8 @@ def fit_shooting(
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
-        if continuity == "estimate" and (worse == 2 or drop > FAR_DROP):
+        # residuals that are no noise leave no doubt where the evidence turns
+        if continuity == "estimate" and worse == (2 if begin.problem.memory == 1 else 1):
             break
     best = loosest(found) if continuity == "estimate" else found[-1]
     if continuity == "exact":

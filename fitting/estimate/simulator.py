@@ -136,6 +136,7 @@ class Simulator:
         self.room = 0, 0
         self._plain = self.stepper.plain != self.stepper
         self._programs: dict[Key, jax.stages.Compiled] = {}
+        self._model: tuple[np.ndarray, Model] | None = None
         # a fit begins where its preparation looked last
         self._last: tuple[tuple[np.ndarray, Starts, Windows] | None, Evaluation | None] = None, None
 
@@ -182,7 +183,10 @@ class Simulator:
 
     def model_at(self, values: np.ndarray) -> Model:
         """The model with these parameter values (k,)."""
-        return apply(self.model, self.parameters, jnp.asarray(values))
+        values = np.asarray(values, float)
+        if self._model is None or not np.array_equal(self._model[0], values):
+            self._model = values.copy(), apply(self.model, self.parameters, jnp.asarray(values))
+        return self._model[1]
 
     def _chunk(self, windows: Windows) -> int:
         """Windows per program."""

@@ -43,16 +43,20 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
 
     `option` is what a mistake is called after.
     """
-    return [_full(scene, name.strip(), option) for name in names]
+    names = [name.strip() for name in names]
+    known = None if all(_is_full(name) for name in names) else paths(build(scene)[0])
+    return [name if _is_full(name) else _full(name, known, option) for name in names]
 
 
-def _full(scene: Scene, name: str, option: str) -> str:
+def _is_full(name: str) -> bool:
+    return name.count(".") >= 2 or name.startswith(("camera.", "marker.", "release."))
+
+
+def _full(name: str, known: Sequence[str], option: str) -> str:
     if not name:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
-    if name.count(".") >= 2 or name.startswith(("camera.", "marker.", "release.")):
-        return name
     stem, _, entry = name.partition(".")
-    known = [p for p in paths(build(scene)[0]) if not p.startswith("line.") or p.split(".")[1].isdecimal()]
+    known = [p for p in known if not p.startswith("line.") or p.split(".")[1].isdecimal()]
     found = [p for p in known if p.rsplit(".", 1)[1] == stem]
     if not found:
         found = [

@@ -3,8 +3,8 @@
 Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
 `camera.offset`, a rotation of the camera that adds to every measured angle, `marker.offset`, one of each link's marker
 or encoder against the link, that adds to its own (`marker.offset.1` of the second link), `release.time` and
-`release.force` (see `release`). A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no
-exponential), so that a damping of exactly 0 is reachable.
+`release.force` (see `release`). A field with one value per link frees one parameter per entry. Bounds stay in raw
+parameters (no exponential), so that a damping of exactly 0 is reachable.
 """
 
 from __future__ import annotations

@@ -22,8 +22,11 @@ from fitting.estimate.gradient import fit_gradient
 from fitting.estimate.loss import LEAST_SQUARES, Loss, loss_of
 from fitting.estimate.noise import with_own_noise
 from fitting.estimate.problem import Solution
+from fitting.estimate.profile import profile as profiled
 from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.shooting import continue_shooting, fit_shooting
+from fitting.estimate.uncertainty import bootstrap as resampled
+from fitting.parameters.naming import full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
@@ -52,6 +55,8 @@ def fit(
     static_start: bool = False,
     compare_models: bool = False,
     integrator: str | None = None,
+    profile: Sequence[str] | bool = False,
+    bootstrap: int = 0,
     progress: Progress | None = None,
     **settings: Any,
 ) -> FitResult:
@@ -60,9 +65,11 @@ def fit(
     Args:
         traces: CSV files or `Trace`s; several runs of the same line are fitted together.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
-        free: paths of parameters, or unique last names such as `b_l`; default: the scene's damping.
+        free: paths of parameters, or unique last names such as `b_l`; default: what the scene's `[fit]` leaves open,
+            else its damping.
         method: `windows`, `shooting` or `gradient`; see their modules.
-        start, bounds, priors: by path: start value; (low, high); (mean, standard deviation).
+        start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). A rig's own priors
+            (`[fit]` of the scene) hold what is given none here.
         until: samples from this time [s] on are not fitted.
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
         window: length [s]; default from the Lyapunov exponent.
@@ -77,6 +84,8 @@ def fit(
         static_start: every run begins as the scene's `[start]` says, let go at t = 0 of its clock; free names such as
             `release.time` and `release.force` imply it.
         compare_models: also fit the ladder of damping laws.
+        profile: names of free parameters whose intervals are also told by their profile likelihood; True for all.
+        bootstrap: so many draws of a bootstrap over blocks of time.
         progress: called with (fraction, text).
         **settings: of the gradient method: see `gradient.fit_gradient`.
 
@@ -87,6 +96,8 @@ def fit(
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
         raise SceneError(f"method: {method!r} has no setting {sorted(settings)[0]!r}; allowed: none")
+    if bootstrap < 0 or bootstrap == 1:
+        raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
     progress = progress or silent
     prepared = prepare(
         traces,
@@ -104,13 +115,38 @@ def fit(
         integrator=integrator,
         progress=progress,
     )
+    asked = profile_names(prepared, profile)
     solution = estimate(prepared, method, loss_of(huber), continuity, iterations, progress, settings)
     result = summarise(prepared, method, solution)
+    for name in asked:
+        progress(0.96, f"profile of {name}")
+        index = [p.name for p in result.parameters].index(name)
+        result.profiles.append(profiled(solution, name, float(result.uncertainty.std_error[index])))
+    if bootstrap:
+        result.bootstrap = resampled(solution, bootstrap)
     if compare_models:
         result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
         result.seconds["run"] = time.perf_counter() - prepared.begun - result.seconds["compile"]
     progress(1.0, result.status)
     return result
+
+
+def profile_names(prepared: Prepared, wanted: Sequence[str] | bool) -> list[str]:
+    """Free parameters whose profile is wanted, by their names or those of their fields.
+
+    Raises:
+        SceneError: one that is not free.
+    """
+    known = [p.name for p in prepared.parameters]
+    if isinstance(wanted, bool):
+        return known if wanted else []
+    found = []
+    for name in full_names(prepared.scene, wanted, "profile"):
+        mine = [p for p in known if p == name or p.startswith(name + ".")]
+        if not mine:
+            raise SceneError(f"profile: {name!r} is not a free parameter; {nearest(name, known)}")
+        found += mine
+    return list(dict.fromkeys(found))
 
 
 def estimate(

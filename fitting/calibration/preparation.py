@@ -73,7 +73,11 @@ def prepare(
     if dt is not None:
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
-    parameters = resolve(model, names, start, bounds, priors, release=release)
+    given = (("start", start), ("bounds", bounds), ("prior", priors))
+    by_path = [
+        {full_names(scene, [name], which)[0]: value for name, value in (one or {}).items()} for which, one in given
+    ]
+    parameters = resolve(model, names, *by_path, release=release)
     parameters, known = rig_priors(scene, model, parameters)
     held_out = check_spans(runs, held_out)
     spans = fitted_spans(runs, until, held_out)

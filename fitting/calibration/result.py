@@ -12,6 +12,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.calibration.law import Law
 from fitting.estimate.problem import Solution
+from fitting.estimate.profile import Profile
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
@@ -49,6 +50,8 @@ class FitResult:
         held_out: error on stretches that were not fitted.
         comparison: rows of the model comparison, or empty.
         seconds: compile and run time.
+        profiles: profile likelihoods that were asked for.
+        bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
     """
 
     scene: Scene
@@ -63,6 +66,8 @@ class FitResult:
     held_out: list[HeldOut] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     comparison: list[Law] = field(default_factory=list)
+    profiles: list[Profile] = field(default_factory=list)
+    bootstrap: np.ndarray | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -141,11 +146,50 @@ class FitResult:
             "step_s": self.windows.dt / self.windows.substeps,
             "step_bias_std_errors": self.solution.step_bias,
             "gap_weight": self.solution.gap_weight,
+            "blocks": u.blocks,
             "lyapunov_per_s": self.lyapunov,
             "warnings": self.warnings,
         }
+        found["noise"] = self.noise_table()
+        if self.profiles:
+            found["profile"] = {
+                p.name: {"low": p.low, "high": p.high, "values": p.values, "growth": p.growth, "converged": p.converged}
+                for p in self.profiles
+            }
+        if self.bootstrap is not None:
+            found["bootstrap"] = self.bootstrap_table()
         if self.comparison:
             found["comparison"] = [row.to_json() for row in self.comparison]
         if self.status != "ok":
             found["error"] = f"{self.status}: {self.message}"
         return jsonable(found)
+
+    def noise_table(self) -> dict[str, Any]:
+        """What the residuals told of the noise: its kind, and by run and link its size, memory and delay.
+
+        `kept` is the share of its noise that a sample hands on to the next one.
+        """
+        windows, noise = self.windows, self.solution.problem.noise
+        sizes = []
+        for run in range(len(self.traces)):
+            weight = windows.weight[windows.run == run]
+            known = weight > 0
+            square = np.where(known, 1 / np.where(known, weight, 1.0) ** 2, 0.0).sum(axis=(0, 1))
+            sizes.append(np.sqrt(square / np.maximum(known.sum(axis=(0, 1)), 1)))
+        found: dict[str, Any] = {"kind": "white" if noise is None else noise.kind, "sigma_rad": np.array(sizes)}
+        if noise is not None and noise.kind == "correlated":
+            interval = np.array([trace.interval for trace in self.traces])[:, None]
+            found["kept"] = np.exp(-noise.decay * interval)
+        if noise is not None and noise.kind == "jitter":
+            found["delay_s"] = noise.delay
+        return found
+
+    def bootstrap_table(self) -> dict[str, dict[str, float]]:
+        """Standard deviation and 90 % quantiles of the resampled parameters."""
+        draws = self.bootstrap
+        low, high = np.quantile(draws, [0.05, 0.95], axis=0)
+        spread = draws.std(axis=0, ddof=1)
+        return {
+            p.name: {"std_error": s, "low": a, "high": b}
+            for p, s, a, b in zip(self.parameters, spread, low, high, strict=True)
+        }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
@@ -24,7 +25,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
     add_set(parser)
     parser.add_argument(
-        "--free", metavar="NAMES", help="parameters, such as b_l,line.0.inertia,release.time (default: damping)"
+        "--free",
+        metavar="NAMES",
+        help="parameters, such as b_l,line.0.inertia,release.time (default: what [fit] leaves open, else damping)",
+    )
+    parser.add_argument(
+        "--start", action="append", default=[], metavar="NAME=VALUE", help="where a free parameter starts"
+    )
+    parser.add_argument(
+        "--bounds", action="append", default=[], metavar="NAME=LOW:HIGH", help="hold a free parameter between"
+    )
+    parser.add_argument(
+        "--prior",
+        action="append",
+        default=[],
+        metavar="NAME=MEAN+-SD",
+        help="what is known of a free parameter beforehand, such as line.0.inertia=1.1e-4+-1e-6",
     )
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")
@@ -47,6 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--static-start", action="store_true", help="every run is let go at t = 0 as [start] says")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
+    parser.add_argument(
+        "--profile", nargs="?", const="", metavar="NAMES", help="intervals by profile likelihood too (default: of all)"
+    )
+    parser.add_argument(
+        "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
+    )
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
     add_quiet(parser)
     add_json(parser)
@@ -59,6 +81,9 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
+    start = {key: _number("start", key, text) for key, text in _pairs("start", args.start)}
+    bounds = {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)}
+    priors = {key: _prior(key, text) for key, text in _pairs("prior", args.prior)}
     scene = read_scene(args)
 
     from fitting.calibration.fit import fit
@@ -68,6 +93,11 @@ def run(args: argparse.Namespace) -> int:
         scene,
         free,
         method=args.method,
+        start=start,
+        bounds=bounds,
+        priors=priors,
+        profile=(args.profile.split(",") if args.profile else True) if args.profile is not None else False,
+        bootstrap=args.bootstrap or 0,
         until=args.until,
         held_out=spans,
         window=args.window,
@@ -105,8 +135,50 @@ def held_out_spans(text: str | None) -> list[tuple[float, float]]:
     return found
 
 
+def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
+    """Names and texts of several `NAME=TEXT`."""
+    found = []
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise SceneError(f"--{option}: {text!r} names no value; allowed: NAME={ALLOWED[option]}")
+        if name in [known for known, _ in found]:
+            raise SceneError(f"--{option}: {name!r} is given twice; allowed: every parameter once")
+        found.append((name, value))
+    return found
+
+
+#: What stands behind the name.
+ALLOWED = {"start": "VALUE", "bounds": "LOW:HIGH", "prior": "MEAN+-SD"}
+
+
+def _number(option: str, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise SceneError(f"--{option}: {name}={text!r} is not a finite number; allowed: NAME={ALLOWED[option]}")
+    return value
+
+
+def _bounds(name: str, text: str) -> tuple[float | None, float | None]:
+    """Ends of `LOW:HIGH`; one that is left out stays as the scene's fields declare it."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise SceneError(f"--bounds: {name}={text!r} is no range; allowed: NAME=LOW:HIGH, one end may be left out")
+    return tuple(_number("bounds", name, end) if end.strip() else None for end in (low, high))
+
+
+def _prior(name: str, text: str) -> tuple[float, float]:
+    mean, sign, width = text.replace("\u00b1", "+-").partition("+-")
+    if not sign:
+        raise SceneError(f"--prior: {name}={text!r} has no width; allowed: NAME=MEAN+-SD")
+    return _number("prior", name, mean), _number("prior", name, width)
+
+
 def _check_numbers(args: argparse.Namespace) -> None:
-    for key in ("until", "window", "dt", "huber", "iterations"):
+    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
         value = getattr(args, key)
         if value is not None and not value > 0:
             raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0")
@@ -114,9 +186,11 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def text(result: FitResult) -> str:
     """The result for people."""
-    from fitting.report.tables import comparison_rows, parameter_rows, summary
+    from fitting.report.tables import comparison_rows, interval_rows, parameter_rows, summary
 
     parts = [table(parameter_rows(result)), "", listing(summary(result))]
+    if len(rows := interval_rows(result)) > 1:
+        parts += ["", table(rows)]
     if result.comparison:
         parts += ["", table(comparison_rows(result.comparison))]
     return "\n".join([*parts, "", result.outcome])

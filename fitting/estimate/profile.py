@@ -7,19 +7,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.gauss_newton import closed_starts, descend, move
+from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
+from fitting.estimate.shooting import level_of
+from fitting.estimate.uncertainty import degrees_of_freedom
+
+#: Most evaluations at each value.
+EVALUATIONS = 15
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Half the growth of chi-square, in units of the noise, at values (g,) of one parameter; ends of its interval."""
+    """Half the growth of chi-square, in units of the noise, at values (g,) of one parameter; ends of its interval.
+
+    Attributes:
+        converged: whether everything else was at its optimum at every value.
+    """
 
     name: str
     values: np.ndarray
     growth: np.ndarray
     low: float
     high: float
+    converged: bool = True
 
 
 def profile(
@@ -34,31 +45,50 @@ def profile(
     """Refit everything else with one parameter held at `points` values on either side, up to `reach` standard errors.
 
     The interval is where twice the growth stays below the `level` quantile of chi-square with one degree of freedom
-    (Wilks 1938), read from a quadratic through the points next to it.
+    (Wilks 1938), read from a quadratic through the points next to it. Where the standard error is larger than the
+    noise makes it (correlated residuals, a model that is wrong somewhere), growth counts as much less (Kent 1982).
+
+    Args:
+        std_error: of the parameter, as `uncertainty` tells it.
     """
     index = [p.name for p in solution.problem.parameters].index(name)
     p = solution.problem.parameters[index]
     held = solution.problem.held.copy()
     held[index] = True
-    problem = replace(solution.problem, frozen=held)
-    unit = max(2 * solution.cost / max(solution.windows.samples, 1), 1e-300)
-    best = float(solution.values[index])
-    found = {best: 0.0}
+    level_there = level_of(replace(solution.problem, frozen=held), solution.gap_weight)
+    unit, best = _unit(solution, index, std_error), float(solution.values[index])
+    cost = level_of(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
+    found, converged = {best: 0.0}, True
     for side in (-1, 1):
-        starts, values = solution.starts, solution.values.copy()
+        point = solution
         for j in range(1, points + 1):
             place = float(np.clip(best + side * reach * std_error * j / points, p.low, p.high))
             if place in found:
                 break
-            values = values.copy()
+            values = point.values.copy()
             values[index] = place
-            other = fit_windows(problem, values, starts, iterations=15)
-            found[place] = (other.cost - solution.cost) / unit
-            starts, values = other.starts, other.values
+            along = point.eliminated[..., index] * (place - point.values[index])
+            starts = move(point.problem.simulator, point.starts, point.values, along)
+            evaluation = level_there.problem.evaluate(values, starts)
+            point = descend(
+                level_there, values, closed_starts(evaluation), evaluation, EVALUATIONS, before=point, history=[]
+            )
+            converged &= point.status == "ok"
+            found[place] = (point.cost - cost) / unit
     at = np.array(sorted(found))
     growth = np.array([found[x] for x in at])
     limit = 0.5 * float(chi2.ppf(level, 1))
-    return Profile(name, at, growth, _crossing(at, growth, best, limit, -1), _crossing(at, growth, best, limit, 1))
+    ends = (_crossing(at, growth, best, limit, side) for side in (-1, 1))
+    return Profile(name, at, growth, *ends, converged)
+
+
+def _unit(solution: Solution, index: int, std_error: float) -> float:
+    """Growth of the cost [units of the assumed noise] that counts as one."""
+    free = np.flatnonzero(~solution.problem.held)
+    inverse = solve_spd(solution.information[np.ix_(free, free)], np.eye(len(free)))
+    own = float(inverse[np.flatnonzero(free == index)[0], np.flatnonzero(free == index)[0]])
+    noise = solution.chi2 / degrees_of_freedom(solution)
+    return max(noise, std_error**2 / max(own, 1e-300), 1e-300)
 
 
 def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:

@@ -96,6 +96,13 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
     return max(1.0, total)
 
 
+def together(solution: Solution, parts: Pieces, free: np.ndarray) -> int:
+    """Pieces to a block: two correlation times of the parameters' scores, as far as `FEWEST` blocks are left."""
+    influence = solve_spd(solution.information[np.ix_(free, free)], parts.gradient.T).T
+    longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
+    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
+
+
 def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
     parts = pieces(solution, free)

@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import FEW, scatter, scores
+from fitting.estimate.sandwich import FEW, pieces, scatter, together
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
@@ -164,23 +164,25 @@ def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -
     return tuple(found)
 
 
-def bootstrap(solution: Solution, draws: int = 200, block: int = 3, seed: int = 0) -> np.ndarray:
-    """Parameters (draws, k) refitted, to first order, to blocks of `block` neighbouring windows drawn with replacement.
+def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> np.ndarray:
+    """Parameters (draws, k) refitted, to first order, to blocks of time drawn with replacement.
 
-    Each draw solves the linearised problem `sum_k m_k (S_k dp + g_k) = 0` with m_k how often window k was drawn, the
-    window starts following along. For windows that are not joined.
+    Each draw solves the linearised problem `sum_b m_b (S_b dp + g_b) = 0` with m_b how often stretch b was drawn, the
+    window starts following along; priors count once.
+
+    Args:
+        block: stretches that are drawn together: windows, or parts of joined ones; default two correlation times.
     """
     rng = np.random.default_rng(seed)
-    score = scores(solution) * np.sqrt(solution.weights)[..., None]
-    residual = np.sqrt(solution.weights) * solution.evaluation.residual
-    information = np.einsum("ksni,ksnj->kij", score, score)
-    gradient = np.einsum("ksni,ksn->ki", score, residual)
-    count, bounds = solution.windows.count, solution.problem.bounds(solution.values)
-    found = []
-    for _ in range(draws):
+    free = np.flatnonzero(~solution.problem.held)
+    parts = pieces(solution, free)
+    block = block or together(solution, parts, free)
+    prior = solution.problem.prior(solution.values)
+    count, bounds = len(parts.run), solution.problem.bounds(solution.values)
+    found = np.tile(solution.values, (draws, 1))
+    for draw in range(draws):
         first = rng.integers(0, count, size=int(np.ceil(count / block)))
         chosen = ((first[:, None] + np.arange(block)) % count).ravel()[:count]
-        S, g = information[chosen].sum(0), gradient[chosen].sum(0)
-        step = -solve_spd(S, g)
-        found.append(np.clip(solution.values + step, *bounds))
-    return np.array(found)
+        S = parts.information[chosen].sum(0) + prior.curvature[np.ix_(free, free)]
+        found[draw, free] -= solve_spd(S, parts.gradient[chosen].sum(0) + prior.gradient[free])
+    return np.clip(found, *bounds)

@@ -94,11 +94,19 @@ def resolve(
         found += release.parameters(name, option) if released else _expand(model, name, option)
     check_once([p.name for p in found], option)
     known = [p.name for p in found]
-    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
-        for name in given or {}:
-            if name not in known:
-                raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
-    return tuple(_adjust(p, start or {}, bounds or {}, priors or {}) for p in found)
+    given = [_for_each(*one, known) for one in (("start", start), ("bounds", bounds), ("prior", priors))]
+    return tuple(_adjust(p, *given) for p in found)
+
+
+def _for_each(which: str, given: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
+    """What is given by path, by the names of the parameters: that of a field is for each of its entries."""
+    found = {}
+    for name, value in (given or {}).items():
+        mine = [p for p in known if p == name] or [p for p in known if p.startswith(name + ".")]
+        if not mine:
+            raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
+        found.update(dict.fromkeys(mine, value))
+    return found
 
 
 def check_once(names: Sequence[str], option: str) -> None:
@@ -119,7 +127,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) ->
             raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {low:g} to {high:g}")
         value = min(max(value, low), high)
     prior = priors.get(p.name)
-    if prior is not None and not prior[1] > 0:
+    if prior is not None and not 0 < prior[1] < np.inf:
         raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: > 0")
     return dataclasses.replace(p, value=value, low=low, high=high, prior=prior)
 

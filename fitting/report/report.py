@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.files import atomic_write
 from fitting.calibration.result import FitResult
 from fitting.report.pictures import PICTURES, fitted
-from fitting.report.tables import comparison_rows, parameter_rows, summary
+from fitting.report.tables import comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
 
 #: The thesis' parts of a trace [s].
@@ -41,6 +41,7 @@ def report(result: FitResult) -> str:
         f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
         markdown(parameter_rows(result)),
+        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown(rows)]),
         "## Quality",
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
         "## Errors along the trace",

@@ -22,6 +22,35 @@ def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
     return rows
 
 
+def interval_rows(result: FitResult) -> list[tuple[str, ...]]:
+    """90 % intervals by profile likelihood and bootstrap, where asked for, with a heading."""
+    rows = [("parameter", "by", "90 % low", "high")]
+    digits = {
+        p.name: significant(v, s)
+        for p, v, s in zip(result.parameters, result.values, result.uncertainty.std_error, strict=True)
+    }
+    for p in result.profiles:
+        by = "profile" if p.converged else "profile, not converged"
+        rows.append((p.name, by, *(f"{x:.{digits[p.name]}g}" for x in (p.low, p.high))))
+    if result.bootstrap is not None:
+        for name, found in result.bootstrap_table().items():
+            rows.append((name, "bootstrap", *(f"{found[key]:.{digits[name]}g}" for key in ("low", "high"))))
+    return rows
+
+
+def noise_text(result: FitResult) -> str:
+    """Size and kind of the noise that the residuals tell."""
+    found = result.noise_table()
+    sizes = ", ".join(f"{x:.2g}" for x in np.ravel(found["sigma_rad"])[:8])
+    more = ", ..." if np.size(found["sigma_rad"]) > 8 else ""
+    kind = {
+        "white": "",
+        "correlated": f"; a sample keeps {np.mean(found.get('kept', 0)):.2g} of the one before",
+        "jitter": f"; frames are late or early by {np.mean(found.get('delay_s', 0)) * 1e3:.2g} ms",
+    }
+    return f"{sizes}{more} rad by link{kind[found['kind']]}"
+
+
 def significant(value: float, error: float) -> int:
     """Digits that show a value down to the second digit of its error."""
     if not (error > 0 and np.isfinite(error) and value != 0):
@@ -43,6 +72,7 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
     pairs = [
         ("windows", f"{result.windows.count} of {result.windows.length:.3g} s, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
+        ("noise of the residuals", noise_text(result)),
         ("time step", step_text(result)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),

@@ -30,7 +30,7 @@ SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 SAME_EVIDENCE = 0.5
 #: Less log evidence than the best by this much: it has passed its maximum.
 EVIDENCE_DROP = 5.0
-#: Part of the evidence lost with a tighter weight that finer steps must give back to be worth while.
+#: Part of the evidence lost with a tighter weight that finer steps must give back where residuals are no noise.
 RECOVERED = 0.3
 #: Gap weights that are this many times the gaps' own size, and more, are passed over.
 SLACK = 5.0
@@ -139,8 +139,8 @@ def fit_shooting(
             progress((i + 1) / (len(schedule) + 1), text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
             again = finer(point) if fell > SAME_EVIDENCE else None
-            if again is not None and level.recovered(again, point) < RECOVERED * fell:
-                again = None
+            if again is not None and begin.problem.memory > 1 and level.recovered(again, point) < RECOVERED * fell:
+                again = None  # the model is what is wrong
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0

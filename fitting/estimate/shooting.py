@@ -23,11 +23,13 @@ from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.simulator import Evaluation
 
 #: Gap weights, one after another. Longer jumps lose the optimum's neighbourhood (measured on the lab dropper).
-SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
+SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 #: Log evidence this near the best is within one standard error of the weight, as a likelihood tells it: of such weights
 #: the loosest is taken, with the widest errors. Errors of `dry` on 20 twins of three links with dry joints: 1.04 times
 #: those of one uninterrupted run; 1.33 at a difference of 1, 2.6 at 5.
 SAME_EVIDENCE = 0.5
+#: Evidence that changes by less than this from weight to weight has no more to tell.
+LEVEL = 0.02
 #: Less log evidence than the best by this much: it has passed its maximum.
 EVIDENCE_DROP = 5.0
 #: Part of the evidence lost with a tighter weight that finer steps must give back where residuals are no noise.
@@ -144,6 +146,8 @@ def fit_shooting(
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
+        if continuity == "estimate" and i and abs(point.evidence - found[-2].evidence) < LEVEL:
+            break
         # residuals that are no noise leave no doubt where the evidence turns
         if continuity == "estimate" and worse == (2 if begin.problem.memory == 1 else 1):
             break

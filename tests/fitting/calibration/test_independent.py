@@ -14,15 +14,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from fitting.calibration.comparison import Law, compare, with_bic
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import Projected
+from fitting.estimate.profile import profile
 from fitting.estimate.refinement import LARGEST_BIAS, step_bias
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.simulator import trusted
-from fitting.estimate.uncertainty import uncertainty
+from fitting.estimate.uncertainty import bootstrap, uncertainty
 from fitting.traces.trace import Convention, Trace
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
@@ -146,6 +148,87 @@ def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(ready
             moved[i] += side * step
             ends.append(loss(moved, inner=12)[0])
         assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.05)
+
+
+def spoiled(motion, seed, how):
+    """The motion seen with noise of another kind: links of unlike noise, noise with memory, frames late or early."""
+    t, phi = motion
+    rng = np.random.default_rng(seed)
+    white = NOISE * rng.standard_normal(phi.shape)
+    if how == "unlike":
+        return Trace("rods", t, phi + white * [1.0, 3.0], convention=Convention("down", 1, "rad"))
+    if how == "jitter":
+        phi = CubicSpline(t, phi)(t + 0.004 * rng.standard_normal(len(t)))
+    if how == "memory":
+        for i in range(1, len(white)):
+            white[i] = 0.9 * white[i - 1] + np.sqrt(1 - 0.9**2) * white[i]
+    return Trace("rods", t, phi + white, convention=Convention("down", 1, "rad"))
+
+
+@pytest.mark.parametrize(
+    ("how", "kind", "wider"), [("unlike", "white", 2.0), ("memory", "correlated", 3.0), ("jitter", "jitter", 1.6)]
+)
+def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(ready, motion, ten, how, kind, wider):
+    """Two draws of each: their errors cover, and are little larger than those of clean traces."""
+    clean = np.median([result.uncertainty.std_error for result in ten], axis=0)
+    for seed in (30, 31):
+        prepared = ready(spoiled(motion, seed, how))
+        result = summarise(prepared, "windows", estimate(prepared, "windows"))
+        noise = result.noise_table()
+        assert result.status == "ok"
+        assert noise["kind"] == kind
+        assert np.all(np.abs(result.values - TRUTH) < 3.5 * result.uncertainty.std_error)
+        assert np.all(result.uncertainty.std_error < wider * clean)
+        size = noise["sigma_rad"][0] / NOISE
+        np.testing.assert_allclose(size, [1, 3] if how == "unlike" else [1, 1], rtol=0.3 if how == "memory" else 0.12)
+        if how == "memory":
+            np.testing.assert_allclose(noise["kept"], 0.9, atol=0.08)
+        if how == "jitter":
+            np.testing.assert_allclose(noise["delay_s"], 0.004, rtol=0.25)
+
+
+def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(ready, motion):
+    """Without its quadratic part the law is wrong: misfits are smooth, the noise stays white, blocks tell the error."""
+    trace = seen(motion, 0, NOISE / 5)
+    prepared = ready(trace)
+    solution = estimate(prepared, "windows", frozen=np.array([False, True]))
+    result = summarise(prepared, "windows", solution)
+    white = np.sqrt(1 / solution.information[0, 0])
+    assert result.noise_table()["kind"] == "white"
+    assert result.uncertainty.blocks > 0
+    assert result.uncertainty.std_error[0] > 3 * white
+    assert any("residuals are not noise" in w for w in result.warnings)
+
+
+def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(ready, motion):
+    """Half of each window, by the program of the whole ones and by the samples that both share."""
+    prepared = ready(seen(motion, 0))
+    simulator, windows = prepared.simulator, prepared.windows
+    whole = simulator(prepared.values, prepared.starts, windows)
+    programs = len(simulator._programs)
+    slots = windows.theta.shape[1] // 2
+    steps = int(windows.index[0, slots])
+    fields = ("theta", "weight", "index", "fraction")
+    half = replace(windows, steps=steps, **{f: getattr(windows, f)[:, :slots] for f in fields})
+    found = simulator(prepared.values, prepared.starts, half)
+    assert len(simulator._programs) == programs
+    np.testing.assert_allclose(found.residual, whole.residual[:, :slots], atol=1e-12)
+    np.testing.assert_allclose(found.jacobian, whole.jacobian[:, :slots], rtol=1e-9, atol=1e-9)
+    end = whole.theta[:, slots] - np.pi / 2  # the half's end is the whole's next sample
+    assert np.abs(found.end[:, :2] - np.pi / 2 - end).max() < 1e-9
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("method", ["windows", "shooting"])
+def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(ready, motion, method):
+    prepared = ready(seen(motion, 0))
+    solution = estimate(prepared, method)
+    u = uncertainty(solution)
+    found = profile(solution, FREE[0], float(u.std_error[0]), points=2)
+    assert found.converged
+    assert [found.low, found.high] == pytest.approx([u.low[0], u.high[0]], abs=0.3 * u.std_error[0])
+    spread = bootstrap(solution, draws=400).std(axis=0)
+    np.testing.assert_allclose(spread, u.std_error, rtol=0.6)
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(ready, motion):

@@ -97,6 +97,18 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
         (["--zero", "up"], "allowed: horizontal, down"),
         (["--unit", "deg"], "looks like radians"),
         (["--iterations", "0"], "is not positive"),
+        (["--prior", "b_l=0.1+-0"], "has standard deviation 0; allowed: > 0"),
+        (["--prior", "b_l=0.1"], "has no width; allowed: NAME=MEAN+-SD"),
+        (["--prior", "b_x=1+-1"], "'b_x' does not exist"),
+        (["--bounds", "b_l=3"], "is no range; allowed: NAME=LOW:HIGH"),
+        (["--bounds", "b_l=2:1"], "has no room between 2 and 1"),
+        (["--bounds", "line.0.mass=1:2"], "'line.0.mass' is not a free parameter"),
+        (["--start", "b_l=fast"], "is not a finite number; allowed: NAME=VALUE"),
+        (["--start", "b_l"], "names no value"),
+        (["--start", "b_l=-1"], "is out of bounds"),
+        (["--start", "b_l=1", "--start", "b_l=2"], "'b_l' is given twice"),
+        (["--bootstrap", "0"], "is not positive"),
+        (["--bootstrap", "1"], "tell no spread"),
     ],
 )
 def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, words):
@@ -107,6 +119,26 @@ def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, w
     lines = [line for line in err.splitlines() if line.startswith("error")]
     assert len(lines) == 1
     assert words in lines[0]
+
+
+@pytest.mark.slow
+def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_hold(files, capsys):
+    code = main(
+        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--method", "windows", "--json",
+         "--start", "b_l=0.5", "--bounds", "b_l=:0.8", "--prior", "b_q=0.05+-1e-6", "--profile", "b_l",
+         "--bootstrap", "100"]
+    )  # fmt: skip
+    found = json.loads(capsys.readouterr().out)
+    assert code == 0
+    b_l = found["parameters"]["effects.linear_damping.b_l"]
+    assert found["parameters"]["effects.quadratic_damping.b_q"]["value"] == pytest.approx(0.05, abs=4e-6)
+    assert list(found["profile"]) == ["effects.linear_damping.b_l"]
+    profile = found["profile"]["effects.linear_damping.b_l"]
+    assert [profile["low"], profile["high"]] == pytest.approx([b_l["low"], b_l["high"]], abs=0.3 * b_l["std_error"])
+    spread = found["bootstrap"]["effects.linear_damping.b_l"]["std_error"]
+    assert 0.4 < spread / b_l["std_error"] < 2.5
+    assert found["noise"]["kind"] == "white"
+    assert found["noise"]["sigma_rad"][0][0] == pytest.approx(0.005, rel=0.1)
 
 
 def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(files, capsys):

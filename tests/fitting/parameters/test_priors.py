@@ -1,0 +1,106 @@
+"""Priors of a rig: on single numbers, on the share common to several, and the scale of mass that no angle tells."""
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from fitting.estimate.normal_equations import prior_of
+from fitting.parameters.naming import default_free
+from fitting.parameters.parameter import camera_offset, resolve
+from fitting.parameters.priors import power_of_mass, rig_priors
+
+NAME = "measured-double-pendulum"
+
+
+def found(priors, free, scene=NAME):
+    table = dj.load_scene(scene).to_dict()
+    scene = Scene.from_dict({**table, "fit": {"prior": priors}})
+    model, _ = dj.build(scene)
+    return rig_priors(scene, model, resolve(model, free))
+
+
+def test_a_prior_holds_every_free_number_of_its_path():
+    parameters, known = found([{"of": "line.0.length", "sigma": 0.5, "unit": "mm"}], ["line.0.length", "line.0.mass.0"])
+    assert [p.prior for p in parameters] == [(0.172719, pytest.approx(5e-4)), (0.2, pytest.approx(5e-4)), None]
+    assert known.common == ()
+    assert known.carried == 0
+
+
+def test_a_common_prior_holds_the_mean_share_and_leaves_the_ratios():
+    parameters, known = found(
+        [{"of": "line.0.mass", "sigma": 0.3, "unit": "%", "common": True}], ["line.0.mass", "line.0.inertia"]
+    )
+    values = np.array([p.value for p in parameters])
+    prior = prior_of(parameters, values * np.array([1.006, 1.006, 1, 1]), known.common)
+    assert prior.cost == pytest.approx(0.5 * (0.006 / 0.003) ** 2)
+    assert known.carried == 0
+    turned = values * np.array([1.01, 0.99, 1, 1])  # the ratio, not the scale
+    assert prior_of(parameters, turned, known.common).cost == pytest.approx(0, abs=1e-12)
+    slope = [
+        (prior_of(parameters, values + h, known.common).cost - prior_of(parameters, values - h, known.common).cost)
+        / 2e-6
+        for h in 1e-6 * np.eye(4)
+    ]
+    np.testing.assert_allclose(prior_of(parameters, values, known.common).gradient, slope, atol=1e-6)
+
+
+def test_masses_that_are_held_carry_their_scale_into_the_errors_of_what_grows_with_it():
+    names = ["line.0.inertia.0", "effects.joint_friction.dry.0", "line.0.centre_of_mass.0", "camera.offset"]
+    _, known = found([{"of": "line.0.mass", "sigma": 0.3, "unit": "%", "common": True}], names)
+    values = np.array([4e-4, 3e-4, 0.1, 0.01])
+    error = np.sqrt(np.diag(known.carried_covariance(values)))
+    np.testing.assert_allclose(error / values, [0.003, 0.003, 0, 0])
+    correlation = known.carried_covariance(values)[0, 1] / (error[0] * error[1])
+    assert correlation == pytest.approx(1)
+
+
+def test_angles_do_not_change_when_everything_heavy_grows_alike():
+    """The reason for what is carried: masses, inertias and friction, all 7 % larger, swing alike."""
+    scene = dj.load_scene(NAME)
+    line, friction = scene.to_dict()["line"][0], scene.to_dict()["effects"]["joint_friction"]
+    heavier = {f"line.0.{key}": (1.07 * np.array(line[key])).tolist() for key in ("mass", "inertia")}
+    heavier |= {f"effects.joint_friction.{k}": (1.07 * np.array(friction[k])).tolist() for k in ("viscous", "dry")}
+    runs = [dj.simulate(s, dt=0.005, duration=1.0).positions for s in (scene, scene.with_values(heavier))]
+    np.testing.assert_allclose(*runs, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("unit", "power"),
+    [("kg", 1), ("kg/s", 1), ("N m s/rad", 1), ("N m", 1), ("kg m^2", 1), ("m", 0), ("rad", 0), ("m/s^2", 0), ("-", 0)],
+)
+def test_units_with_a_mass_are_told(unit, power):
+    assert power_of_mass(unit) == power
+
+
+@pytest.mark.parametrize(
+    ("prior", "words"),
+    [
+        ({"of": "line.0.length", "sigma": 1, "unit": "g"}, "'g' does not measure 'line.0.length.0'; allowed: m, %"),
+        ({"of": "line.0.lenght", "sigma": 1, "unit": "%"}, "did you mean 'line.0.length'"),
+        ({"of": "effects.joint_friction.dry.2", "sigma": 1, "unit": "%"}, "is 0, a share of it is nothing"),
+    ],
+)
+def test_a_prior_of_nothing_is_named(prior, words):
+    with pytest.raises(SceneError, match="fit.prior.0") as error:
+        found([prior], ["line.0.length", "effects.joint_friction.dry.2"])
+    assert words in str(error.value)
+
+
+def test_what_the_rig_leaves_open_is_free_by_default():
+    scene = dj.load_scene("measured-single-pendulum")
+    assert default_free(scene)[0] == "line.0.inertia"
+    assert "effects.quadratic_damping.b_q" in default_free(scene)
+    assert default_free(dj.load_scene("dropper-release-a")) == [
+        "effects.linear_damping.b_l", "effects.quadratic_damping.b_q",
+    ]  # fmt: skip
+
+
+def test_offsets_of_markers_add_to_their_own_links_and_the_cameras_to_all():
+    model, _ = dj.build(NAME)
+    parameters = resolve(model, ["camera.offset", "marker.offset"])
+    assert [p.name for p in parameters] == ["camera.offset", "marker.offset.0", "marker.offset.1"]
+    np.testing.assert_allclose(camera_offset(parameters, np.array([0.1, 0.02, 0.003]), 2), [0.12, 0.103])
+    with pytest.raises(SceneError, match=r"allowed: marker.offset.0 to marker.offset.1"):
+        resolve(model, ["marker.offset.2"])

@@ -167,8 +167,9 @@ def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -
 def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> np.ndarray:
     """Parameters (draws, k) refitted, to first order, to blocks of time drawn with replacement.
 
-    Each draw solves the linearised problem `sum_b m_b (S_b dp + g_b) = 0` with m_b how often stretch b was drawn, the
-    window starts following along; priors count once.
+    Each draw solves the linearised problem `S dp + sum_b m_b g_b = 0` with m_b how often stretch b was drawn, the window
+    starts following along; S is that of all stretches, few draws of which may leave a parameter open (Kline and Santos
+    2012).
 
     Args:
         block: stretches that are drawn together: windows, or parts of joined ones; default two correlation times.
@@ -177,12 +178,12 @@ def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, se
     free = np.flatnonzero(~solution.problem.held)
     parts = pieces(solution, free)
     block = block or together(solution, parts, free)
-    prior = solution.problem.prior(solution.values)
+    information = solution.information[np.ix_(free, free)]
+    prior = solution.problem.prior(solution.values).gradient[free]
     count, bounds = len(parts.run), solution.problem.bounds(solution.values)
     found = np.tile(solution.values, (draws, 1))
     for draw in range(draws):
         first = rng.integers(0, count, size=int(np.ceil(count / block)))
         chosen = ((first[:, None] + np.arange(block)) % count).ravel()[:count]
-        S = parts.information[chosen].sum(0) + prior.curvature[np.ix_(free, free)]
-        found[draw, free] -= solve_spd(S, parts.gradient[chosen].sum(0) + prior.gradient[free])
+        found[draw, free] -= solve_spd(information, parts.gradient[chosen].sum(0) + prior)
     return np.clip(found, *bounds)

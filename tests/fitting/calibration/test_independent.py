@@ -166,7 +166,7 @@ def spoiled(motion, seed, how):
 
 
 @pytest.mark.parametrize(
-    ("how", "kind", "wider"), [("unlike", "white", 2.0), ("memory", "correlated", 3.0), ("jitter", "jitter", 1.6)]
+    ("how", "kind", "wider"), [("unlike", "white", 3.0), ("memory", "correlated", 3.0), ("jitter", "jitter", 1.6)]
 )
 def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(ready, motion, ten, how, kind, wider):
     """Two draws of each: their errors cover, and are little larger than those of clean traces."""

@@ -167,9 +167,9 @@ def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -
 def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> np.ndarray:
     """Parameters (draws, k) refitted, to first order, to blocks of time drawn with replacement.
 
-    Each draw solves the linearised problem `S dp + sum_b m_b g_b = 0` with m_b how often stretch b was drawn, the window
-    starts following along; S is that of all stretches, few draws of which may leave a parameter open (Kline and Santos
-    2012).
+    Each draw solves the linearised problem `S dp + sum_b m_b g_b = 0` with m_b how often stretch b was drawn, the
+    window starts following along; S is that of all stretches, since a draw of few may leave a parameter open (Kline and
+    Santos 2012).
 
     Args:
         block: stretches that are drawn together: windows, or parts of joined ones; default two correlation times.

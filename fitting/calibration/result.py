@@ -19,6 +19,8 @@ from fitting.parameters.parameter import Parameter
 from fitting.traces.trace import Trace
 
 SCHEMA = 1
+#: Departure of the energy's slope from 1, in combined errors, beyond which it is warned of.
+BEYOND = 3.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,31 @@ class HeldOut:
         return self.solution.rms
 
 
+@dataclass(frozen=True)
+class EnergyCheck:
+    """Slope c of the measured loss of energy over the law's, 1 where it is right, and its combined standard error."""
+
+    slope: float
+    error: float
+
+    @property
+    def off(self) -> float:
+        """Departure from 1 in standard errors."""
+        return (self.slope - 1) / self.error
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return f"the measured motion loses {self.slope:.3g} +- {self.error:.2g} of the energy that the law takes"
+
+    @property
+    def warning(self) -> str | None:
+        """One line where the law is contradicted."""
+        if abs(self.off) <= BEYOND:
+            return None
+        return f"{self.text}: {abs(self.off):.1f} combined errors from 1, the law or the rig's numbers are wrong"
+
+
 @dataclass
 class FitResult:
     """A calibrated model.
@@ -52,6 +79,7 @@ class FitResult:
         seconds: compile and run time.
         profiles: profile likelihoods that were asked for.
         bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
+        energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
     """
 
     scene: Scene
@@ -68,6 +96,7 @@ class FitResult:
     comparison: list[Law] = field(default_factory=list)
     profiles: list[Profile] = field(default_factory=list)
     bootstrap: np.ndarray | None = None
+    energy: EnergyCheck | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -158,6 +187,8 @@ class FitResult:
             }
         if self.bootstrap is not None:
             found["bootstrap"] = self.bootstrap_table()
+        if self.energy is not None:
+            found["energy"] = {"slope": self.energy.slope, "std_error": self.energy.error}
         if self.comparison:
             found["comparison"] = [row.to_json() for row in self.comparison]
         if self.status != "ok":

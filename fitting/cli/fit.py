@@ -112,11 +112,11 @@ def run(args: argparse.Namespace) -> int:
         integrator=args.integrator,
         progress=progress(args.quiet),
     )
-    print_warnings(result.warnings)
     if folder:
         from fitting.report.report import write_report
 
         write_report(result, folder)
+    print_warnings(result.warnings)
     print_result(args.json, result.to_json(), text(result))
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from fitting.calibration.energy import look_at_energy
 from fitting.calibration.result import FitResult
 from fitting.report.pictures import PICTURES, fitted
 from fitting.report.tables import comparison_rows, interval_rows, parameter_rows, summary
@@ -36,6 +37,7 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
 
 def report(result: FitResult) -> str:
     """The Markdown text."""
+    energy = look_at_energy(result)
     parts = [
         f"# Fit of {result.scene.name}",
         f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
@@ -44,6 +46,7 @@ def report(result: FitResult) -> str:
         *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown(rows)]),
         "## Quality",
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
+        *([] if energy is None else ["## Energy", f"Without any simulation: {energy.text} (1: the law is right)."]),
         "## Errors along the trace",
         "RMS of measured less fitted angles [rad], window by window with its own start.",
         markdown(part_rows(result)),

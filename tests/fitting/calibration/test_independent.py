@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from fitting.calibration.comparison import Law, compare, with_bic
+from fitting.calibration.energy import energy_check, look_at_energy
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import Projected
@@ -198,6 +199,19 @@ def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(
     assert result.uncertainty.blocks > 0
     assert result.uncertainty.std_error[0] > 3 * white
     assert any("residuals are not noise" in w for w in result.warnings)
+
+
+def test_the_energy_that_a_motion_loses_confirms_the_law_and_contradicts_a_wrong_one(ready, ten):
+    """Slope 1 within its error where the law is right; a seventh less damping in the truth than in the law is told."""
+    checks = [energy_check(result) for result in ten[:3]]
+    assert all(abs(check.off) < 3 and check.warning is None for check in checks)
+    assert np.mean([check.slope for check in checks]) == pytest.approx(1, abs=0.03)
+    weaker = swing([1.2, 0.6], quadratic=0.85 * QUADRATIC)[1]
+    trace = ten[0].traces[0]
+    held = replace(ten[0], traces=[replace(trace, theta=np.pi / 2 - weaker)], warnings=[])
+    assert look_at_energy(held).slope < 0.93
+    assert look_at_energy(held).off < -3
+    assert held.warnings == [held.energy.warning]
 
 
 def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(ready, motion):

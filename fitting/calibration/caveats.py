@@ -13,6 +13,12 @@ from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
 #: Correlation of two estimates from which on they are called hard to tell apart.
 HARD = 0.98
 
+#: What is said of noise that is not white.
+NAMED = {
+    "correlated": "the noise is correlated: samples keep a part of the one before, which weights and errors count",
+    "jitter": "frames are late or early by chance, all links of a frame alike, which weights and errors count",
+}
+
 
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
     """One line each: bounds, parameters that cannot be told apart, residuals that are not noise, failed steps."""
@@ -41,7 +47,10 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             f"standard errors come from the scatter of {u.blocks} blocks of time, fewer than {FEW}: longer traces "
             "tell them better"
         )
-    if not CHI2_RANGE[0] < chi2 < CHI2_RANGE[1]:
+    noise = solution.problem.noise
+    if noise is not None and noise.kind != "white":
+        found.append(NAMED[noise.kind])
+    elif not CHI2_RANGE[0] < chi2 < CHI2_RANGE[1]:
         found.append(
             f"chi-square per degree of freedom is {chi2:.3g}: the estimated noise does not explain the residuals"
         )

@@ -9,9 +9,9 @@ out moves the estimate by `d_b = (S - S_b)^-1 g_b` to first order, and
 holds whatever the residuals are, as long as blocks are independent: each is at least two correlation times of the
 scores long. Priors count as measurements of their own.
 
-A model that is wrong has no one best value: it changes with the amplitude, which no block sees all of. What the first
-and the second half of the time would each move the estimate to, d apart, is therefore added to the error, `cov + d d'`.
-Thirds of a measured double pendulum: without it a third of their differences are beyond three errors.
+A model that is wrong has no one best value: it changes with the amplitude, which no block sees all of. With d how far
+apart the first and the second half of the time would put the estimate, its variance grows by the larger of `d^2/4`
+(each half is that far from the whole) and `d^2 - 4 var` (what independent blocks do not explain).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fitting.estimate.gaps import gaps
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 
-#: Pieces of time wanted, into which joined windows are cut; separate windows are pieces themselves.
+#: Pieces of time wanted, into which few windows are cut.
 PIECES = 60
 #: Fewest blocks, however long the scores remember.
 FEWEST = 4
@@ -61,7 +61,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     pull = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
     joined = solution.gap_weight is not None and windows.follows.any()
-    parts = int(np.ceil(PIECES / windows.count)) if joined else 1
+    parts = int(np.ceil(PIECES / windows.count))
     place = np.minimum((windows.index * parts) // windows.steps, parts - 1)
     gradient = np.zeros((windows.count, parts, len(free)))
     information = np.zeros((windows.count, parts, len(free), len(free)))
@@ -130,9 +130,12 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     moved = np.array(moved) - np.mean(moved, axis=0)
     inner = solve_spd(information, np.eye(len(free)))
     prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
-    drift = _apart(parts, information)
-    covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner + np.outer(drift, drift)
-    return Scatter(covariance, blocks)
+    covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
+    own, drift = np.diag(covariance), _apart(parts, information) ** 2
+    # what independent blocks explain is four times the variance
+    more = np.maximum(0.25 * drift, drift - 4 * own)
+    grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
+    return Scatter(covariance * np.outer(grow, grow), blocks)
 
 
 def _apart(parts: Pieces, information: np.ndarray) -> np.ndarray:

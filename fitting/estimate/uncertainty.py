@@ -172,7 +172,7 @@ def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, se
     Santos 2012).
 
     Args:
-        block: stretches that are drawn together: windows, or parts of joined ones; default two correlation times.
+        block: stretches that are drawn together: windows, or parts of few ones; default two correlation times.
     """
     rng = np.random.default_rng(seed)
     free = np.flatnonzero(~solution.problem.held)

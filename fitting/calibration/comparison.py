@@ -1,159 +1,219 @@
-"""Which damping law do the traces ask for? A ladder of laws, scored by BIC and on stretches that were not fitted.
+"""Which damping law do the traces ask for? Every subset of a full set of coefficients, compared on the same windows.
 
-Every law is a subset of one full set of coefficients, the others held at zero, so that all are fitted by the same
-simulator on the same windows. BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978), where N_eff counts the samples
-by their correlation, N (1 - rho)/(1 + rho). Scores compare only with one N_eff for all laws: rho is taken from the law
-that fits best, whose residuals are nearest to the noise.
+Every law is a subset of one full set, the others held at zero, so that all are fitted by the same simulator on the same
+windows, in units of the noise that the fullest law leaves. A law starts from the best of those that it contains, and so
+never fits worse. Laws that give the same motion (one link: linear drag, and a viscous joint) are one. They are compared
+by cross-validation in blocks (`cross_validation`) and by tests of what one has more than another (`decision`); what the
+caller holds out is touched by none of it.
+
+BIC = `N_eff log(chi2/N) + k log N_eff` (Schwarz 1978) stands beside, where N_eff counts the samples by their
+correlation, N (1 - rho)/(1 + rho), rho that of the law that fits best, whose residuals are nearest to the noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
-from fitting.calibration.heldout import fit_starts
+from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
+from fitting.calibration.decision import decide
 from fitting.calibration.law import Law
+from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS, contains
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.gauss_newton import continue_windows, fit_windows
+from fitting.estimate.noise import with_own_noise
+from fitting.estimate.problem import Solution
+from fitting.estimate.refinement import refine
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.windows import Starts, Windows, first_starts
 from fitting.parameters.parameter import resolve, with_effects
 
-#: Every damping coefficient that a law may use.
-PARTS = {
-    "linear": "effects.linear_damping.b_l",
-    "quadratic": "effects.quadratic_damping.b_q",
-    "joint viscous": "effects.joint_friction.viscous",
-    "dry": "effects.joint_friction.dry",
-}
-#: The ladder: name and parts; from the simplest on.
-LADDER = {
-    "none": (),
-    "linear": ("linear",),
-    "joint viscous": ("joint viscous",),
-    "linear + quadratic": ("linear", "quadratic"),
-    "linear + dry": ("linear", "dry"),
-    "joint viscous + dry": ("joint viscous", "dry"),
-    "linear + quadratic + dry": ("linear", "quadratic", "dry"),
-    "joint viscous + quadratic + dry": ("joint viscous", "quadratic", "dry"),
-}
-#: Windows kept for scoring where the caller holds nothing out: one in so many.
-SCORED = 5
 #: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
 MOST_CORRELATED = 0.999
+#: Cosine of two coefficients' derivatives beyond which they are one.
+SAME = 1 - 1e-9
+
+
+@dataclass(frozen=True)
+class Family:
+    """A simulator with every coefficient of some laws, and the part that each parameter belongs to (None: of none)."""
+
+    simulator: Simulator
+    owner: tuple[str | None, ...]
+
+    def used(self, law: str) -> np.ndarray:
+        """Which parameters a law has free (k,) bool."""
+        return np.array([part is None or part in LADDER[law] for part in self.owner])
 
 
 def compare(
     prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
 ) -> list[Law]:
-    """Fit every law of the ladder to the same windows by `windows`.
+    """Fit laws to the same windows by `windows`, and say which of them the traces leave possible.
 
-    Scores on the caller's held-out spans, else on every fifth window, which is then not fitted. What else is free in
-    the fit (inertias, camera) is free in every law.
+    What else is free in the fit (inertias, camera) is free in every law. Friction in joints is one number for all, or
+    one for each where the scene or the fit gives it so.
+
+    Raises:
+        SceneError: a law of unknown name.
     """
+    for law in laws:
+        if law not in LADDER:
+            raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LADDER)}")
     say = progress or silent
+    laws = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
     others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
-    fitted, scored = _split(prepared)
-    rows, squares, residuals, starts = [], [], [], None
-    groups = {dry: _family(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
+    families = {dry: _family(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
+    fullest = laws[-1]
+    say(0.95, f"law {fullest}: noise")
+    first = _fitted(prepared, families["dry" in LADDER[fullest]], fullest, [], iterations)
+    noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    first = refine(noisy(first, again=continue_windows))
+    prepared = prepared.noisy(first.problem.noise)
+    prepared = replace(prepared, windows=replace(prepared.windows, substeps=first.windows.substeps))
+    memory = first.problem.memory
+    same = _same_parts(laws, prepared, first)
+    found: dict[str, Solution] = {}
     for i, law in enumerate(laws):
+        if set(same) & set(LADDER[law]):
+            continue
         say(0.95, f"law {i + 1} of {len(laws)}: {law}")
-        simulator, owner = groups["dry" in LADDER[law]]
-        row, square, solution = _one(prepared, simulator, owner, law, fitted, scored, starts, iterations)
-        starts = solution.starts  # the next law's begin there
-        rows.append(row)
-        squares.append(square)
-        residuals.append(solution.evaluation.residual)
-    return _mark(with_bic(rows, residuals, fitted), squares)
-
-
-def _split(prepared: Prepared) -> tuple[Windows, Windows]:
+        inner = [(LADDER[name], one) for name, one in found.items() if contains(law, name)]
+        if law == fullest:
+            inner.append((LADDER[law], first))
+        family = families["dry" in LADDER[law]]
+        found[law] = _fitted(prepared, family, law, inner, iterations)
     windows = prepared.windows
-    if prepared.held_out:
-        pieces = [
-            (i, max(low, float(trace.t[0])), min(high, float(trace.t[-1]) + trace.interval))
-            for i, trace in enumerate(prepared.traces)
-            for low, high in prepared.held_out
-            if min(high, float(trace.t[-1]) + trace.interval) - max(low, float(trace.t[0])) >= windows.length
-        ]
-        if pieces:
-            return windows, prepared.cut(windows.length, pieces)
-    # a released window is fitted: it alone tells when its run was let go, and its own start cannot be found again
-    own = np.flatnonzero(~windows.released)
-    kept = np.zeros(windows.count, bool)
-    kept[own[SCORED - 1 :: SCORED]] = True
-    if not kept.any():
-        kept[own[-1:]] = windows.count > 1
-    return windows.pick(~kept), windows.pick(kept if kept.any() else ~kept)
+    kinds = (blocks(windows.run), last_third(windows.begin, windows.run), other_runs(windows.run))
+    folds, ahead, beside = (fair(each, windows.released) for each in kinds)
+    scores = [score(one, folds) for one in found.values()]
+    rows = []
+    for (law, one), scored in zip(found.items(), scores, strict=True):
+        rows.append(
+            replace(
+                _row(law, one, families["dry" in LADDER[law]]),
+                cost=one.cost / memory,
+                held_out=scored.rms,
+                extrapolated=score(one, ahead).rms if ahead else np.nan,
+                other_run=score(one, beside).rms if beside else np.nan,
+                equals=_equals(law, same, laws),
+            )
+        )
+    rows = with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
+    scores = [replace(one, log_score=one.log_score / memory) for one in scores]
+    return _with_errors(decide(rows, scores), scores)
 
 
-def _family(prepared: Prepared, others: list[str], dry: bool) -> tuple[Simulator, list[str | None]]:
-    """A simulator with every coefficient of the laws with or without dry friction; and each parameter's part."""
+def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
+    """The laws with standard errors of the differences of their RMS errors to the least, window by window."""
+    mean = np.array([s.square / np.maximum(s.count, 1) for s in scores])
+    best = int(np.argmin([row.held_out for row in rows]))
+    known = scores[best].count > 0
+    apart = (mean - mean[best])[:, known]
+    error = np.std(apart, axis=1, ddof=1 if known.sum() > 1 else 0) / np.sqrt(max(known.sum(), 1))
+    scale = max(2 * rows[best].held_out, 1e-300)
+    return [replace(row, held_out_error=float(e) / scale) for row, e in zip(rows, error, strict=True)]
+
+
+def _family(prepared: Prepared, others: list[str], dry: bool) -> Family:
+    """With every coefficient of the laws with or without dry friction."""
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
     table = prepared.scene.to_dict()
     friction = table["effects"].setdefault("joint_friction", {})
-    links = len(prepared.scene.lines[0].length)
-    friction["viscous"] = [0.0] * (links + 1) if links <= 2 else 0.0
+    joints = len(prepared.scene.lines[0].length) + 1
+    for part in OF_JOINTS:
+        field = PARTS[part].rpartition(".")[2]
+        each = isinstance(friction.get(field), list) or any(
+            p.name.startswith(PARTS[part] + ".") for p in prepared.parameters
+        )
+        friction[field] = [0.0] * joints if each else 0.0
     friction.setdefault("axis", [0.0, 1.0, 0.0])
-    if dry:
-        friction["dry"] = [0.0] * (links + 1) if links <= 2 else 0.0
-    else:
+    if not dry:
         friction.pop("dry", None)
     model, _ = build(with_effects(Scene.from_dict(table), names))
     release = prepared.simulator.release
     release = None if release is None else replace(release)  # its poses are of one model
     same = {p.name: p for p in prepared.parameters if p.name in others}
     parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
-    owner = [next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters]
-    return Simulator(model, parameters, release=release), owner
+    owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
+    return Family(Simulator(model, parameters, release=release), owner)
 
 
-def _one(
-    prepared: Prepared,
-    simulator: Simulator,
-    owner: list[str | None],
-    law: str,
-    fitted: Windows,
-    scored: Windows,
-    starts: Starts | None,
-    iterations: int,
-) -> tuple[Law, np.ndarray, Solution]:
-    """A law fitted, its mean squared error on each scored window, and its solution."""
-    used = np.array([part is None or part in LADDER[law] for part in owner])
+def _fitted(
+    prepared: Prepared, family: Family, law: str, inner: list[tuple[tuple[str, ...], Solution]], iterations: int
+) -> Solution:
+    """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
+    used, parameters = family.used(law), family.simulator.parameters
     known = {p.name: p.value for p in prepared.parameters}
-    parameters = simulator.parameters
-    first = [p.value if part is None else p.scale for p, part in zip(parameters, owner, strict=True)]
-    values = np.where(used, [known.get(p.name, value) for p, value in zip(parameters, first, strict=True)], 0.0)
-    starts = starts or first_starts(simulator.model_at(values), prepared.traces, fitted, prepared.smooth)
-    problem = Problem(simulator, fitted, parameters, frozen=~used)
-    solution = fit_windows(problem, values, starts, iterations=iterations)
-    judged = fit_starts(replace(prepared, simulator=simulator, parameters=parameters), scored, solution.values)
-    square = _window_squares(judged)
-    row = Law(
+    sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
+    begun = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
+    problem = replace(prepared.problem(), simulator=family.simulator, parameters=tuple(parameters), frozen=~used)
+    starts: Starts | None = None
+    tries = [np.where(used, begun, 0.0)]
+    if inner:
+        best = min((one for _, one in inner), key=lambda one: one.cost)
+        own = {p.name: v for p, v in zip(best.problem.parameters, best.values, strict=True)}
+        starts = best.starts
+        tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
+    starts = starts or first_starts(
+        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.smooth
+    )
+    found: list[Solution] = []
+    for values in tries:
+        one = fit_windows(problem, values, starts, iterations=iterations)
+        found.append(one)
+        # on the way from a law that it contains it cannot end worse; what went wrong is tried from elsewhere
+        if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
+            break
+    return min(found, key=lambda one: (one.status != "ok", one.cost))
+
+
+def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
+    """Parts of one coefficient that do what another does, which stands in their place; one that the fit has stays."""
+    names = [p.name for p in first.problem.parameters]
+    owner = [next((part for part, path in PARTS.items() if name.startswith(path)), None) for name in names]
+    wanted = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
+    asked = {part for part in wanted if any(p.name.startswith(PARTS[part]) for p in prepared.parameters)}
+    columns = first.evaluation.jacobian[..., first.problem.freedoms :].reshape(-1, len(owner))
+    unit = columns / np.maximum(np.sqrt(np.sum(columns**2, axis=0)), 1e-300)
+    found: dict[str, str] = {}
+    parts = sorted(wanted, key=lambda part: (part not in asked, list(PARTS).index(part)))
+    for i, kept in enumerate(parts):
+        for other in parts[i + 1 :]:
+            if kept not in found and abs(unit[:, owner.index(kept)] @ unit[:, owner.index(other)]) >= SAME:
+                found[other] = kept
+    return found
+
+
+def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, ...]:
+    """Laws that are this one by other names."""
+    means = lambda name: {same.get(part, part) for part in LADDER[name]}  # noqa: E731
+    return tuple(other for other in laws if other != law and means(other) == set(LADDER[law]))
+
+
+def _row(law: str, solution: Solution, family: Family) -> Law:
+    used = family.used(law)
+    return Law(
         name=law,
-        coefficients=int(sum(on and part is not None for on, part in zip(used, owner, strict=True))),
-        rms=float(np.sqrt(np.mean(_window_squares(solution)))),
-        held_out=float(np.sqrt(np.mean(square))),
+        coefficients=int(sum(on and part is not None for on, part in zip(used, family.owner, strict=True))),
+        rms=solution.rms,
+        held_out=np.nan,
         held_out_error=0.0,
         free=int(used.sum()),
         status=solution.status,
-        values={p.name: float(v) for p, v, on in zip(parameters, solution.values, used, strict=True) if on},
+        values={
+            p.name: float(v) for p, v, on in zip(solution.problem.parameters, solution.values, used, strict=True) if on
+        },
     )
-    return row, square, solution
-
-
-def _window_squares(solution: Solution) -> np.ndarray:
-    """Mean squared angle error of each window (K,) [rad^2]."""
-    known = (solution.windows.weight > 0).sum(axis=(1, 2))
-    return np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1)
 
 
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
@@ -164,17 +224,3 @@ def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> 
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
     return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]
-
-
-def _mark(rows: list[Law], squares: list[np.ndarray]) -> list[Law]:
-    """Standard errors of the difference to the best law, window by window, and the simplest law within one of them."""
-    best = int(np.argmin([row.held_out for row in rows]))
-    marked, candidates = [], []
-    for i, row in enumerate(rows):
-        difference = squares[i] - squares[best]
-        error = float(np.std(difference, ddof=1) / np.sqrt(len(difference))) if len(difference) > 1 else 0.0
-        marked.append(replace(row, held_out_error=error / max(2 * rows[best].held_out, 1e-300)))
-        if float(np.mean(difference)) <= error:
-            candidates.append(i)
-    simplest = min(candidates, key=lambda i: (rows[i].coefficients, rows[i].held_out))
-    return [replace(row, chosen=i == simplest) for i, row in enumerate(marked)]

@@ -13,9 +13,19 @@ class Law:
     """One rung: a damping law, its coefficients (each as many as joints or links have their own), how well it does.
 
     Attributes:
-        held_out: RMS angle error [rad] of the windows that were not fitted, with its standard error.
+        held_out: RMS angle error [rad] of windows predicted from others, with the standard error of its difference to
+            that of the best law.
         free: parameters fitted, those of no damping law too.
-        bic: less is better; `chosen` marks the simplest law within one standard error of the best held-out score.
+        bic: less is better.
+        cost: minus the log likelihood of the fitted windows, in units of independent samples.
+        score, score_error: log score of windows predicted from others, less that of the best law, and its standard
+            error.
+        extrapolated: RMS angle error [rad] of the last third of every run, predicted from what comes before.
+        other_run: the same of every run, predicted from the others; NaN where there is one.
+        share: weight of the law among all, by its log scores.
+        equals: laws that give the same motion, left out.
+        refuted: why the law was left behind, or "".
+        chosen: the simplest law that nothing speaks against; alone where the traces decide.
     """
 
     name: str
@@ -27,9 +37,42 @@ class Law:
     values: dict[str, float]
     free: int
     bic: float = np.nan
+    cost: float = np.nan
+    score: float = np.nan
+    score_error: float = np.nan
+    extrapolated: float = np.nan
+    other_run: float = np.nan
+    share: float = np.nan
+    equals: tuple[str, ...] = ()
+    refuted: str = ""
     chosen: bool = False
+
+    @property
+    def possible(self) -> bool:
+        """Whether nothing speaks against the law."""
+        return not self.refuted
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        keys = ("name", "coefficients", "rms", "held_out", "held_out_error", "bic", "status", "values", "chosen")
-        return {key: getattr(self, key) for key in keys}
+        keys = (
+            "name",
+            "coefficients",
+            "rms",
+            "held_out",
+            "held_out_error",
+            "bic",
+            "status",
+            "values",
+            "chosen",
+            "cost",
+            "score",
+            "score_error",
+            "extrapolated",
+            "other_run",
+            "share",
+            "equals",
+            "refuted",
+            "possible",
+        )
+        found = {key: getattr(self, key) for key in keys}
+        return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in found.items()}

@@ -10,6 +10,7 @@ import numpy as np
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
+from fitting.calibration.decision import verdict
 from fitting.calibration.law import Law
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import Profile
@@ -191,6 +192,7 @@ class FitResult:
             found["energy"] = {"slope": self.energy.slope, "std_error": self.energy.error}
         if self.comparison:
             found["comparison"] = [row.to_json() for row in self.comparison]
+            found["law"] = verdict(self.comparison)
         if self.status != "ok":
             found["error"] = f"{self.status}: {self.message}"
         return jsonable(found)

@@ -186,11 +186,12 @@ def _check_numbers(args: argparse.Namespace) -> None:
 
 def text(result: FitResult) -> str:
     """The result for people."""
+    from fitting.calibration.decision import verdict
     from fitting.report.tables import comparison_rows, interval_rows, parameter_rows, summary
 
     parts = [table(parameter_rows(result)), "", listing(summary(result))]
     if len(rows := interval_rows(result)) > 1:
         parts += ["", table(rows)]
     if result.comparison:
-        parts += ["", table(comparison_rows(result.comparison))]
+        parts += ["", table(comparison_rows(result.comparison)), "", f"law: {verdict(result.comparison)}"]
     return "\n".join([*parts, "", result.outcome])

@@ -57,6 +57,36 @@ class Huber:
         return np.minimum(1.0, self.threshold / np.maximum(np.abs(residual), 1e-300))
 
 
-def loss_of(huber: float | None) -> Loss:
-    """Huber's loss with a threshold, least squares without."""
-    return LEAST_SQUARES if huber is None else Huber(huber)
+@dataclass(frozen=True)
+class StudentT:
+    """`nu/2 log(1 + r^2/nu)`, of Student's t with `nu` degrees of freedom: far outliers pull ever less (Lange 1989).
+
+    It has more than one minimum, so that a fit by it begins where Huber's ends.
+    """
+
+    freedom: float = 4.0
+
+    @property
+    def spread(self) -> float:
+        nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+        return float(weights @ (self.weights(nodes) * nodes) ** 2 / weights.sum())
+
+    def cost(self, residual: np.ndarray) -> float:
+        return 0.5 * self.freedom * float(np.sum(np.log1p(residual**2 / self.freedom)))
+
+    def weights(self, residual: np.ndarray) -> np.ndarray:
+        return 1 / (1 + residual**2 / self.freedom)
+
+
+#: Threshold of Huber's loss from which one of Student's begins.
+BEFORE_STUDENT = 3.0
+
+
+def loss_of(huber: float | None, student: bool = False) -> Loss:
+    """Huber's loss with a threshold, that of Student's t, or least squares."""
+    return StudentT() if student else LEAST_SQUARES if huber is None else Huber(huber)
+
+
+def begun_with(loss: Loss) -> Loss:
+    """The loss to begin with: one of a single minimum."""
+    return Huber(BEFORE_STUDENT) if isinstance(loss, StudentT) else loss

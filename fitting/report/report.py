@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from fitting.calibration.decision import verdict
 from fitting.calibration.energy import look_at_energy
 from fitting.calibration.result import FitResult
 from fitting.report.pictures import PICTURES, fitted
@@ -58,7 +59,7 @@ def report(result: FitResult) -> str:
         "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
     ]
     if result.comparison:
-        parts += ["## Damping laws", markdown(comparison_rows(result.comparison))]
+        parts += ["## Damping laws", verdict(result.comparison) + ".", markdown(comparison_rows(result.comparison))]
     for run, trace in fitted_runs(result):
         parts.append(f"## {trace.name}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]

@@ -85,9 +85,13 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
 def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
     """The table for people."""
     least = min(law.bic for law in laws)
-    rows = [("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "BIC - least", "")]
+    rows = [
+        ("law", "coefficients", "rms [rad]", "held out [rad]", "+- to best", "log score", "share", "BIC - least", "")
+    ]
     for law in laws:
-        numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}", f"{law.bic - least:.1f}")
-        note = "<- simplest within one standard error" if law.chosen else "" if law.status == "ok" else law.status
-        rows.append((law.name, str(law.coefficients), *numbers, note))
+        numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}")
+        scores = (f"{law.score:.1f} +- {law.score_error:.1f}", f"{law.share:.0%}", f"{law.bic - least:.1f}")
+        name = " = ".join((law.name, *law.equals))
+        note = "<- simplest possible" if law.chosen else "possible" if law.possible else law.refuted
+        rows.append((name, str(law.coefficients), *numbers, *scores, note))
     return rows

@@ -1,0 +1,124 @@
+"""Whether the comparison of damping laws finds the law that made a trace, or says that the trace does not decide.
+
+    python benchmarks/laws.py [--links 1 2 3 7] [--draws 2] [--noise white filtered]
+
+Chains of point masses with a free end, let go at some 60 degrees, simulated with a finer step by another scheme than
+the fits take, watched with noise. Every law of up to three parts, its coefficients of a size that each part takes a
+fair share of the energy: a part counts as strong where leaving it out costs 10 in log likelihood. A row per truth: the
+law alone, among those left undecided, or wrong. Writes results/laws.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dropper_jax as dj
+from fitting.calibration.comparison import compare
+from fitting.calibration.decision import verdict
+from fitting.calibration.laws import LADDER, PARTS
+from fitting.calibration.preparation import prepare
+from fitting.traces.trace import Convention, Trace
+
+RESULTS = Path(__file__).parent / "results" / "laws.json"
+RATE, DURATION, NOISE, FINE = 60.0, 12.0, 0.002, 8
+#: Log likelihood that leaving a part out must cost for the part to be strong.
+STRONG = 10.0
+#: Coefficients at which each part alone takes about half of the energy in the time watched, of a chain of 0.6 m and
+#: 0.3 kg.
+SIZES = {"linear": 0.02, "quadratic": 0.02, "joint viscous": 4e-4, "dry": 8e-4}
+
+
+def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
+    """The scene with the coefficients of these parts."""
+    length, mass = 0.6 / links, 0.3 / links
+    effects: dict[str, Any] = {"weight": {}}
+    joints = {}
+    for part, value in values.items():
+        _, effect, field = PARTS[part].split(".")
+        if effect == "joint_friction":
+            joints[field] = value
+        else:
+            effects[effect] = {field: value}
+    if joints:
+        effects["joint_friction"] = {**joints, "axis": [0.0, 1.0, 0.0]}
+    angles = [1.1 - 0.5 * j / max(links - 1, 1) for j in range(links)]
+    return {
+        "run": {"dt": 1 / RATE / FINE, "duration": DURATION, "save_every": FINE},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "low", "kind": "free", "position": [0.6, 0.0, 0.0]},
+        ],
+        "line": [{"name": "chain", "from": "top", "to": "low", "links": links, "length": length, "mass": mass}],
+        "effects": effects,
+        "start": {"kind": "angles", "zero": "down", "polar": angles},
+    }
+
+
+def watched(run: Any, noise: str, rng: np.random.Generator) -> Trace:
+    """The run as a trace, with white noise or noise that remembers 0.8 of itself."""
+    d = np.diff(run.positions, axis=1)
+    angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
+    e = rng.standard_normal(angle.shape)
+    if noise == "filtered":
+        for i in range(1, len(e)):
+            e[i] = 0.8 * e[i - 1] + 0.6 * e[i]
+    return Trace("chain", run.t, angle + NOISE * e, convention=Convention("down", 1, "rad"))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--links", type=int, nargs="+", default=[1, 2, 3, 7])
+    parser.add_argument("--laws", nargs="+", default=[law for law, parts in LADDER.items() if 1 <= len(parts) <= 2])
+    parser.add_argument("--draws", type=int, default=2)
+    parser.add_argument("--noise", nargs="+", default=["white", "filtered"])
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    for links in args.links:
+        for law in args.laws:
+            for draw in range(args.draws):
+                rng = np.random.default_rng([links, list(LADDER).index(law), draw])
+                values = {part: SIZES[part] / len(LADDER[law]) * rng.uniform(0.7, 1.4) for part in LADDER[law]}
+                run = dj.simulate(chain(links, values))
+                if run.status not in ("ok", "energy_drift"):
+                    sys.exit(f"{law}: {run.failure}")
+                for noise in args.noise:
+                    rows.append(one(links, law, values, noise, watched(run, noise, rng)))
+                    args.out.write_text(json.dumps(rows, indent=1) + "\n")
+    for strong in (True, False):
+        some = [row for row in rows if row["strong"] == strong]
+        alone, inside = sum(row["alone"] for row in some), sum(row["inside"] for row in some)
+        print(f"{'strong' if strong else 'weak'}: alone {alone}, inside {inside}, of {len(some)}")
+
+
+def one(links: int, law: str, values: dict[str, float], noise: str, trace: Trace) -> dict[str, Any]:
+    """One trace compared."""
+    begun = time.process_time()
+    scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))
+    prepared = prepare(trace, scene, ["b_l", "b_q"])
+    laws = compare(prepared)
+    by_name = {other: row for row in laws for other in (row.name, *row.equals)}
+    truth = by_name[law]
+    poorer = [by_name[o] for o in LADDER if set(LADDER[o]) < set(LADDER[law]) and by_name[o].name != truth.name]
+    cost = min((row.cost - truth.cost for row in poorer), default=np.inf)
+    found = {
+        "links": links, "law": law, "noise": noise, "values": values, "verdict": verdict(laws),
+        "strong": bool(cost >= STRONG), "cost_of_a_part": float(cost),
+        "alone": truth.possible and sum(row.possible for row in laws) == 1, "inside": truth.possible,
+        "refuted": truth.refuted, "seconds": time.process_time() - begun,
+    }  # fmt: skip
+    print(
+        links, noise, law, "->", found["verdict"], f"({cost:.1f}) {truth.refuted} {found['seconds']:.0f} s", flush=True
+    )
+    return found
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""How well a law predicts stretches that were not fitted: cross-validation in blocks of windows.
+
+A block of neighbouring windows is left out, and one window on either side of it; the parameters that the others ask for
+follow to first order from their normal equations at the law's own optimum,
+
+    dp = argmin g . dp + dp' S dp/2  inside the bounds,     S, g: sums over the other windows,
+
+the start of each window left out from the first third of its samples, and the rest of them is scored: with its
+residuals r after both moves, and with C the covariance of start and parameters given all that was used,
+
+    log p = -1/2 (r' V^-1 r + log det V),     V = 1 + W C W',     W: derivatives of r by start and parameters,
+
+in units of the noise. Nothing is simulated anew. (Bernardo and Smith 1994, log scores; Burman, Chow and Nolan 1994,
+blocks with gaps between them.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from fitting.estimate.normal_equations import bounded_step
+from fitting.estimate.problem import Solution
+
+#: Blocks at most, windows of a block at least, windows dropped on either side of it.
+BLOCKS, SMALLEST, GAP = 5, 3, 1
+#: Part of a window that tells where it starts.
+EARLY = 1 / 3
+
+#: Which windows a fold scores, and which it fits, (K,) bool each.
+Fold = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of K windows that were predicted.
+
+    Attributes:
+        log_score: log density of what was scored, less that of the noise alone (K,); 0 where nothing was.
+        square: sum of squared angle errors (K,) [rad^2].
+        count: samples scored (K,).
+    """
+
+    log_score: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+
+    @property
+    def total(self) -> float:
+        """Log score of all windows."""
+        return float(self.log_score.sum())
+
+    @property
+    def rms(self) -> float:
+        """RMS angle error [rad]."""
+        return float(np.sqrt(self.square.sum() / max(self.count.sum(), 1)))
+
+
+def blocks(run: np.ndarray) -> list[Fold]:
+    """Which windows each fold scores and which it fits, (K,) bool each, from the windows' runs (K,)."""
+    count = len(run)
+    folds = min(BLOCKS, max(count // SMALLEST, 2 if count > 1 else 1))
+    gap = GAP if count >= 2 * SMALLEST else 0
+    found = []
+    for part in np.array_split(np.arange(count), folds):
+        scored = np.zeros(count, bool)
+        scored[part] = True
+        near = np.zeros(count, bool)
+        for i in part:
+            beside = np.arange(max(i - gap, 0), min(i + gap + 1, count))
+            near[beside[run[beside] == run[i]]] = True
+        if (~near).any():
+            found.append((scored, ~near))
+    return found
+
+
+def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
+    """The same with the last third of every run scored, from all before it."""
+    scored = np.zeros(len(run), bool)
+    used = np.zeros(len(run), bool)
+    for r in np.unique(run):
+        mine = np.flatnonzero(run == r)
+        mine = mine[np.argsort(begin[mine])]
+        first = max(1, len(mine) - max(1, len(mine) // 3))
+        scored[mine[first:]] = True
+        used[mine[: max(first - GAP, 1)]] = True
+    return [(scored, used)] if scored.any() and used.any() else []
+
+
+def other_runs(run: np.ndarray) -> list[Fold]:
+    """The same with every run scored from the others; empty where there is one."""
+    runs = np.unique(run)
+    return [(run == r, run != r) for r in runs] if len(runs) > 1 else []
+
+
+def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
+    """The folds with windows that the model itself begins (K,) always fitted: they alone tell when a run was let go."""
+    return [(scored & ~released, used | released) for scored, used in folds]
+
+
+def score(solution: Solution, folds: list[Fold]) -> Scores:
+    """The windows that the folds score, predicted from those that each fits."""
+    e, windows, m2 = solution.evaluation, solution.windows, solution.problem.freedoms
+    free = np.flatnonzero(~solution.problem.held)
+    prior = solution.problem.prior(solution.values)
+    low, high = (b - solution.values for b in solution.problem.bounds(solution.values))
+    columns = np.concatenate([np.arange(m2), m2 + free])
+    jacobian = e.jacobian[..., columns]
+    along = jacobian[..., m2:] + np.einsum(
+        "ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated[..., free], optimize=True
+    )
+    information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
+    gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
+    early = (windows.index * windows.dt / windows.length <= EARLY)[:, :, None] & (windows.weight > 0)
+    late = ~early & (windows.weight > 0)
+    found = np.zeros((3, windows.count))
+    for scored, used in folds:
+        S = information[used].sum(0) + prior.curvature[np.ix_(free, free)]
+        dp = bounded_step(S, gradient[used].sum(0) + prior.gradient[free], low[free], high[free])
+        for k in np.flatnonzero(scored & late.any(axis=(1, 2))):
+            found[:, k] = _one(e.residual[k], jacobian[k], early[k], late[k], S, dp, windows.weight[k], m2)
+    return Scores(*found)
+
+
+def _one(
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    early: np.ndarray,
+    late: np.ndarray,
+    S: np.ndarray,
+    dp: np.ndarray,
+    weight: np.ndarray,
+    m2: int,
+) -> tuple[float, float, int]:
+    """Log score, sum of squared errors [rad^2] and samples of one window (S, n), parameters at `dp` +- S^-1 before."""
+    moved = residual + jacobian[..., m2:] @ dp
+    A, r = jacobian[early], moved[early]
+    precision = A.T @ A
+    precision[m2:, m2:] += S
+    size = 1 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    scale = np.outer(size, size)
+    ridge = 1e-12 * np.eye(len(size))
+    before = cho_factor(precision * scale + ridge, lower=True)
+    step = -cho_solve(before, (A.T @ r) * size) * size
+    W, left = jacobian[late], moved[late]
+    left = left + W @ step
+    after = cho_factor((precision + W.T @ W) * scale + ridge, lower=True)
+    slope = (W.T @ left) * size
+    square = left @ left - slope @ cho_solve(after, slope)
+    volume = 2 * float(np.sum(np.log(np.diag(after[0])) - np.log(np.diag(before[0]))))
+    errors = left / weight[late]
+    return -0.5 * (square + volume), float(errors @ errors), int(late.sum())

@@ -1,0 +1,100 @@
+"""Which laws the traces leave possible.
+
+A law that another contains is refuted where what it lacks is asked for, and a law that contains a possible one is
+needless where what it has more is not. Both are tests of coefficients on their bound of zero: twice the difference of
+the log likelihoods of q coefficients follows the mixture
+
+    sum_i binom(q, i) 2^-q chi^2_i
+
+(Self and Liang 1987; the weights are those of coefficients that do not depend on each other). Laws of which neither
+contains the other are compared by how they predict windows that were not fitted: one that is worse by more than chance
+leaves is refuted too. What is left is possible; one law alone is decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+from scipy.stats import chi2
+
+from fitting.calibration.cross_validation import Scores
+from fitting.calibration.law import Law
+from fitting.calibration.laws import contains
+
+#: Probability below which a lack counts as shown, and above which an addition counts as needless.
+LACKS, NEEDLESS = 0.01, 0.03
+#: A law that does not contain the better one is refuted by a log score so many of its standard errors worse, and by at
+#: least so much; or by a likelihood that is so much worse at as many coefficients or more.
+STANDARD_ERRORS, WORSE = 2.5, 3.0
+#: Draws of windows for the laws' shares.
+DRAWS = 1000
+
+
+def chance(gain: float, coefficients: int) -> float:
+    """Probability of a log likelihood higher by `gain` from coefficients that are zero and cannot be less."""
+    beyond = [float(gain <= 0.0), *(chi2.sf(2 * gain, i) for i in range(1, coefficients + 1))]
+    return float(sum(comb(coefficients, i) * p for i, p in enumerate(beyond)) / 2**coefficients)
+
+
+def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
+    """The laws with scores against the best, shares, why they are left behind, and the simplest possible one chosen."""
+    logs = np.array([s.log_score for s in scores])
+    best = int(np.argmax(logs.sum(1)))
+    spread = np.sqrt(logs.shape[1]) * np.std(logs - logs[best], axis=1, ddof=1 if logs.shape[1] > 1 else 0)
+    rows = [
+        replace(row, score=float(total), score_error=float(error), share=float(share))
+        for row, total, error, share in zip(
+            rows, (logs - logs[best]).sum(1), spread, shares(logs, np.random.default_rng(0)), strict=True
+        )
+    ]
+    rows = _refuted(rows, logs)
+    left = [i for i, row in enumerate(rows) if row.possible]
+    simplest = min(left, key=lambda i: (rows[i].coefficients, -rows[i].score))
+    return [replace(row, chosen=i == simplest) for i, row in enumerate(rows)]
+
+
+def _refuted(rows: list[Law], logs: np.ndarray) -> list[Law]:
+    reasons = ["" if row.status == "ok" else row.status for row in rows]
+    if all(reasons):
+        reasons = [""] * len(rows)
+    alive = [i for i, reason in enumerate(reasons) if not reason]
+    for i in alive:
+        for j in alive:
+            if contains(rows[j].name, rows[i].name):
+                p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
+                if p < LACKS:
+                    reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
+                    break
+    # from the simplest on: a law is needless only beside one that stays
+    for j in sorted(alive, key=lambda j: rows[j].coefficients):
+        for i in alive:
+            if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
+                p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
+                if p > NEEDLESS:
+                    reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
+    for i in alive:
+        for j in alive:
+            if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
+                apart = logs[j] - logs[i]
+                error = np.sqrt(len(apart)) * np.std(apart)
+                predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
+                likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
+                if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
+                    reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
+    return [replace(row, refuted=reason) for row, reason in zip(rows, reasons, strict=True)]
+
+
+def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Weights (laws,) of log scores (laws, K), a mean over resampled windows (Yao et al. 2018, pseudo-BMA+)."""
+    drawn = rng.dirichlet(np.ones(logs.shape[1]), DRAWS) * logs.shape[1]
+    totals = drawn @ logs.T
+    weights = np.exp(totals - totals.max(axis=1, keepdims=True))
+    return np.mean(weights / weights.sum(axis=1, keepdims=True), axis=0)
+
+
+def verdict(rows: list[Law]) -> str:
+    """The law in words: its name, or those between which the traces do not decide."""
+    left = [row.name for row in rows if row.possible]
+    return left[0] if len(left) == 1 else "undecided {" + ", ".join(left) + "}"

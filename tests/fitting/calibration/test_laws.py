@@ -1,0 +1,107 @@
+"""Cross-validation and decisions between damping laws, against closed forms and draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, multivariate_normal
+
+from fitting.calibration.cross_validation import Scores, _one, blocks, last_third, other_runs
+from fitting.calibration.decision import chance, decide, shares, verdict
+from fitting.calibration.law import Law
+from fitting.calibration.laws import LADDER, PARTS, contains
+
+
+def test_every_subset_of_the_parts_is_a_law_that_stands_after_those_it_contains():
+    assert len(LADDER) == 2 ** len(PARTS) == len({frozenset(parts) for parts in LADDER.values()})
+    names = list(LADDER)
+    assert all(names.index(a) > names.index(b) for a in names for b in names if contains(a, b))
+
+
+def test_a_window_is_scored_by_its_density_given_all_that_was_fitted():
+    """Against the conditional density of a normal vector, from its dense covariance."""
+    rng = np.random.default_rng(3)
+    samples, links, m2, k = 12, 2, 2, 2
+    jacobian = rng.standard_normal((samples, links, m2 + k))
+    residual = rng.standard_normal((samples, links))
+    early = np.zeros((samples, links), bool)
+    early[:4] = True
+    S, dp = np.array([[5.0, 1.0], [1.0, 3.0]]), np.array([0.2, -0.1])
+    found, square, count = _one(residual, jacobian, early, ~early, S, dp, np.full((samples, links), 2.0), m2)
+    # residuals are -J theta + noise, theta = (start of any size, parameters around -dp ... as r + J theta is noise)
+    prior = np.zeros((m2 + k, m2 + k))
+    prior[:m2, :m2], prior[m2:, m2:] = 1e6 * np.eye(m2), np.linalg.inv(S)
+    A, W = jacobian[early], jacobian[~early]
+    mean = np.concatenate([np.zeros(m2), dp])
+    both = np.concatenate([A, W])
+    covariance = both @ prior @ both.T + np.eye(len(both))
+    n = len(A)
+    gain = covariance[n:, :n] @ np.linalg.inv(covariance[:n, :n])
+    centre = -W @ mean + gain @ (residual[early] + A @ mean)
+    spread = covariance[n:, n:] - gain @ covariance[:n, n:]
+    expected = multivariate_normal(centre, spread).logpdf(residual[~early]) + 0.5 * len(W) * np.log(2 * np.pi)
+    assert found == pytest.approx(expected, abs=1e-3)
+    assert square == pytest.approx(np.sum((residual[~early] - centre) ** 2) / 4, rel=1e-4)
+    assert count == len(W)
+
+
+def test_folds_score_every_window_once_and_fit_none_beside_it():
+    run = np.array([0] * 9 + [1] * 7)
+    folds = blocks(run)
+    assert np.all(sum(scored.astype(int) for scored, _ in folds) == 1)
+    for scored, used in folds:
+        assert scored.sum() >= 3
+        for i in np.flatnonzero(used):
+            assert not any(scored[j] and run[j] == run[i] for j in (i - 1, i, i + 1) if 0 <= j < len(run))
+    ((scored, used),) = last_third(np.r_[np.arange(9.0), np.arange(7.0)], run)
+    assert scored.sum() == 3 + 2
+    assert not (scored & used).any()
+    assert [scored.sum() for scored, _ in other_runs(run)] == [9, 7]
+    assert other_runs(run[:9]) == []
+
+
+@pytest.mark.parametrize("q", [1, 2])
+def test_chance_of_a_gain_from_coefficients_on_their_bound_is_that_of_draws(q):
+    """Two independent coefficients that cannot be negative: the gain is half the square of their positive parts."""
+    draws = np.maximum(np.random.default_rng(0).standard_normal((200_000, q)), 0.0)
+    gains = 0.5 * np.sum(draws**2, axis=1)
+    for gain in (0.3, 1.0, 2.5):
+        assert chance(gain, q) == pytest.approx(np.mean(gains > gain), rel=0.05)
+    assert chance(1.0, 1) == pytest.approx(0.5 * chi2.sf(2.0, 1))
+    assert chance(-1.0, q) == 1.0
+
+
+def law(name: str, cost: float) -> Law:
+    return Law(name, len(LADDER[name]), 0.0, 0.0, 0.0, "ok", {}, free=len(LADDER[name]), cost=cost)
+
+
+def scores(*totals: float) -> list[Scores]:
+    """Log scores of 10 windows that differ evenly."""
+    spread = np.linspace(-0.1, 0.1, 10)
+    return [Scores(total / 10 + total * spread * 0.01, np.ones(10), np.ones(10, int)) for total in totals]
+
+
+@pytest.mark.parametrize(
+    ("costs", "logs", "words"),
+    [
+        # quadratic drag is asked for, a viscous joint is not
+        ((50.0, 20.0, 25.0, 19.8), (-60.0, -30.0, -36.0, -30.5), "linear"),
+        # the second part is worth 2.0 in log likelihood: neither shown nor needless
+        ((50.0, 20.0, 30.0, 17.5), (-60.0, -30.0, -44.0, -29.8), "undecided {linear, linear + quadratic}"),
+        ((50.0, 20.0, 30.0, 10.0), (-60.0, -30.0, -44.0, -20.0), "linear + quadratic"),
+        ((50.0, 20.0, 20.5, 19.8), (-60.0, -30.0, -30.2, -30.4), "undecided {linear, quadratic}"),
+    ],
+)
+def test_what_the_traces_leave_possible(costs, logs, words):
+    names = ("none", "linear", "quadratic", "linear + quadratic")
+    rows = decide([law(n, c) for n, c in zip(names, costs, strict=True)], scores(*logs))
+    assert verdict(rows) == words
+    assert sum(row.chosen for row in rows) == 1
+    assert all(row.possible for row in rows if row.chosen)
+    assert all(row.name != "none" or "lacks what" in row.refuted for row in rows)
+
+
+def test_shares_follow_the_scores_and_sum_to_one():
+    found = shares(np.array([np.full(10, -1.0), np.full(10, -1.3), np.full(10, -3.0)]), np.random.default_rng(1))
+    assert found.sum() == pytest.approx(1.0)
+    assert found[1] / found[0] == pytest.approx(np.exp(-3.0), rel=1e-6)

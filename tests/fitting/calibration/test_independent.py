@@ -282,7 +282,11 @@ def test_the_law_that_made_the_traces_wins_the_comparison(ready):
     laws = {law.name: law for law in compare(prepared, ("none", "linear", "joint viscous", "linear + quadratic"))}
     assert [name for name, law in laws.items() if law.chosen] == ["joint viscous"]
     assert min(laws.values(), key=lambda law: law.bic).name == "joint viscous"
-    assert laws["joint viscous"].held_out == pytest.approx(NOISE, rel=0.2)
+    assert laws["joint viscous"].rms == pytest.approx(NOISE, rel=0.1)
+    # a start from a third of a window is less sure than the samples, and grows
+    assert NOISE < laws["joint viscous"].held_out < 3 * NOISE
+    assert laws["joint viscous"].held_out < 1.05 * min(law.held_out for law in laws.values())
+    assert laws["linear + quadratic"].cost <= laws["linear"].cost * (1 + 1e-6)
 
 
 def test_bic_counts_the_same_samples_for_every_law(ready, motion):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.loss import StudentT
 from fitting.estimate.problem import CHI2_RANGE, Solution
 from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.sandwich import FEW
@@ -12,6 +13,9 @@ from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
 
 #: Correlation of two estimates from which on they are called hard to tell apart.
 HARD = 0.98
+
+#: Deviations beyond which a sample stands out (one in 2 million of normal noise), and how many are named.
+STANDS_OUT, NAMED_SAMPLES = 5.0, 5
 
 #: What is said of noise that is not white.
 NAMED = {
@@ -54,6 +58,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         found.append(
             f"chi-square per degree of freedom is {chi2:.3g}: the estimated noise does not explain the residuals"
         )
+    found += outliers(prepared, solution)
     if solution.step_bias is not None:
         for name, bias in zip(names, solution.step_bias, strict=True):
             if abs(bias) > LARGEST_BIAS:
@@ -66,3 +71,27 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     elif solution.message:
         found.append(f"the cost is rough here: {solution.message}")
     return found
+
+
+def outliers(prepared: Prepared, solution: Solution) -> list[str]:
+    """A line on samples that stand out, with run, link and time, where there are any."""
+    windows = solution.windows
+    size = np.where(windows.weight > 0, np.abs(solution.evaluation.residual), 0.0)
+    # against the residuals' own spread, which outliers do not widen
+    scale = np.array(
+        [max(np.median(size[..., j][windows.weight[..., j] > 0]) / 0.6745, 1e-300) for j in range(size.shape[2])]
+    )
+    window, slot, link = np.nonzero(size > STANDS_OUT * scale)
+    if not len(window):
+        return []
+    largest = np.argsort(-(size / scale)[window, slot, link])[:NAMED_SAMPLES]
+    times = windows.times()
+    places = [
+        f"{prepared.traces[windows.run[window[i]]].name} link {link[i]} at {times[window[i], slot[i]]:.3f} s"
+        for i in largest
+    ]
+    more = f" and {len(window) - len(places)} more" if len(window) > len(places) else ""
+    advice = "" if isinstance(solution.problem.loss, StudentT) else "; --student lets them pull less"
+    return [
+        f"{len(window)} samples stand out by more than {STANDS_OUT:g} deviations: {', '.join(places)}{more}{advice}"
+    ]

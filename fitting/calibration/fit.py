@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,8 +20,8 @@ from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.gradient import fit_gradient
-from fitting.estimate.loss import LEAST_SQUARES, Loss, loss_of
-from fitting.estimate.noise import with_own_noise
+from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with, loss_of
+from fitting.estimate.noise import posed, with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import profile as profiled
 from fitting.estimate.refinement import finer_step, refine
@@ -50,6 +51,7 @@ def fit(
     sign: int | None = None,
     unit: str | None = None,
     huber: float | None = None,
+    student: bool = False,
     continuity: str = "estimate",
     iterations: int = 40,
     static_start: bool = False,
@@ -79,6 +81,7 @@ def fit(
             on lines that they run; `dt` is then how often they are seen.
         zero, sign, unit: how the traces count angles; default as the files say, else guessed from the scene.
         huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
+        student: the loss of Student's t with 4 degrees of freedom, from where Huber's ends: for traces with outliers.
         continuity: for `shooting`: `estimate`, `tight` or `exact`.
         iterations: most Gauss-Newton iterations over separate windows.
         static_start: every run begins as the scene's `[start]` says, let go at t = 0 of its clock; free names such as
@@ -116,7 +119,7 @@ def fit(
         progress=progress,
     )
     asked = profile_names(prepared, profile)
-    solution = estimate(prepared, method, loss_of(huber), continuity, iterations, progress, settings)
+    solution = estimate(prepared, method, loss_of(huber, student), continuity, iterations, progress, settings)
     result = summarise(prepared, method, solution)
     for name in asked:
         progress(0.96, f"profile of {name}")
@@ -165,7 +168,7 @@ def estimate(
         return fit_gradient(problem, prepared.values, prepared.starts, progress=progress, **(settings or {}))
     share = 0.5 if method == "shooting" else 0.9
     solution = fit_windows(
-        problem,
+        prepared.problem(begun_with(loss), frozen),
         prepared.values,
         prepared.starts,
         iterations=iterations,
@@ -176,6 +179,9 @@ def estimate(
     own_noise = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     refined = partial(refine, progress=lambda _, text: progress(0.95, text))
     solution = own_noise(solution, again=continue_windows)
+    if solution.problem.loss != loss:
+        there = replace(solution.problem, loss=loss)
+        solution = own_noise(continue_windows(posed(solution, there, solution.evaluation)), again=continue_windows)
     if method == "windows":
         return refined(solution)
     joined = fit_shooting(

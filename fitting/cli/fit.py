@@ -58,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sign", help="1 or -1")
     parser.add_argument("--unit", help="rad or deg")
     parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
+    parser.add_argument("--student", action="store_true", help="outliers pull ever less (Student's t, 4 degrees)")
     parser.add_argument(
         "--iterations", type=int, default=40, help="most iterations over separate windows (default: 40)"
     )
@@ -106,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
         sign=args.sign,
         unit=args.unit,
         huber=args.huber,
+        student=args.student,
         iterations=args.iterations,
         static_start=args.static_start,
         compare_models=args.compare_models,

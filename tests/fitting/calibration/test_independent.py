@@ -21,6 +21,7 @@ from fitting.calibration.energy import energy_check, look_at_energy
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import Projected
+from fitting.estimate.loss import StudentT
 from fitting.estimate.profile import profile
 from fitting.estimate.refinement import LARGEST_BIAS, step_bias
 from fitting.estimate.shooting import joined_step
@@ -274,6 +275,25 @@ def test_nothing_of_what_is_held_out_touches_the_fit(ready, motion):
 def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, ten, settings):
     descent = estimate(ready(seen(motion, 0)), "gradient", settings=settings)
     assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)
+
+
+def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(ready, motion):
+    """One sample in fifty is 0.1 to 0.3 rad off."""
+    trace = seen(motion, 3)
+    rng = np.random.default_rng(5)
+    off = rng.random(trace.theta.shape) < 0.02
+    theta = trace.theta + np.where(off, rng.uniform(0.1, 0.3, off.shape) * rng.choice([-1, 1], off.shape), 0.0)
+    prepared = ready(replace(trace, theta=theta))
+    plain = summarise(prepared, "windows", estimate(prepared, "windows"))
+    robust = summarise(prepared, "windows", estimate(prepared, "windows", StudentT()))
+    assert robust.status == "ok"
+    error = robust.uncertainty.std_error
+    assert np.all(np.abs(robust.values - TRUTH) < 3 * error)
+    assert np.all(error < 0.5 * plain.uncertainty.std_error)
+    (line,) = (line for line in robust.warnings if "stand out" in line)
+    assert int(line.split()[0]) == pytest.approx(off.sum(), rel=0.2)
+    named = re.search(r"link (\d) at ([\d.]+) s", line)
+    assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1])]
 
 
 @pytest.mark.check

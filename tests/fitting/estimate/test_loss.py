@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
-from fitting.estimate.loss import LEAST_SQUARES, Huber, loss_of
+from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT, begun_with, loss_of
 
 RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])
 
 
-@pytest.mark.parametrize("loss", [LEAST_SQUARES, Huber(2.0)])
+@pytest.mark.parametrize("loss", [LEAST_SQUARES, Huber(2.0), StudentT()])
 def test_weighted_residuals_are_the_slope_of_the_cost(loss):
     slope = [(loss.cost(np.array([r + 1e-6])) - loss.cost(np.array([r - 1e-6]))) / 2e-6 for r in RESIDUALS]
     np.testing.assert_allclose(loss.weights(RESIDUALS) * RESIDUALS, slope, atol=1e-6)
@@ -23,3 +24,22 @@ def test_huber_is_least_squares_within_its_threshold_and_straight_beyond():
 def test_a_fit_without_a_threshold_is_one_of_least_squares():
     assert loss_of(None) is LEAST_SQUARES
     assert loss_of(3.0) == Huber(3.0)
+
+
+def test_students_loss_is_the_log_density_of_t_with_its_freedom():
+    density = student_t(4.0).logpdf
+    found = StudentT().cost(np.array([3.0])) - StudentT().cost(np.array([1.0]))
+    assert found == pytest.approx((density(1.0) - density(3.0)) * 4 / 5)  # of curvature 1 at zero
+    slope = StudentT().weights(RESIDUALS) * RESIDUALS
+    assert abs(slope[-1]) < abs(slope[-2])  # the farthest pulls least
+
+
+def test_spread_is_the_mean_square_of_the_slope_over_normal_noise():
+    draws = np.random.default_rng(0).standard_normal(400_000)
+    for loss in (Huber(1.5), StudentT()):
+        assert loss.spread == pytest.approx(np.mean((loss.weights(draws) * draws) ** 2), rel=0.01)
+
+
+def test_a_loss_of_several_minima_begins_with_one_of_a_single_minimum():
+    assert begun_with(StudentT()) == Huber(3.0)
+    assert begun_with(LEAST_SQUARES) is LEAST_SQUARES

@@ -38,8 +38,8 @@ from fitting.parameters.parameter import resolve, with_effects
 
 #: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
 MOST_CORRELATED = 0.999
-#: Cosine of two coefficients' derivatives beyond which they are one.
-SAME = 1 - 1e-9
+#: Cosine of two coefficients' derivatives beyond which they are one; drag is weighted within a step, joints are not.
+SAME = 1 - 1e-4
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -153,7 +153,7 @@ def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
 
 def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, int] = (-60, 60)) -> None:
     """Elevation at the origin, with the scene's ramp, and the grid around the mooring, as WaveKin 3 asks for them."""
-    sea = make_sea(scene.sea)
+    sea = make_sea(replace(scene.sea, interpolation="none"))
     # whole periods of a regular wave, so that its Fourier series has one line; room at the end for an irregular one
     period = 2 * np.pi / float(sea.waves.omega[0])
     last = period * np.ceil(duration / period + 1.0) if sea.waves.size == 1 else duration + 100.0

@@ -81,13 +81,15 @@ class Rows:
         return found
 
 
-@partial(jax.jit, static_argnames=("stepper", "saves"))
-def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int) -> Any:
+@partial(jax.jit, static_argnames=("stepper", "saves", "links"))
+def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int) -> Any:
+    """`links` are those of the first line, whose ends and far end are watched."""
+
     def save(carry: tuple[State, jax.Array, jax.Array], _: None) -> Any:
         def one(_: jax.Array, inner: Any) -> Any:
             s, alive, again, total, square, least, most = inner
             s, report = step(stepper, model, s, dt, alive)
-            ends = s.tension[jnp.array([0, -1])]
+            ends = s.tension[jnp.array([0, links - 1])]
             alive = alive & (report.residual <= stepper.limit(model))
             again = again + (report.level > FULL_STEP)
             return s, alive, again, total + ends, square + ends**2, jnp.minimum(least, ends), jnp.maximum(most, ends)
@@ -96,7 +98,7 @@ def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.A
         start = (*carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         s, alive, again, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
         nodes = model.geometry.everywhere(s.r, model.ends(s.t).places)
-        place = nodes[model.geometry.last[-1]]
+        place = nodes[model.geometry.last[0]]
         return (s, alive, again), (total / every, square / every, least, most, place, alive)
 
     carry = (begin(stepper, model, s).state, jnp.array(True), jnp.zeros((), jnp.int32))
@@ -111,12 +113,13 @@ class Ours:
     stepper: Stepper
     model: Model
     start: State
+    links: int
     compiled: dict[int, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene) -> Ours:
         model, start = build(scene)
-        return cls(stepper_of(model, scene.run, track_work=False), model, start)
+        return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
 
     def run(self, every: int, duration: float, repeats: int = 1) -> Rows:
         """Steps of SAMPLE / every [s]; the least times of the repeats count, compilation apart."""
@@ -124,7 +127,7 @@ class Ours:
         given = (self.model, self.start, jnp.asarray(SAMPLE / every), jnp.asarray(every))
         wall = cpu = np.inf
         if saves not in self.compiled:
-            self.compiled[saves] = _march.lower(self.stepper, *given, saves=saves).compile()
+            self.compiled[saves] = _march.lower(self.stepper, *given, saves=saves, links=self.links).compile()
         for _ in range(repeats):
             begun, used = time.perf_counter(), time.process_time()
             again, rows = jax.block_until_ready(self.compiled[saves](*given))
@@ -176,11 +179,13 @@ def theirs(
     look: float = SAMPLE,
     drive: Callable[[float], np.ndarray] | None = None,
     grid: bool = False,
+    across: tuple[int, int] = (-60, 60),
 ) -> Rows:
     """MoorDyn on the scene, with its exact kinematics (WaveKin 7) or those of a grid (WaveKin 3).
 
     Args:
         grid: whether wave kinematics come from a grid; the waves must travel in +x.
+        across: least and largest y of the grid [m].
         dt: its time step [s].
         look: time between calls [s]: extremes between them are not seen.
         drive: place (3,) [m] over time of its coupled point; between calls the point moves evenly.
@@ -191,7 +196,7 @@ def theirs(
     with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
         if grid:
             options.update({"WaveKin": 3, "dtWave": GRID_STEP})
-            _write_grid(scene, Path(folder), duration)
+            _write_grid(scene, Path(folder), duration, across)
         write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
         system = moordyn.Create("mooring.txt")
         try:

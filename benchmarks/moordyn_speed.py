@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from moordyn_runs import SAMPLE, Ours, Rows, theirs
+from table7_edulis import turned
 
 from dropper_jax import Scene
 
@@ -70,6 +71,9 @@ def speed(case: Callable[[int], Scene]) -> Iterator[dict[str, Any]]:
     gridded = case(3).with_values({"sea.interpolation": "grid"})
     yield from compare("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, grid=True)
     yield from compare("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE)
+    longline, law = turned().with_values({"sea.interpolation": "grid"}), "rope"
+    ways = {law: {}, f"{law}, as well": {"run.integrator": "generalized_alpha"}}
+    yield from compare("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, ways, grid=True, across=(-60, 120))
 
 
 def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
@@ -80,7 +84,9 @@ def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
     return {key: abs(a["fairlead"][key] / b["fairlead"][key] - 1.0) for key in ("mean", "std", "std_of_rows")}
 
 
-def compare(name: str, scene: Scene, wanted: float, calls: float, **options: Any) -> Iterator[dict[str, Any]]:
+def compare(
+    name: str, scene: Scene, wanted: float, calls: float, ways: dict[str, dict[str, Any]] = WAYS, **options: Any
+) -> Iterator[dict[str, Any]]:
     """MoorDyn rk2 at its largest stable step, and each of our ways: the fastest run with errors no larger.
 
     Args:
@@ -88,8 +94,8 @@ def compare(name: str, scene: Scene, wanted: float, calls: float, **options: Any
     """
     print(f"speed: {name}", flush=True)
     there = largest_stable(scene, calls, **options)
-    for law, values in WAYS.items():
-        integrator = values["run.integrator"]
+    for law, values in ways.items():
+        integrator = values.get("run.integrator", scene.run.integrator)
         print(f" {law}, {integrator}", flush=True)
         found = _ours(scene.with_values(values), wanted, there)
         yield {"name": name, "wanted": wanted, "law": law, "integrator": integrator, "moordyn": there, **found}

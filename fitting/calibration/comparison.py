@@ -28,7 +28,7 @@ from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS, contains
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
-from fitting.estimate.noise import with_own_noise
+from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import refine
 from fitting.estimate.simulator import Simulator
@@ -86,9 +86,8 @@ def compare(
         if set(same) & set(LADDER[law]):
             continue
         say(0.95, f"law {i + 1} of {len(laws)}: {law}")
-        inner = [(LADDER[name], one) for name, one in found.items() if contains(law, name)]
-        if law == fullest:
-            inner.append((LADDER[law], first))
+        inner = [one for name, one in found.items() if contains(law, name)]
+        inner += [first] if law == fullest else []
         family = families["dry" in LADDER[law]]
         found[law] = _fitted(prepared, family, law, inner, iterations)
     windows = prepared.windows
@@ -148,9 +147,7 @@ def _family(prepared: Prepared, others: list[str], dry: bool) -> Family:
     return Family(Simulator(model, parameters, release=release), owner)
 
 
-def _fitted(
-    prepared: Prepared, family: Family, law: str, inner: list[tuple[tuple[str, ...], Solution]], iterations: int
-) -> Solution:
+def _fitted(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
     """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
     used, parameters = family.used(law), family.simulator.parameters
     known = {p.name: p.value for p in prepared.parameters}
@@ -160,7 +157,7 @@ def _fitted(
     starts: Starts | None = None
     tries = [np.where(used, begun, 0.0)]
     if inner:
-        best = min((one for _, one in inner), key=lambda one: one.cost)
+        best = min(inner, key=lambda one: one.cost)
         own = {p.name: v for p, v in zip(best.problem.parameters, best.values, strict=True)}
         starts = best.starts
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))

@@ -21,7 +21,7 @@ from fitting.calibration.summary import summarise
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.gradient import fit_gradient
 from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with, loss_of
-from fitting.estimate.noise import posed, with_own_noise
+from fitting.estimate.own_noise import posed, with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import profile as profiled
 from fitting.estimate.refinement import finer_step, refine

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
+from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.simulator import Evaluation, Simulator
 from fitting.estimate.whitening import whitened
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known
-
-if TYPE_CHECKING:
-    from fitting.estimate.noise import Noise
 
 #: chi-square per degree of freedom outside which the noise does not explain the residuals.
 CHI2_RANGE = (0.5, 1.5)

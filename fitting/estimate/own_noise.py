@@ -1,0 +1,272 @@
+"""How large and of what kind the noise of a trace is, told by the residuals of a fit: restricted maximum likelihood.
+
+With r the residuals, X their derivatives by all starts and parameters, V the noise's covariance (Patterson and Thompson
+1971):
+
+    -2 log L = log|V| + log|X' V^-1 X| + min (r + X d)' V^-1 (r + X d)
+
+Gaps between joined windows and priors count as measurements in X. For white noise its size in channel j has a fixed
+point, what is left over the samples that fitting left,
+
+    sigma_j^2 = sum_j r^2/(N_j - tr_j),     tr_j = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples
+
+and memory (AR(1)) or a delay common to a frame's links are taken where they raise L enough and what they leave is
+white. Smooth misfits, which are no noise, leave innovations that are as smooth: there the noise stays white, and
+standard errors come from blocks of scores (`uncertainty`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from fitting.estimate.block_tridiagonal import Factor
+from fitting.estimate.noise import Noise, rates
+from fitting.estimate.normal_equations import Normal, solve_spd
+from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.sandwich import scores
+from fitting.estimate.shooting import level_of
+from fitting.estimate.simulator import Evaluation
+from fitting.estimate.uncertainty import lag_one
+from fitting.estimate.whitening import log_volume, whitened
+from fitting.estimate.windows import Windows
+from fitting.traces.trace import Trace
+
+#: Gain in log likelihood below which noise stays as simple as it is.
+WORTH = 6.0
+#: Correlation of neighbours that counts as one: so many of its standard errors, and at least this large.
+CORRELATED, CORRELATION_FLOOR = 5.0, 0.1
+#: Largest correlation of neighbouring innovations, or delays, of noise that is what it is taken for.
+WHITE = 0.15
+#: Deviations by which the links' common motion along their rates stands out before it is taken for a delay.
+STANDS_OUT = 5.0
+#: Largest memory of a sample's noise believed.
+MOST_KEPT = 0.995
+#: Fewest samples left to tell the noise of a channel by.
+FEWEST_LEFT = 10
+
+
+class Told:
+    """The residuals of a solution, in units of the claimed noise, and what they say of noises.
+
+    Args:
+        solution: where a fit ended, its problem's windows with whatever noise.
+        claimed: the same windows with the noise that the traces claim.
+        floor: least deviation of each run's links (R, n) over the claimed one.
+    """
+
+    def __init__(self, solution: Solution, claimed: Windows, traces: Sequence[Trace], floor: np.ndarray) -> None:
+        self.solution, self.traces, self.floor = solution, traces, floor
+        problem, old = solution.problem, solution.windows
+        self.claimed = replace(claimed, substeps=old.substeps)
+        e = solution.evaluation
+        if old.decay is not None or old.jitter is not None:
+            e = problem.simulator(solution.values, solution.starts, self.claimed)
+        else:
+            ratio = np.where(old.weight > 0, claimed.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
+            e = e._replace(residual=e.residual * ratio, jacobian=e.jacobian * ratio[..., None])
+        self.raw = e
+
+    def at(self, noise: Noise) -> Solution:
+        """The solution in units of this noise, its normal equations anew."""
+        windows = noise.put(self.claimed, self.traces)
+        ratio = np.where(
+            windows.weight > 0, windows.weight / np.where(windows.weight > 0, self.claimed.weight, 1.0), 0.0
+        )
+        e = self.raw._replace(residual=self.raw.residual * ratio, jacobian=self.raw.jacobian * ratio[..., None])
+        return posed(self.solution, replace(self.solution.problem, windows=windows, noise=noise), whitened(windows, e))
+
+    def settled(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
+        """The noise with its sizes at their fixed point, or near it."""
+        for _ in range(rounds):
+            point = self.at(noise)
+            factor = np.maximum(noise.factor * self._grow(point), self.floor)
+            near = np.max(np.abs(np.log(factor / noise.factor))) < 0.01
+            noise = replace(noise, factor=factor)
+            if near:
+                break
+        return noise, self.at(noise)
+
+    def _grow(self, point: Solution) -> np.ndarray:
+        """Deviation of the residuals over the assumed one (R, n), degrees of freedom counted."""
+        residual, known = point.evaluation.residual, point.windows.weight > 0
+        slope = point.problem.loss.weights(residual) * residual
+        taken, run = leverage(point), point.windows.run
+        found = np.ones_like(self.floor)
+        for r in np.unique(run):
+            mine = run == r
+            square = np.sum(slope[mine] ** 2, axis=(0, 1)) / point.problem.loss.spread
+            left = known[mine].sum(axis=(0, 1)) - taken[mine].sum(axis=0)
+            every = np.sqrt(square.sum() / max(left.sum(), 1.0))
+            found[r] = np.where(left > FEWEST_LEFT, np.sqrt(square / np.maximum(left, 1.0)), every)
+        return np.where(found > 0, found, 1.0)
+
+    def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
+        """The noise that these residuals tell, beginning from another one."""
+        white = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
+        white, point = self.settled(white)
+        best, found = minus_two_log(point), (white, point)
+        for tried in (self._with_memory(white, point), self._with_delay(white, point)):
+            if tried is not None and minus_two_log(tried[1]) < best - 2 * WORTH:
+                best, found = minus_two_log(tried[1]), tried
+        return found
+
+    def _with_memory(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
+        """AR(1) noise, of one memory for all at first; None where residuals ask for none, or for something else."""
+        kept, sure = self._neighbours(point)
+        if not (kept > np.maximum(CORRELATED * sure, CORRELATION_FLOOR)).any():
+            return None
+        interval = np.array([trace.interval for trace in self.traces])[:, None]
+        decay = lambda rho: -np.log(np.clip(rho, 1e-6, MOST_KEPT)) / interval  # noqa: E731
+        # fitted starts take some of the memory away, never add to it
+        if not -WHITE < self._innovations(replace(white, decay=decay(kept))) < 2 * WHITE:
+            return None
+        shape = np.ones_like(white.factor)
+        cost = lambda rho: minus_two_log(self.settled(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
+        rho = float(minimize_scalar(cost, bounds=(0.02, MOST_KEPT), method="bounded", options={"xatol": 4e-3}).x)
+        each = np.clip(rho + np.where(np.abs(kept - kept.mean()) > 3 * sure, kept - kept.mean(), 0.0), 0.02, MOST_KEPT)
+        noise, point = self.settled(replace(white, decay=decay(each)))
+        return (noise, point) if abs(self._innovations(noise)) < WHITE else None
+
+    def _innovations(self, noise: Noise) -> float:
+        """Correlation of neighbours that noise with memory leaves in the residuals."""
+        windows = noise.put(self.claimed, self.traces)
+        known = windows.weight > 0
+        ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
+        nothing = np.zeros((*ratio.shape, 0))
+        left = whitened(windows, self.raw._replace(residual=self.raw.residual * ratio, jacobian=nothing)).residual
+        return lag_one(left, known)[0]
+
+    def _neighbours(self, point: Solution) -> tuple[np.ndarray, np.ndarray]:
+        """Correlation of neighbouring residuals of every run and link (R, n), and its error were the noise white."""
+        known, run = point.windows.weight > 0, point.windows.run
+        found = np.zeros((2, *self.floor.shape))
+        for r in np.unique(run):
+            for j in range(found.shape[2]):
+                pick = run == r, slice(None), slice(j, j + 1)
+                found[:, r, j] = lag_one(point.evaluation.residual[pick], known[pick])
+        return found[0], found[1]
+
+    def _with_delay(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
+        """A delay of every frame; None where residuals do not ask for it, or their delays are no chance."""
+        speed = rates(point.windows, self.traces) * point.windows.weight
+        square = np.sum(speed**2, axis=2)
+        along = np.sum(speed * point.evaluation.residual, axis=2)
+        delay = np.zeros_like(white.delay)
+        for r in np.unique(point.windows.run):
+            mine = point.windows.run == r
+            more, spread = np.sum(along[mine] ** 2 - square[mine]), np.sqrt(2 * np.sum(square[mine] ** 2))
+            if more > STANDS_OUT * spread:
+                delay[r] = np.sqrt(more / np.sum(square[mine] ** 2))
+        late = along / np.maximum(np.sqrt(square), 1e-300)
+        if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
+            return None
+        cost = lambda x: minus_two_log(self.settled(replace(white, delay=delay * np.exp(x)), 2)[1])  # noqa: E731
+        size = minimize_scalar(cost, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 0.02}).x
+        return self.settled(replace(white, delay=delay * np.exp(size)))
+
+
+def posed(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:
+    """The same point as the solution of another problem of the same motion: cost and normal equations anew."""
+    level = level_of(problem, solution.gap_weight)
+    nowhere = np.zeros(len(solution.values))
+    system = level.system(evaluation, solution.values)
+    step = level.solve(system, solution.values, 0.0, nowhere, nowhere)
+    known = solution if step is None else step
+    return replace(
+        solution,
+        problem=problem,
+        evaluation=evaluation,
+        weights=problem.weights(evaluation),
+        cost=level.cost(evaluation, solution.values),
+        information=known.information,
+        gradient=known.gradient,
+        eliminated=known.eliminated,
+    )
+
+
+def _starts(point: Solution) -> tuple[np.ndarray, float]:
+    """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
+    level = level_of(point.problem, point.gap_weight)
+    system = level.system(point.evaluation, point.values)
+    if isinstance(system, Normal):
+        diagonal = np.einsum("kii->ki", system.A)
+        A = system.A + (1e-12 * diagonal.max() + 1e-300) * np.eye(diagonal.shape[1])
+        return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
+    diagonal = np.einsum("kii->ki", system.normal.A)
+    factor = Factor(system.normal.A + 1e-13 * diagonal.max() * np.eye(diagonal.shape[1]), system.below)
+    return factor.inverse_diagonal(), factor.log_determinant
+
+
+def leverage(point: Solution) -> np.ndarray:
+    """How many samples of each window and link the fit has used up (K, n): the trace of its hat matrix."""
+    m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
+    free = np.flatnonzero(~point.problem.held)
+    inverse, _ = _starts(point)
+    own = root * point.evaluation.jacobian[..., :m2]
+    taken = np.einsum("ksni,kij,ksnj->kn", own, inverse, own, optimize=True)
+    if len(free):
+        shared = (root * scores(point))[..., free]
+        covariance = solve_spd(point.information[np.ix_(free, free)], np.eye(len(free)))
+        taken = taken + np.einsum("ksni,ij,ksnj->kn", shared, covariance, shared, optimize=True)
+    return taken
+
+
+def minus_two_log(point: Solution) -> float:
+    """Minus twice the restricted log likelihood of the noise in a solution's problem, less constants."""
+    level = level_of(point.problem, point.gap_weight)
+    k = len(point.values)
+    wide = np.where(point.problem.held, 0.0, np.inf)
+    step = level.solve(level.system(point.evaluation, point.values), point.values, 0.0, -wide, wide)
+    if step is None:
+        return np.inf
+    free = np.flatnonzero(~point.problem.held)
+    _, starts = _starts(point)
+    shared = float(np.linalg.slogdet(step.information[np.ix_(free, free)])[1]) if k and len(free) else 0.0
+    return 2 * (point.cost - step.predicted) + starts + shared + log_volume(point.windows)
+
+
+def memory_of(point: Solution) -> float:
+    """Samples that tell as much as one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
+    rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
+    if rho < max(CORRELATED * sure, CORRELATION_FLOOR):
+        return 1.0
+    return min((1 + rho) / max(1 - rho, 1e-9), max(1.0, point.windows.theta.shape[1] / 2))
+
+
+#: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: weights that are
+#: wrong by a twentieth cost less than a hundredth of a standard error.
+ROUNDS, SAME = 3, 0.05
+
+
+def with_own_noise(
+    solution: Solution,
+    claimed: Windows,
+    traces: Sequence[Trace],
+    floor: np.ndarray,
+    again: Callable[[Solution], Solution],
+) -> Solution:
+    """The fit with the noise that its own residuals tell, and this noise, at their common fixed point.
+
+    Args:
+        solution: a converged fit.
+        claimed: its windows with the noise that the traces claim.
+        floor: as of `Told`.
+        again: goes on from a solution whose noise has changed.
+    """
+    noise = solution.problem.noise or Noise.claimed(*floor.shape)
+    for _ in range(ROUNDS):
+        before = noise
+        noise, solution = Told(solution, claimed, traces, floor).estimate(noise)
+        solution.problem = replace(solution.problem, memory=memory_of(solution))
+        if noise.apart(before) < SAME:
+            break
+        further = again(solution)
+        if further.status != "ok":
+            break
+        further.iterations += solution.iterations
+        solution = further
+    return solution

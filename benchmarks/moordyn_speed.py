@@ -98,7 +98,8 @@ def compare(
         integrator = values.get("run.integrator", scene.run.integrator)
         print(f" {law}, {integrator}", flush=True)
         found = _ours(scene.with_values(values), wanted, there)
-        yield {"name": name, "wanted": wanted, "law": law.split(",")[0], "integrator": integrator, "moordyn": there, **found}
+        head = {"name": name, "wanted": wanted, "law": law.split(",")[0], "integrator": integrator}
+        yield {**head, "moordyn": there, **found}
 
 
 def _ours(scene: Scene, wanted: float, there: dict[str, Any]) -> dict[str, Any]:

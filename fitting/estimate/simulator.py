@@ -24,7 +24,7 @@ from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper
 from fitting.estimate.release import Begun, Release
 from fitting.estimate.windows import Starts, Windows
-from fitting.parameters.parameter import Parameter, apply, camera_offset
+from fitting.parameters.parameter import Parameter, apply, camera_offset, clock_rate
 from fitting.traces import planar
 
 #: Windows run side by side in one program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all
@@ -255,6 +255,8 @@ class Simulator:
                 begun = Begun(*more)
                 theta = theta + begun.slope @ (p - values)
                 h, place = self.release.clock(self.parameters, p, begun, index + fraction, dt, steps)
+            rate = clock_rate(self.parameters, p)
+            h = h if rate is None else h * rate
             start = planar.closed(model, theta, omega0 + basis @ z[m:])
             angles, rates, failed = march(stepper, model, planar.to_state(model, *start), h, room, substeps, steps)
             seen = _at_samples(start, angles, rates, *place, h, on_grid)

@@ -2,9 +2,9 @@
 
 Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
 `camera.offset`, a rotation of the camera that adds to every measured angle, `marker.offset`, one of each link's marker
-or encoder against the link, that adds to its own (`marker.offset.1` of the second link), `release.time` and
-`release.force` (see `release`). A field with one value per link frees one parameter per entry. Bounds stay in raw
-parameters (no exponential), so that a damping of exactly 0 is reachable.
+or encoder against the link, that adds to its own (`marker.offset.1` of the second link), `clock.rate`, by which the
+traces' time is stretched, `release.time` and `release.force` (see `release`). A field with one value per link frees one
+parameter per entry. Bounds stay in raw parameters (no exponential), so that a damping of exactly 0 is reachable.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Line, Model, Point
-from fitting.parameters.place import CAMERA, MARKER, CameraPlace, Direction, ModelPlace, Place
+from fitting.parameters.place import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, Direction, ModelPlace, Place
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
 StartValues = Mapping[str, float]
@@ -29,6 +29,8 @@ Priors = Mapping[str, tuple[float, float]]
 
 #: A lower bound that must not be reached (a mass, a length) is kept at this part of the start value.
 OPEN_BOUND = 1e-3
+#: Least and largest rate of a clock [s/s].
+CLOCK_RANGE = 0.5, 2.0
 #: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
 SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
 
@@ -134,7 +136,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) ->
 
 def paths(model: Model) -> list[str]:
     """Every path of the model that can be free."""
-    found = [CAMERA, MARKER]
+    found = [CAMERA, MARKER, CLOCK]
     for section, items in (("point", model.points), ("line", model.lines), ("effects", model.effects)):
         for i, item in enumerate(items):
             labels = [item.name] if section == "effects" else [str(i), item.name]
@@ -153,6 +155,8 @@ def _fields(item: Point | Line | Effect) -> list[dataclasses.Field]:
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if name == CAMERA:
         return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
+    if name == CLOCK:
+        return [Parameter(CLOCK, ClockPlace(), 1.0, *CLOCK_RANGE, unit="s/s")]
     if name == MARKER or name.startswith(MARKER + "."):
         return _markers(model, name, option)
     section, index, field, entry = _locate(model, name, option)
@@ -224,6 +228,11 @@ def camera_offset(parameters: Sequence[Parameter], values: jax.Array, links: int
             share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
             total = total + values[i] * share
     return total
+
+
+def clock_rate(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | None:
+    """Time of the motion per time of the traces' clock, scalar [s/s]; None where it is not free."""
+    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
 
 
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:

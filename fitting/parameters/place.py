@@ -1,4 +1,4 @@
-"""Where a free number lives: in the model, along a direction through it, at the camera, at the release of a run."""
+"""Where a free number lives: in the model, along a direction through it, at camera or clock, at a run's release."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.model import Model
 
-CAMERA, MARKER = "camera.offset", "marker.offset"
+CAMERA, MARKER, CLOCK = "camera.offset", "marker.offset", "clock.rate"
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,13 @@ class CameraPlace:
 
 
 @dataclass(frozen=True)
+class ClockPlace:
+    """How fast the motion's time goes by the traces' clock [s/s]: above 1 where frames are further apart than told."""
+
+    field: ClassVar[str] = CLOCK
+
+
+@dataclass(frozen=True)
 class ReleasePlace:
     """The instant (`time`) at which a run is let go, or an `entry` of the `force` that holds it until then."""
 
@@ -80,4 +87,4 @@ class ReleasePlace:
     entry: int | None = None
 
 
-Place = ModelPlace | Direction | CameraPlace | ReleasePlace
+Place = ModelPlace | Direction | CameraPlace | ClockPlace | ReleasePlace

@@ -20,9 +20,6 @@ from dropper_jax.scene import PriorSpec
 from fitting.parameters.naming import full_names
 from fitting.parameters.parameter import Parameter, resolve
 
-#: Priors of numbers that are no part of a scene's model; they hold a free parameter of that name, if there is one.
-ELSEWHERE = ("clock.rate",)
-
 
 @dataclass(frozen=True)
 class Common:
@@ -63,11 +60,8 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
     found, common, carried = list(parameters), [], 0.0
     for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
         option = f"fit.prior.{i}.of"
-        if prior.of in ELSEWHERE:
-            names, known = {prior.of}, None
-        else:
-            known = resolve(model, full_names(scene, [prior.of], option), option=option)
-            names = {p.name for p in known}
+        known = resolve(model, full_names(scene, [prior.of], option), option=option)
+        names = {p.name for p in known}
         mine = [j for j, p in enumerate(found) if p.name in names]
         if not prior.common:
             for j in mine:
@@ -77,7 +71,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
             share = np.zeros(len(found))
             share[mine] = [1 / (len(mine) * _nonzero(found[j], option)) for j in mine]
             common.append(Common(share, prior.si[0]))
-        elif known and all(p.unit == "kg" for p in known):
+        elif all(p.unit == "kg" for p in known):
             carried = float(np.hypot(carried, prior.si[0]))
     massive = np.array([float(power_of_mass(p.unit)) for p in found])
     return tuple(found), Known(tuple(common), carried, massive)

@@ -277,6 +277,24 @@ def test_gradient_descent_of_every_kind_ends_at_the_same_optimum(ready, motion, 
     assert np.all(np.abs(descent.values - ten[0].values) < 0.5 * ten[0].uncertainty.std_error)
 
 
+def test_a_clock_that_runs_late_is_found_beside_the_damping(rods, motion):
+    """Frames 0.5 % further apart than the trace tells; lengths and gravity are known."""
+    trace = seen(motion, 4)
+    late = replace(trace, t=trace.t / 1.005)
+    prepared = prepare(late, rods, [*FREE, "clock.rate"], window=WINDOW, priors={"clock.rate": (1.0, 0.02)})
+    result = summarise(prepared, "windows", estimate(prepared, "windows"))
+    assert result.status == "ok"
+    error = result.uncertainty.std_error
+    assert np.all(np.abs(result.values - [*TRUTH, 1.005]) < 3 * error)
+    assert error[2] < 5e-4
+    # its derivative against a difference
+    simulator, values = prepared.simulator, result.values
+    starts, windows = result.solution.starts, result.windows
+    moved = [simulator(values + [0, 0, d], starts, windows).residual for d in (1e-5, -1e-5)]
+    exact = simulator(values, starts, windows).jacobian[..., -1]
+    np.testing.assert_allclose((moved[0] - moved[1]) / 2e-5, exact, rtol=1e-5, atol=1e-5 * np.abs(exact).max())
+
+
 def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(ready, motion):
     """One sample in fifty is 0.1 to 0.3 rad off."""
     trace = seen(motion, 3)

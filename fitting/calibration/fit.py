@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
+from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
@@ -32,6 +33,8 @@ from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
+#: Candidates freed one after another at most, and those that are named in the warnings.
+MOST_FREED, NAMED_CANDIDATES = 6, 3
 
 
 def fit(
@@ -56,6 +59,8 @@ def fit(
     iterations: int = 40,
     static_start: bool = False,
     compare_models: bool = False,
+    advice: bool = False,
+    auto_free: bool = False,
     integrator: str | None = None,
     profile: Sequence[str] | bool = False,
     bootstrap: int = 0,
@@ -86,6 +91,8 @@ def fit(
         iterations: most Gauss-Newton iterations over separate windows.
         static_start: every run begins as the scene's `[start]` says, let go at t = 0 of its clock; free names such as
             `release.time` and `release.force` imply it.
+        advice: also look for what else may be wrong, by score tests (`advice`).
+        auto_free: free what gains most by them, one candidate at a time, as long as that gains.
         compare_models: also fit the ladder of damping laws.
         profile: names of free parameters whose intervals are also told by their profile likelihood; True for all.
         bootstrap: so many draws of a bootstrap over blocks of time.
@@ -102,25 +109,35 @@ def fit(
     if bootstrap < 0 or bootstrap == 1:
         raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
     progress = progress or silent
-    prepared = prepare(
-        traces,
-        scene,
-        free,
-        start=start,
-        bounds=bounds,
-        priors=priors,
-        until=until,
-        held_out=held_out,
-        window=window,
-        dt=dt,
-        asked=convention(zero, sign, unit),
-        static_start=static_start,
-        integrator=integrator,
-        progress=progress,
-    )
-    asked = profile_names(prepared, profile)
-    solution = estimate(prepared, method, loss_of(huber, student), continuity, iterations, progress, settings)
+    names, freed = free, []
+    while True:
+        prepared = prepare(
+            traces,
+            scene,
+            names,
+            start=start,
+            bounds=bounds,
+            priors=priors,
+            until=until,
+            held_out=held_out,
+            window=window,
+            dt=dt,
+            asked=convention(zero, sign, unit),
+            static_start=static_start,
+            integrator=integrator,
+            progress=progress,
+        )
+        asked = profile_names(prepared, profile)
+        solution = estimate(prepared, method, loss_of(huber, student), continuity, iterations, progress, settings)
+        found = advise(prepared, solution) if (advice or auto_free) and solution.status == "ok" else []
+        best = next((candidate for candidate in found if candidate.named), None)
+        if not auto_free or best is None or len(freed) == MOST_FREED:
+            break
+        freed.append(best)
+        names = [*(p.name for p in prepared.parameters), *best.free]
     result = summarise(prepared, method, solution)
+    result.advice, result.freed = found, freed
+    result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
     for name in asked:
         progress(0.96, f"profile of {name}")
         index = [p.name for p in result.parameters].index(name)

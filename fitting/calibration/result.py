@@ -80,6 +80,8 @@ class FitResult:
         seconds: compile and run time.
         profiles: profile likelihoods that were asked for.
         bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
+        advice: what else may be wrong, where asked for, the largest gain first.
+        freed: candidates that were freed for their gain, in their order.
         energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
     """
 
@@ -190,6 +192,9 @@ class FitResult:
             found["bootstrap"] = self.bootstrap_table()
         if self.energy is not None:
             found["energy"] = {"slope": self.energy.slope, "std_error": self.energy.error}
+        if self.advice or self.freed:
+            found["advice"] = [row.to_json() for row in self.advice]
+            found["freed"] = [row.to_json() for row in self.freed]
         if self.comparison:
             found["comparison"] = [row.to_json() for row in self.comparison]
             found["law"] = verdict(self.comparison)

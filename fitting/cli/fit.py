@@ -63,6 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--iterations", type=int, default=40, help="most iterations over separate windows (default: 40)"
     )
     parser.add_argument("--static-start", action="store_true", help="every run is let go at t = 0 as [start] says")
+    parser.add_argument("--advice", action="store_true", help="look for what else may be wrong: lengths, roll, clock")
+    parser.add_argument("--auto-free", action="store_true", help="free what gains most by it, as long as that gains")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
     parser.add_argument(
         "--profile", nargs="?", const="", metavar="NAMES", help="intervals by profile likelihood too (default: of all)"
@@ -111,6 +113,8 @@ def run(args: argparse.Namespace) -> int:
         iterations=args.iterations,
         static_start=args.static_start,
         compare_models=args.compare_models,
+        advice=args.advice,
+        auto_free=args.auto_free,
         integrator=args.integrator,
         progress=progress(args.quiet),
     )
@@ -189,11 +193,15 @@ def _check_numbers(args: argparse.Namespace) -> None:
 def text(result: FitResult) -> str:
     """The result for people."""
     from fitting.calibration.decision import verdict
-    from fitting.report.tables import comparison_rows, interval_rows, parameter_rows, summary
+    from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 
     parts = [table(parameter_rows(result)), "", listing(summary(result))]
     if len(rows := interval_rows(result)) > 1:
         parts += ["", table(rows)]
+    if result.freed:
+        parts += ["", "freed: " + "; ".join(candidate.name for candidate in result.freed)]
+    if result.advice:
+        parts += ["", table(advice_rows(result.advice))]
     if result.comparison:
         parts += ["", table(comparison_rows(result.comparison)), "", f"law: {verdict(result.comparison)}"]
     return "\n".join([*parts, "", result.outcome])

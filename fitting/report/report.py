@@ -12,7 +12,7 @@ from fitting.calibration.decision import verdict
 from fitting.calibration.energy import look_at_energy
 from fitting.calibration.result import FitResult
 from fitting.report.pictures import PICTURES, fitted
-from fitting.report.tables import comparison_rows, interval_rows, parameter_rows, summary
+from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
 
 #: The thesis' parts of a trace [s].
@@ -58,6 +58,8 @@ def report(result: FitResult) -> str:
         "## Warnings",
         "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
     ]
+    if result.advice:
+        parts += ["## What may be wrong", markdown(advice_rows(result.advice))]
     if result.comparison:
         parts += ["## Damping laws", verdict(result.comparison) + ".", markdown(comparison_rows(result.comparison))]
     for run, trace in fitted_runs(result):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fitting.calibration.advice import Candidate
 from fitting.calibration.law import Law
 from fitting.calibration.result import FitResult
 
@@ -94,4 +95,12 @@ def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
         name = " = ".join((law.name, *law.equals))
         note = "<- simplest possible" if law.chosen else "possible" if law.possible else law.refuted
         rows.append((name, str(law.coefficients), *numbers, *scores, note))
+    return rows
+
+
+def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
+    """What else may be wrong, for people."""
+    rows = [("may be wrong", "frees", "gain", "p", "")]
+    for row in candidates:
+        rows.append((row.name, ",".join(row.free), f"{row.gain:.1f}", f"{row.p:.2g}", "<-" if row.named else ""))
     return rows

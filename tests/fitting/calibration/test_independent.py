@@ -16,9 +16,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from fitting.calibration.advice import advise
 from fitting.calibration.comparison import Law, compare, with_bic
 from fitting.calibration.energy import energy_check, look_at_energy
-from fitting.calibration.fit import estimate, prepare, summarise
+from fitting.calibration.fit import estimate, fit, prepare, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import Projected
 from fitting.estimate.loss import StudentT
@@ -293,6 +294,38 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(rods, motion):
     moved = [simulator(values + [0, 0, d], starts, windows).residual for d in (1e-5, -1e-5)]
     exact = simulator(values, starts, windows).jacobian[..., -1]
     np.testing.assert_allclose((moved[0] - moved[1]) / 2e-5, exact, rtol=1e-5, atol=1e-5 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    ("spoil", "name"),
+    [
+        (lambda trace: trace, None),
+        (lambda trace: replace(trace, t=trace.t / 1.005), "rate of the clock"),
+        (lambda trace: replace(trace, theta=trace.theta + [0.0, np.deg2rad(1.0)]), "marker of link 1"),
+        (lambda trace: replace(trace, theta=trace.theta + np.deg2rad(2.0)), "roll of the camera"),
+    ],
+)
+def test_what_spoils_a_trace_is_named_first(ready, motion, spoil, name):
+    prepared = ready(spoil(seen(motion, 6)))
+    found = advise(prepared, estimate(prepared, "windows"))
+    if name is None:
+        assert not any(candidate.named for candidate in found)
+        return
+    assert found[0].name == name
+    assert found[0].named
+    if name.startswith("marker"):
+        change, error = found[0].changes["marker.offset.1"], found[0].errors["marker.offset.1"]
+        assert abs(change) == pytest.approx(np.deg2rad(1.0), abs=4 * error)
+
+
+@pytest.mark.check
+def test_what_spoils_a_trace_is_freed_until_nothing_gains(rods, motion):
+    trace = seen(motion, 6)
+    late = replace(trace, t=trace.t / 1.005, theta=trace.theta + [0.0, np.deg2rad(1.0)])
+    result = fit(late, rods, FREE, window=WINDOW, method="windows", auto_free=True)
+    assert {candidate.name for candidate in result.freed} == {"rate of the clock", "marker of link 1"}
+    assert result["clock.rate"] == pytest.approx(1.005, abs=5e-4)
+    assert np.all(np.abs(result.values[:2] - TRUTH) < 3 * result.uncertainty.std_error[:2])
 
 
 def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(ready, motion):

@@ -32,7 +32,7 @@ RATE, DURATION, NOISE, FINE = 60.0, 12.0, 0.002, 8
 STRONG = 10.0
 #: Coefficients at which each part alone takes about half of the energy in the time watched, of a chain of 0.6 m and
 #: 0.3 kg.
-SIZES = {"linear": 0.02, "quadratic": 0.02, "joint viscous": 4e-4, "dry": 8e-4}
+SIZES = {"linear": 0.02, "quadratic": 0.02, "joint viscous": 4e-3, "dry": 6e-3}
 
 
 def chain(links: int, values: dict[str, float]) -> dict[str, Any]:

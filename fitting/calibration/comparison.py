@@ -26,7 +26,7 @@ from fitting.calibration.cross_validation import Scores, blocks, fair, last_thir
 from fitting.calibration.decision import decide
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS, contains
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
@@ -44,10 +44,16 @@ SAME = 1 - 1e-4
 
 @dataclass(frozen=True)
 class Family:
-    """A simulator with every coefficient of some laws, and the part that each parameter belongs to (None: of none)."""
+    """A simulator with every coefficient of some laws.
+
+    Attributes:
+        owner: the part that each parameter belongs to (None: of none).
+        substeps: parts of a step: laws with dry friction take a scheme of second order.
+    """
 
     simulator: Simulator
     owner: tuple[str | None, ...]
+    substeps: int
 
     def used(self, law: str) -> np.ndarray:
         """Which parameters a law has free (k,) bool."""
@@ -74,11 +80,12 @@ def compare(
     families = {dry: _family(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
     fullest = laws[-1]
     say(0.95, f"law {fullest}: noise")
-    first = _fitted(prepared, families["dry" in LADDER[fullest]], fullest, [], iterations)
+    widest = "dry" in LADDER[fullest]
+    first = _fitted(prepared, families[widest], fullest, [], iterations)
     noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     first = refine(noisy(first, again=continue_windows))
     prepared = prepared.noisy(first.problem.noise)
-    prepared = replace(prepared, windows=replace(prepared.windows, substeps=first.windows.substeps))
+    families[widest] = replace(families[widest], substeps=first.windows.substeps)
     memory = first.problem.memory
     same = _same_parts(laws, prepared, first)
     found: dict[str, Solution] = {}
@@ -144,7 +151,9 @@ def _family(prepared: Prepared, others: list[str], dry: bool) -> Family:
     same = {p.name: p for p in prepared.parameters if p.name in others}
     parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
-    return Family(Simulator(model, parameters, release=release), owner)
+    simulator = Simulator(model, parameters, release=release)
+    finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
+    return Family(simulator, owner, max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9))))
 
 
 def _fitted(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
@@ -153,7 +162,10 @@ def _fitted(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     known = {p.name: p.value for p in prepared.parameters}
     sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
     begun = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
-    problem = replace(prepared.problem(), simulator=family.simulator, parameters=tuple(parameters), frozen=~used)
+    windows = replace(prepared.windows, substeps=family.substeps)
+    problem = replace(
+        prepared.problem(), simulator=family.simulator, windows=windows, parameters=tuple(parameters), frozen=~used
+    )
     starts: Starts | None = None
     tries = [np.where(used, begun, 0.0)]
     if inner:

@@ -13,7 +13,7 @@ from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import SMOOTH_PART, Prepared
+from fitting.calibration.prepared import SMOOTH_PART, STEPS_PER_PERIOD, Prepared
 from fitting.calibration.spans import check_spans, fitted_spans, only
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
@@ -25,11 +25,6 @@ from fitting.parameters.priors import rig_priors
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
-
-#: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
-#: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that this is too coarse for halves it.
-#: Schemes that hold their own error are seen at least so often, for the cubics between.
-STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 #: Held-out spans up to so many windows long are run by the windows' own program, compiled with room for them.
 ROOM = 2.5

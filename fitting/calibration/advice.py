@@ -7,8 +7,8 @@ parameters taken out of them, freeing c would to first order change its numbers 
     d = -S^-1 u,    gain = u' S^-1 u / 2,    S = Q' Q + prior,    u = Q' r
 
 in units of the noise that the fit found, over its memory (Rao 1948). One more program is compiled, none is fitted.
-Candidates are compared with Holm's correction for their number; those that the traces cannot tell from what is free
-already are left out.
+Candidates are compared with Holm's correction for their number. Those that the traces cannot tell from what is free
+already (the clock from an inertia that is free, of one link) are not tested, and said to be so.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LEFT = 1e-6
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may be wrong.
+    """What may be wrong; without changes where the traces cannot tell it from what is free.
 
     Attributes:
         name: in words.
@@ -65,9 +65,14 @@ class Candidate:
         """Whether it is worth a name."""
         return self.gain > WORTH and self.p < NAMED
 
+    @property
+    def told(self) -> bool:
+        """Whether the traces tell it from what is free."""
+        return bool(self.changes)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        return {key: getattr(self, key) for key in ("name", "free", "changes", "errors", "gain", "p", "named")}
+        return {key: getattr(self, key) for key in ("name", "free", "changes", "errors", "gain", "p", "named", "told")}
 
     def __str__(self) -> str:
         largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
@@ -80,7 +85,7 @@ def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
     line = model.line
     yield "lengths of links", ["line.0.length"]
     if model.end_held:
-        index = next(i for i, point in enumerate(model.points) if i == int(model.geometry.held_points[-1]))
+        index = int(model.geometry.held_points[-1])
         yield "place of the second end", [f"point.{index}.position.0", f"point.{index}.position.2"]
     yield "roll of the camera", [CAMERA]
     if line.links > 1:
@@ -113,12 +118,14 @@ def advise(prepared: Prepared, solution: Solution) -> list[Candidate]:
     values = np.concatenate([solution.values, [p.value for p in more]])
     e = whitened(solution.windows, simulator(values, solution.starts, solution.windows))
     columns, residual = _projected(e.jacobian, e.residual, solution, len(more))
-    tests, at = [], 0
+    tests, untold, at = [], [], 0
     for name, paths, found in asked:
         mine = slice(at, at + len(found))
         at += len(found)
         test = _tested(columns[:, mine], residual, known[mine], problem.memory)
-        if test is not None:
+        if test is None:
+            untold.append(Candidate(name, tuple(paths), {}, {}, 0.0, 1.0))
+        else:
             tests.append((name, paths, found, *test))
     order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm
     rows = []
@@ -128,7 +135,7 @@ def advise(prepared: Prepared, solution: Solution) -> list[Candidate]:
         names = [parameter.name for parameter in found]
         changes, errors = (dict(zip(names, map(float, x), strict=True)) for x in (change, error))
         rows.append(Candidate(name, tuple(paths), changes, errors, gain, worst))
-    return sorted(rows, key=lambda row: -row.gain)
+    return sorted(rows, key=lambda row: -row.gain) + untold
 
 
 def _projected(

@@ -109,7 +109,8 @@ def fit(
     if bootstrap < 0 or bootstrap == 1:
         raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
     progress = progress or silent
-    names, freed = free, []
+    begun = time.perf_counter()
+    names, freed, before = free, [], None
     while True:
         prepared = prepare(
             traces,
@@ -129,12 +130,17 @@ def fit(
         )
         asked = profile_names(prepared, profile)
         solution = estimate(prepared, method, loss_of(huber, student), continuity, iterations, progress, settings)
+        if solution.status != "ok" and before is not None:
+            prepared, solution, found = before  # what was freed last is more than the traces tell
+            freed.pop()
+            break
         found = advise(prepared, solution) if (advice or auto_free) and solution.status == "ok" else []
         best = next((candidate for candidate in found if candidate.named), None)
         if not auto_free or best is None or len(freed) == MOST_FREED:
             break
         freed.append(best)
-        names = [*(p.name for p in prepared.parameters), *best.free]
+        names, before = [*(p.name for p in prepared.parameters), *best.free], (prepared, solution, found)
+    prepared = replace(prepared, begun=begun)
     result = summarise(prepared, method, solution)
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]

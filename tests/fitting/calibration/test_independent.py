@@ -308,6 +308,7 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(rods, motion):
 def test_what_spoils_a_trace_is_named_first(ready, motion, spoil, name):
     prepared = ready(spoil(seen(motion, 6)))
     found = advise(prepared, estimate(prepared, "windows"))
+    assert all(candidate.told for candidate in found)
     if name is None:
         assert not any(candidate.named for candidate in found)
         return

@@ -10,6 +10,10 @@ Of more than `WHOLE` rows a quarter is left to elimination row by row: as fast t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
 import jax
 import jax.numpy as jnp
 from jax.lax import linalg
@@ -22,6 +26,21 @@ UNASKED, UNASKED_ROWS = (0, 12), 100
 WHOLE = 128
 #: Rows that a trip of the elimination row by row takes together.
 TOGETHER = 4
+_LIBRARY = ContextVar("whether the device's library solves, whatever a run becomes", default=False)
+
+
+@contextmanager
+def library(wanted: bool) -> Iterator[None]:
+    """Leave the systems traced inside to the device's library, where `wanted`.
+
+    Batches gain nothing from one kernel: their operations are long, and one function for all of them is optimised less
+    well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
+    """
+    token = _LIBRARY.set(wanted or _LIBRARY.get())
+    try:
+        yield
+    finally:
+        _LIBRARY.reset(token)
 
 
 def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
@@ -41,7 +60,7 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
 
 def one_kernel_of(rows: int) -> bool:
     """Whether a run with `rows` unknowns in a line becomes one kernel, if nothing in it stands in the way."""
-    if jax.default_backend() != "cpu":
+    if jax.default_backend() != "cpu" or _LIBRARY.get():
         return False
     return in_force() or (jax.__version_info__ >= UNASKED and rows <= UNASKED_ROWS)
 

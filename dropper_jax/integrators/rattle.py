@@ -28,8 +28,9 @@ class Rattle(Implicit):
     name: ClassVar[str] = "rattle"
     order: ClassVar[int] = 2
     condensable: ClassVar[bool] = True
+    exact: ClassVar[bool] = True
     iterations: ClassVar[int] = 4
-    condensed_iterations: ClassVar[int] = 2  # its condensed matrix is the exact Jacobian; steps that need more get it
+    condensed_iterations: ClassVar[int] = 2  # steps that need more get it
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)

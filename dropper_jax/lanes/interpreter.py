@@ -124,7 +124,7 @@ class Interpreter:
             if not disagree:
                 return found
             on = going(carry)
-            return [jnp.where(on, new, old) for new, old in zip(found, carry, strict=True)]
+            return [jnp.where(choice(on, old), new, old) for new, old in zip(found, carry, strict=True)]
 
         start = self.fitted(inputs[tests + bodies :], many)
         end = lax.while_loop((lambda carry: jnp.any(going(carry))) if disagree else going, body, start)
@@ -144,6 +144,11 @@ class Interpreter:
 
         branches = [partial(branch, b) for b in p["branches"]]
         return valued(lax.switch(index.array, branches, [v.array for v in given]), many)
+
+
+def choice(on: jax.Array, x: jax.Array) -> jax.Array:
+    """A choice (..., members) for arrays (..., more, members): a loop that `vmap` made has one for each of its own."""
+    return on.reshape(*on.shape[:-1], *(1,) * (x.ndim - on.ndim), on.shape[-1])
 
 
 def valued(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:

@@ -60,6 +60,8 @@ class Implicit(Integrator, ABC):
     stages: ClassVar[tuple[float, ...]] = (1.0,)
     #: Whether `condensed` pieces exist.
     condensable: ClassVar[bool] = False
+    #: Whether their matrix is the Jacobian itself, so that one solve with it gives derivatives.
+    exact: ClassVar[bool] = False
     #: Whether the pieces of the network solver exist, and so whether systems of lines can be run.
     networkable: ClassVar[bool] = False
     #: Whether every row involves neighbouring nodes only.

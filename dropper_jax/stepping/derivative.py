@@ -19,6 +19,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from dropper_jax.base.tridiagonal import library
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns, refine
 from dropper_jax.solvers import SOLVERS
@@ -203,12 +204,21 @@ def _backward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any,
 
 
 def _push(stepper: Stepper, solver: str, inputs: Any, at: _At, given: _At, u: Unknowns) -> State:
+    with library(stepper.batched):
+        return _pushed(stepper, solver, inputs, at, given, u)
+
+
+def _pushed(stepper: Stepper, solver: str, inputs: Any, at: _At, given: _At, u: Unknowns) -> State:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)
     rows = jax.jvp(lambda x: stepper.integrator.problem(*inputs(x)).residual(u), (at,), (given,))[1]
-    _, jacobian = jax.linearize(problem.residual, u)
-    du = refine(jacobian, partial(linear.apply, factor), jax.tree.map(jnp.negative, rows), problem.column_scale())
+    right = jax.tree.map(jnp.negative, rows)
+    if stepper.batched and stepper.integrator.exact and solver == "condensed":
+        du = linear.apply(factor, right)
+    else:
+        _, jacobian = jax.linearize(problem.residual, u)
+        du = refine(jacobian, partial(linear.apply, factor), right, problem.column_scale())
     return jax.jvp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), (at, u), (given, du))[1]
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.tridiagonal import library
 from dropper_jax.model import Model, State
 from dropper_jax.residual import SETTLED, Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
 from dropper_jax.solvers import SOLVERS
@@ -23,6 +24,11 @@ from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
 def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
     """End state, unknowns, residual and level of a step; no derivative rule of its own."""
+    with library(stepper.batched):
+        return _solve(stepper, model, s, h, alive)
+
+
+def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
     if stepper.until_converged:
         return _solve_or_halve(stepper, model, s, h, alive)
     problem = stepper.integrator.problem(model, s, h)
@@ -106,6 +112,11 @@ def _more_iterations(
 
 def substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
     """One substep by the fallback solver, damped."""
+    with library(stepper.batched):
+        return _substep(stepper, model, s, h)
+
+
+def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, Unknowns, jax.Array]:
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.fallback]
     if stepper.until_converged:

@@ -34,6 +34,7 @@ class Stepper:
         until_converged: iterate each step until it has converged, at most `iterations` times, and halve what has not;
             for systems of lines.
         reverse: derivatives in both modes; False, in forward mode alone, leaves the transposed step out of all traces.
+        batched: the step stands in a batch, which is not made one kernel: the device's library solves its systems.
     """
 
     integrator: Integrator
@@ -46,6 +47,7 @@ class Stepper:
     track_work: bool = True
     until_converged: bool = False
     reverse: bool = True
+    batched: bool = False
 
     @property
     def plain(self) -> Stepper:

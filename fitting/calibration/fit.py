@@ -26,7 +26,7 @@ from fitting.estimate.own_noise import posed, with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import profile as profiled
 from fitting.estimate.refinement import finer_step, refine
-from fitting.estimate.shooting import continue_shooting, fit_shooting
+from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
 from fitting.estimate.uncertainty import bootstrap as resampled
 from fitting.parameters.naming import full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues
@@ -215,4 +215,4 @@ def estimate(
     )
     if joined.status != "ok":
         return joined
-    return refined(own_noise(joined, again=continue_shooting))
+    return settled(refined(own_noise(joined, again=continue_shooting)))

@@ -67,6 +67,13 @@ class Separate:
     #: Damping of the first step, and what is missed where it does not converge.
     damping = 1e-3
     goal = "no convergence"
+    #: How near to its minimum a solution has converged: the parameters' next step in standard errors, squared, and what
+    #: it would take off chi-square.
+    close = STEP_TOLERANCE
+
+    def little(self) -> float:
+        """What the last step may leave of chi-square: well below its own deviation."""
+        return DECREASE_TOLERANCE * float(np.sqrt(self.problem.windows.samples))
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -166,7 +173,7 @@ def descend(
         newton, moved, near = objective.solve(system, values, 0.0, *room), np.inf, False
         if newton is not None:
             moved, decrease = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
-            if moved < STEP_TOLERANCE and decrease < DECREASE_TOLERANCE * np.sqrt(samples):
+            if moved < objective.close and decrease < objective.little():
                 status, message = "ok", ""
                 break
             near = nearly_there(moved, decrease, samples)

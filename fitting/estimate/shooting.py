@@ -34,6 +34,9 @@ LEVEL = 0.02
 EVIDENCE_DROP = 5.0
 #: Part of the evidence lost with a tighter weight that finer steps must give back where residuals are no noise.
 RECOVERED = 0.3
+#: How far weights on the way are solved: parameters within a fifth of their standard errors, and evidence within a
+#: quarter. Only the weight that is chosen is solved to the end.
+ON_THE_WAY, LITTLE = 0.2**2, 0.5
 #: Gap weights that are this many times the gaps' own size, and more, are passed over.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
@@ -49,10 +52,17 @@ class JoinedWindows(Separate):
 
     damping = 1e-4
 
-    def __init__(self, problem: Problem, weight: float, offset: np.ndarray = NO_OFFSET) -> None:
+    def __init__(
+        self, problem: Problem, weight: float, offset: np.ndarray = NO_OFFSET, on_the_way: bool = False
+    ) -> None:
         super().__init__(problem)
-        self.weight, self.offset = weight, offset
+        self.weight, self.offset, self.on_the_way = weight, offset, on_the_way
+        if on_the_way:
+            self.close = ON_THE_WAY
         self.goal = f"no convergence at gap weight {weight:g}"
+
+    def little(self) -> float:
+        return LITTLE if self.on_the_way else super().little()
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
         total = super().cost(evaluation, values)
@@ -121,7 +131,7 @@ def fit_shooting(
             weight up.
 
     Returns:
-        The solution at the chosen weight (`gap_weight`, `evidence`).
+        The solution at the chosen weight (`gap_weight`, `evidence`), to be `settled`.
     """
     if not begin.windows.follows.any():
         return begin
@@ -134,7 +144,7 @@ def fit_shooting(
     for i, weight in enumerate(schedule):
         again = point
         while again is not None:
-            level = JoinedWindows(again.problem, weight)
+            level = JoinedWindows(again.problem, weight, on_the_way=True)
             point = level.descend(again, iterations, total)
             total, point.evidence = point.iterations, level.evidence(point)
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
@@ -156,6 +166,17 @@ def fit_shooting(
         best = _close(best, iterations)
     best.iterations = max(total, best.iterations)
     return best
+
+
+def settled(point: Solution) -> Solution:
+    """A solution solved at its gap weight to the end, which `fit_shooting` does not: finer steps may have to follow."""
+    if not point.gap_weight:
+        return point
+    level = JoinedWindows(point.problem, point.gap_weight)
+    found = level.descend(point, CONTINUED, point.iterations)
+    if found.status == "ok":
+        found.evidence = level.evidence(found)
+    return replace(found, step_bias=point.step_bias)
 
 
 def gaps_now(point: Solution) -> float:

@@ -85,7 +85,7 @@ class Evaluation(NamedTuple):
 def choose_stepper(model: Model, integrator: str | None = None) -> Stepper:
     """The scheme of the best price for its error: rattle_4 for point masses, else energy_momentum."""
     if integrator is None and Rattle4().refuse(model) is None:
-        settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False}
+        settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False, "batched": True}
         return Stepper(Rattle4(), "condensed", "banded", ITERATIONS, **settings)
     # No halving: a window whose steps do not solve is a step too far of the fit, which then takes a smaller one. Not so
     # where joints stick: which of them do is found by the last resort alone, on the whole step or on half of it, and an

@@ -24,6 +24,10 @@ from fitting.traces.trace import Trace, local_polynomial
 ON_GRID = 1e-6
 
 
+#: Part of a step by which rounded times of samples may change it.
+ROUNDED = 1e-3
+
+
 #: What every window has of its own, besides what it follows.
 PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released")
 #: The same, where there is any.
@@ -119,12 +123,15 @@ def check_step(traces: Sequence[Trace], dt: float) -> None:
 
 
 def time_step(traces: Sequence[Trace], wanted: float) -> float:
-    """The step [s] nearest below `wanted` that divides the sampling interval, where sampling is uniform."""
+    """The step [s] nearest below `wanted` that divides the sampling interval, where sampling is uniform.
+
+    Times in files are rounded: a step longer than `wanted` by that rounding is the wanted one.
+    """
     intervals = {round(trace.interval, 12) for trace in traces}
     if max(intervals) - min(intervals) > 1e-9:
         return wanted
     interval = max(intervals)
-    return interval / max(1, int(np.ceil(interval / wanted - 1e-6)))
+    return interval / max(1, int(np.ceil(interval / wanted - ROUNDED)))
 
 
 def cut(

@@ -36,6 +36,15 @@ def loops(x, c):
     return powers, rows, shared, own
 
 
+def loops_of_vmap(x, c):
+    """A batch inside a member, whose loop goes on until the last of the batch stops."""
+
+    def halved(row):
+        return lax.while_loop(lambda a: a.sum() > 1.0, lambda a: a * 0.5, row)
+
+    return jax.vmap(halved)(x * 3.0), jax.vmap(lambda row: lax.fori_loop(0, 2, lambda i, a: a + row * c, row))(x)
+
+
 def branches(x, c):
     shared = lax.cond(c[0] < 0, lambda a: a * c, lambda a: a + 1.0, x)
     own = lax.switch((x[0, 0] * 2).astype(int), [lambda a: a, lambda a: -a, lambda a: a * a, lambda a: a * 3.0], x)
@@ -47,7 +56,7 @@ def derivatives(x, c):
     return value, slope, jax.jvp(jax.jit(jnp.tanh), (x,), (x * c,))[1]
 
 
-@pytest.mark.parametrize("f", [axes, reductions, indexing, loops, branches, derivatives])
+@pytest.mark.parametrize("f", [axes, reductions, indexing, loops, loops_of_vmap, branches, derivatives])
 def test_as_vmap(f):
     found, expected = (jax.jit(each(f, in_axes=(0, None)))(X, SHARED) for each in (lanes, jax.vmap))
     assert jax.tree.structure(found) == jax.tree.structure(expected)

@@ -195,3 +195,20 @@ def test_gradients_by_one_input_alone_are_those_by_all_together(name):
 def test_every_scheme_is_among_the_cases():
     of_one_step = {name for name, scheme in INTEGRATORS.items() if not issubclass(scheme, ProjectedRungeKutta)}
     assert {scheme for _, scheme, _ in CASES.values()} == of_one_step
+
+
+def test_in_a_batch_one_solve_gives_the_derivatives():
+    """A scheme whose condensed matrix is its Jacobian: what refining would add is rounding."""
+    model, s = dj.build(line())
+    stepper = make_stepper(model, "rattle_4", "condensed", track_work=False, reverse=False)
+    speeds = jnp.asarray([[[0.1, 0.3, -0.2], [0.2, -0.1, 0.4]], [[1.0, 0.0, 0.5], [-0.3, 0.2, 0.0]]])
+
+    def pushed(stepper):
+        end = lambda v: dj.step(stepper, model, replace(s, v=v), jnp.asarray(H))[0]  # noqa: E731
+        push = lambda d: jax.jvp(lambda v: (end(v).r, end(v).v, end(v).tension), (s.v,), (d,))[1]  # noqa: E731
+        return jax.jit(jax.vmap(push))(speeds)
+
+    for alone, batch in zip(pushed(stepper), pushed(replace(stepper, batched=True)), strict=True):
+        size = float(jnp.abs(alone).max())
+        assert size > 1e-3
+        np.testing.assert_allclose(batch, alone, rtol=0, atol=1e-10 * size)

@@ -22,7 +22,9 @@ from fitting.calibration.summary import summarise
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.gradient import fit_gradient
 from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with, loss_of
+from fitting.estimate.nuts import nuts
 from fitting.estimate.own_noise import posed, with_own_noise
+from fitting.estimate.posterior import importance
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import profile as profiled
 from fitting.estimate.refinement import finer_step, refine
@@ -33,6 +35,7 @@ from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
+SAMPLERS = {"importance": importance, "nuts": nuts}
 #: Candidates freed one after another at most, and those that are named in the warnings.
 MOST_FREED, NAMED_CANDIDATES = 6, 3
 
@@ -64,6 +67,8 @@ def fit(
     integrator: str | None = None,
     profile: Sequence[str] | bool = False,
     bootstrap: int = 0,
+    posterior: int = 0,
+    sampler: str = "importance",
     progress: Progress | None = None,
     **settings: Any,
 ) -> FitResult:
@@ -96,6 +101,8 @@ def fit(
         compare_models: also fit the ladder of damping laws.
         profile: names of free parameters whose intervals are also told by their profile likelihood; True for all.
         bootstrap: so many draws of a bootstrap over blocks of time.
+        posterior: so many draws of the parameters' posterior.
+        sampler: `importance`, or `nuts`: window starts are sampled too, so many draws of each of four chains.
         progress: called with (fraction, text).
         **settings: of the gradient method: see `gradient.fit_gradient`.
 
@@ -108,6 +115,8 @@ def fit(
         raise SceneError(f"method: {method!r} has no setting {sorted(settings)[0]!r}; allowed: none")
     if bootstrap < 0 or bootstrap == 1:
         raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
+    if sampler not in SAMPLERS:
+        raise SceneError(f"sampler: {sampler!r} is unknown; {nearest(sampler, SAMPLERS)}")
     progress = progress or silent
     begun = time.perf_counter()
     names, freed, before = free, [], None
@@ -150,6 +159,9 @@ def fit(
         result.profiles.append(profiled(solution, name, float(result.uncertainty.std_error[index])))
     if bootstrap:
         result.bootstrap = resampled(solution, bootstrap)
+    if posterior and solution.status == "ok":
+        result.posterior = SAMPLERS[sampler](solution, posterior, progress=progress)
+        result.warnings += result.posterior.warnings
     if compare_models:
         result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
         result.seconds["run"] = time.perf_counter() - prepared.begun - result.seconds["compile"]

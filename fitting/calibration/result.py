@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +12,16 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law import Law
+from fitting.estimate.posterior import Posterior
 from fitting.estimate.problem import Solution
 from fitting.estimate.profile import Profile
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
 from fitting.traces.trace import Trace
+
+if TYPE_CHECKING:
+    from fitting.calibration.advice import Candidate
 
 SCHEMA = 1
 #: Departure of the energy's slope from 1, in combined errors, beyond which it is warned of.
@@ -80,6 +84,7 @@ class FitResult:
         seconds: compile and run time.
         profiles: profile likelihoods that were asked for.
         bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
+        posterior: weighted draws of the parameters, where asked for.
         advice: what else may be wrong, where asked for, the largest gain first.
         freed: candidates that were freed for their gain, in their order.
         energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
@@ -99,7 +104,10 @@ class FitResult:
     comparison: list[Law] = field(default_factory=list)
     profiles: list[Profile] = field(default_factory=list)
     bootstrap: np.ndarray | None = None
+    posterior: Posterior | None = None
     energy: EnergyCheck | None = None
+    advice: list[Candidate] = field(default_factory=list)
+    freed: list[Candidate] = field(default_factory=list)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -190,6 +198,8 @@ class FitResult:
             }
         if self.bootstrap is not None:
             found["bootstrap"] = self.bootstrap_table()
+        if self.posterior is not None:
+            found["posterior"] = self.posterior.to_json()
         if self.energy is not None:
             found["energy"] = {"slope": self.energy.slope, "std_error": self.energy.error}
         if self.advice or self.freed:

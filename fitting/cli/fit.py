@@ -18,6 +18,7 @@ name = "fit"
 help = "calibrate a scene to measured angle traces"
 
 METHODS = ("windows", "shooting", "gradient")
+SAMPLERS = ("importance", "nuts")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +73,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
     )
+    parser.add_argument(
+        "--posterior", nargs="?", const=200, type=int, metavar="DRAWS", help="sample the posterior (default: 200 draws)"
+    )
+    parser.add_argument(
+        "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts samples window starts too"
+    )
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
     add_quiet(parser)
     add_json(parser)
@@ -101,6 +108,8 @@ def run(args: argparse.Namespace) -> int:
         priors=priors,
         profile=(args.profile.split(",") if args.profile else True) if args.profile is not None else False,
         bootstrap=args.bootstrap or 0,
+        posterior=args.posterior or 0,
+        sampler=args.sampler,
         until=args.until,
         held_out=spans,
         window=args.window,
@@ -184,7 +193,7 @@ def _prior(name: str, text: str) -> tuple[float, float]:
 
 
 def _check_numbers(args: argparse.Namespace) -> None:
-    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
+    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap", "posterior"):
         value = getattr(args, key)
         if value is not None and not value > 0:
             raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0")

@@ -220,7 +220,7 @@ class Simulator:
         if not isinstance(self.stepper.integrator, ProjectedRungeKutta):  # these are told all their steps beforehand
             key = wanted._replace(steps=max(wanted.steps, self.room[0]), slots=max(wanted.slots, self.room[1]))
         stepper = self.stepper.plain if key.plain else self.stepper
-        one = partial(self._window, stepper=stepper, dt=key.dt, room=key.steps, on_grid=key.on_grid)
+        one = partial(self.window, stepper=stepper, dt=key.dt, room=key.steps, on_grid=key.on_grid)
         batched = jax.vmap(one, in_axes=(None, None, None, *(0 for _ in inputs)))
         if key.size == 1:  # a batch of one is a batch, and would take both sides of every choice too
             batched = lambda v, n, m, *each: [a[None] for a in one(v, n, m, *(a[0] for a in each))]  # noqa: E731
@@ -231,7 +231,7 @@ class Simulator:
         self.compile_s += time.perf_counter() - begun
         return key, self._programs[key]
 
-    def _window(
+    def window(
         self,
         values: jax.Array,
         substeps: jax.Array,

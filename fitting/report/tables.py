@@ -24,7 +24,7 @@ def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
 
 
 def interval_rows(result: FitResult) -> list[tuple[str, ...]]:
-    """90 % intervals by profile likelihood and bootstrap, where asked for, with a heading."""
+    """90 % intervals by profile likelihood, bootstrap and posterior, where asked for, with a heading."""
     rows = [("parameter", "by", "90 % low", "high")]
     digits = {
         p.name: significant(v, s)
@@ -36,6 +36,9 @@ def interval_rows(result: FitResult) -> list[tuple[str, ...]]:
     if result.bootstrap is not None:
         for name, found in result.bootstrap_table().items():
             rows.append((name, "bootstrap", *(f"{found[key]:.{digits[name]}g}" for key in ("low", "high"))))
+    if result.posterior is not None:
+        for name, found in result.posterior.to_json()["parameters"].items():
+            rows.append((name, "posterior", *(f"{found[key]:.{digits[name]}g}" for key in ("low", "high"))))
     return rows
 
 

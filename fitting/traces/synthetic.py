@@ -10,8 +10,8 @@ import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.progress import Progress
 from dropper_jax.base.programs import kept
+from dropper_jax.base.progress import Progress
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build
 from dropper_jax.stepping.integrate import Trajectory, integrate
@@ -61,7 +61,9 @@ def simulate_truth(
     model, start = build(scene)
     stepper = make_stepper(model, integrator, "auto", track_work=False)
     frames = round(duration * rate)
-    for kind in dict.fromkeys((stepper.plain, stepper)):  # without retries, which few runs need, there is less to compile
+    for kind in dict.fromkeys(
+        (stepper.plain, stepper)
+    ):  # without retries, which few runs need, there is less to compile
         trajectory = _run(kind, model, start, 1 / (rate * substeps), frames * substeps, substeps)
         if int(trajectory.first_bad[-1]) < 0:
             break

@@ -1,0 +1,160 @@
+"""A plan of measurements: how well each would tell the parameters, before anything is measured.
+
+    S(w) = sum over joined windows of J' J / sigma^2 + gaps/w^2 + priors,     errors = sqrt(diag(S^-1))
+
+with the window starts and every other free parameter eliminated, at the scene's own values. The gap weight w says how
+far the rig follows its model: an uninterrupted chaotic run of a perfect model would always ask for a longer one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import SceneLike
+from fitting.calibration.preparation import prepare
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.problem import Problem
+from fitting.estimate.shooting import JoinedWindows
+from fitting.estimate.simulator import Evaluation
+from fitting.estimate.windows import Windows
+from fitting.parameters.naming import full_names
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+
+#: Gap weight that fits of clean traces of the lab dropper end at; a film of a real rig ends ten to a hundred times
+#: higher.
+GAP_WEIGHT = 1e-3
+#: Rounds that find the starts of the windows on a trace without noise.
+ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One measurement and what it would tell.
+
+    Attributes:
+        scene: its name, which says how it is released.
+        duration: [s].
+        noise: of the angles [rad].
+        std_error: by parameter.
+        score: mean log of the errors asked for; the least is the best.
+    """
+
+    scene: str
+    duration: float
+    noise: float
+    std_error: dict[str, float]
+    score: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return jsonable(
+            {
+                "scene": self.scene,
+                "duration_s": self.duration,
+                "noise_rad": self.noise,
+                "std_error": self.std_error,
+                "score": self.score,
+            }
+        )
+
+
+def plan(
+    scenes: Sequence[SceneLike],
+    free: Sequence[str],
+    *,
+    durations: Sequence[float],
+    noises: Sequence[float] = (0.005,),
+    wanted: Sequence[str] | None = None,
+    gap_weight: float = GAP_WEIGHT,
+    rate: float = 60.0,
+    progress: Progress = silent,
+) -> list[Planned]:
+    """Rank measurements by the errors they would leave, the best first.
+
+    Args:
+        scenes: released in different ways; the truth is each one's own values.
+        free: parameters that a fit would free, nuisances among them.
+        durations: of the traces [s].
+        noises: of the angles [rad], such as of two cameras.
+        wanted: those of `free` to rank by; default all.
+        gap_weight: as joined fits estimate it.
+        rate: frames per second [Hz].
+
+    Raises:
+        SceneError: for anything the caller can mend, in one line.
+    """
+    for key, numbers in (("duration", durations), ("noise", noises), ("gap_weight", [gap_weight]), ("rate", [rate])):
+        bad = [x for x in numbers if not (np.isfinite(x) and x > 0)]
+        if bad or not len(numbers):
+            raise SceneError(f"{key}: {bad[0] if bad else 'none'} is not positive; allowed: > 0")
+    found = []
+    for i, source in enumerate(scenes):
+        scene = load_scene(source)
+        names = full_names(scene, free, "free")
+        asked = names if wanted is None else full_names(scene, wanted, "for")
+        foreign = [name for name in asked if name not in names]
+        if foreign:
+            raise SceneError(f"for: {foreign[0]!r} is not free; allowed: {', '.join(names)}")
+        motion = simulate_truth(scene, max(durations), rate)
+        for noise in sorted(noises):
+            progress((i + noise / max(noises) / 2) / len(scenes), f"{scene.name}, {noise:g} rad")
+            trace = observe(motion, Camera(rate=rate), 0, scene.name)
+            trace = replace(trace, se=np.full_like(trace.theta, noise))
+            prepared = prepare([trace], scene, names)
+            problem = prepared.problem()
+            held = np.ones(len(prepared.values), bool)
+            there = fit_windows(
+                replace(problem, frozen=held), prepared.values, prepared.starts, iterations=ROUNDS, progress=silent
+            )
+            for duration in durations:
+                errors = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
+                by_name = {p.name: float(e) for p, e in zip(problem.parameters, errors, strict=True)}
+                mine = [e for name, e in by_name.items() if any(name == a or name.startswith(f"{a}.") for a in asked)]
+                score = float(np.mean(np.log(mine)))
+                found.append(Planned(scene.name, duration, noise, by_name, score))
+    progress(1.0, "ok")
+    return sorted(found, key=lambda row: row.score)
+
+
+def _errors(
+    problem: Problem, evaluation: Evaluation, values: np.ndarray, duration: float, gap_weight: float
+) -> np.ndarray:
+    """Standard errors (k,) from the windows that end within the duration."""
+    windows = problem.windows
+    count = int(np.sum(windows.begin + windows.length <= duration * (1 + 1e-9)))
+    if not count:
+        raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
+    few = replace(problem, windows=first(windows, count))
+    seen = Evaluation(*(part[:count] for part in evaluation))
+    level = JoinedWindows(few, gap_weight)
+    nowhere = np.zeros(len(values))
+    step = level.solve(level.system(seen, values), values, 0.0, nowhere, nowhere)
+    if step is None:
+        raise SceneError("free: the parameters cannot be told apart by these traces; allowed: fewer of them, or priors")
+    return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values)))))
+
+
+def first(windows: Windows, count: int) -> Windows:
+    """The first windows, those that follow each other as before."""
+    whole = ("begin", "run", "follows", "theta", "weight", "index", "fraction", "released")
+    return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
+
+
+def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
+    """The table for people, with a heading."""
+    names = list(found[0].std_error)
+    table = [("release", "duration [s]", "noise [rad]", *(f"error of {name}" for name in names), "times the best")]
+    for row in found:
+        errors = (f"{row.std_error[name]:.3g}" for name in names)
+        worse = np.exp(row.score - found[0].score)
+        table.append((row.scene, f"{row.duration:g}", f"{row.noise:g}", *errors, f"{worse:.2f}"))
+    return table

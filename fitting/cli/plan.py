@@ -1,0 +1,54 @@
+"""`dropper plan SCENE... --free NAMES`: which release, how long and with which camera tells most."""
+
+from __future__ import annotations
+
+import argparse
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_json, add_quiet
+from dropper_jax.cli.output import print_result, progress, table
+
+name = "plan"
+help = "which release, duration and camera would tell the parameters best, before anything is measured"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="packaged names or TOML files, released differently")
+    parser.add_argument("--free", required=True, metavar="NAMES", help="parameters that the fit would free")
+    parser.add_argument("--for", dest="wanted", metavar="NAMES", help="those to rank by (default: all)")
+    parser.add_argument("--duration", default="8,16,48", metavar="S,...", help="of the traces [s] (default: 8,16,48)")
+    parser.add_argument("--noise", default="0.005", metavar="RAD,...", help="of the angles [rad] (default: 0.005)")
+    parser.add_argument("--rate", default="60", metavar="HZ", help="frames per second (default: 60)")
+    parser.add_argument(
+        "--gap-weight",
+        default="1e-3",
+        metavar="W",
+        help="how far the rig follows its model, as a fit reports it (default: 1e-3)",
+    )
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from fitting.calibration.plan import plan, rows
+
+    found = plan(
+        args.scenes,
+        args.free.split(","),
+        durations=_numbers("duration", args.duration),
+        noises=_numbers("noise", args.noise),
+        wanted=None if args.wanted is None else args.wanted.split(","),
+        gap_weight=_numbers("gap-weight", args.gap_weight)[0],
+        rate=_numbers("rate", args.rate)[0],
+        progress=progress(args.quiet),
+    )
+    print_result(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)))
+    return OK
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise SceneError(f"--{option}: {text!r} is not a list of numbers; allowed: such as 8,16,48") from None

@@ -1,0 +1,242 @@
+"""The posterior of parameters and window starts by Hamiltonian Monte Carlo (NUTS, Hoffman and Gelman 2014; blackjax).
+
+    log pi(z, p) = -cost(z, p)/unit,      (z, p) = (z, p)_optimum + L'^-1 y,      L L' = H/unit
+
+with H the Gauss-Newton matrix of the joined windows at the optimum, so that y is nearly standard normal. Unlike
+importance sampling it takes no motion for linear in its starts; it costs an evaluation of all windows a leap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.gaps import GAP_SCALE, Joined
+from fitting.estimate.loss import LEAST_SQUARES
+from fitting.estimate.posterior import Posterior
+from fitting.estimate.problem import Solution
+from fitting.estimate.shooting import level_of
+from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
+from fitting.traces.planar import chart, wrap
+
+#: Chains, and steps of each that find the length of a leap and are thrown away.
+CHAINS, WARM_UP = 4, 150
+#: Windows side by side in one evaluation.
+TOGETHER = 8
+#: Ratio of the chains' spread together to that within each, beyond which they do not agree.
+AGREE = 1.01
+#: Effective draws below which quantiles are rough.
+ENOUGH = 400
+
+
+@dataclass(frozen=True)
+class Chains(Posterior):
+    """Draws of several chains, one after another, all of equal weight.
+
+    Attributes:
+        rhat: R-hat of every parameter (k,).
+        told: effective draws of the parameter that has fewest.
+        divergent: leaps whose energy went astray.
+    """
+
+    rhat: np.ndarray | None = None
+    told: float = 0.0
+    divergent: int = 0
+
+    @property
+    def effective(self) -> float:
+        return self.told
+
+    def to_json(self) -> dict[str, Any]:
+        found = super().to_json()
+        del found["pareto_k"]
+        return found | {"r_hat": float(np.max(self.rhat)), "divergent": self.divergent, "chains": CHAINS}
+
+    @property
+    def warnings(self) -> list[str]:
+        found = []
+        if not np.max(self.rhat) <= AGREE:
+            found.append(f"posterior: R-hat is {np.max(self.rhat):.3g}, the chains do not agree (allowed: {AGREE})")
+        if self.divergent:
+            found.append(f"posterior: {self.divergent} leaps diverged; its tails may be missed")
+        if self.told < ENOUGH:
+            found.append(f"posterior: {self.told:.0f} effective draws; its quantiles are rough below {ENOUGH}")
+        return found
+
+
+def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress = silent) -> Chains:
+    """Sample parameters and starts around a converged solution; `draws` of each of four chains are kept.
+
+    Raises:
+        SceneError: blackjax is not installed, nothing is free, or the noise or the starts are of a kind that
+            importance sampling takes and this does not.
+    """
+    try:
+        import blackjax
+        from blackjax.diagnostics import effective_sample_size, potential_scale_reduction
+    except ImportError:
+        raise SceneError("sampler: 'nuts' needs blackjax; pip install 'dropper-jax[posterior]'") from None
+    _check(solution)
+    free = np.flatnonzero(~solution.problem.held)
+    target = Density(solution, free)
+    place, density = target.place, target.function()
+
+    @jax.jit
+    def chain(key: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        first, warm, run = jax.random.split(key, 3)
+        start = 0.5 * jax.random.normal(first, (len(place),))
+        adapt = blackjax.window_adaptation(blackjax.nuts, density, initial_step_size=0.3, target_acceptance_rate=0.8)
+        (state, settings), _ = adapt.run(warm, start, WARM_UP)
+        kernel = blackjax.nuts(density, **settings)
+
+        def once(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
+            state, info = kernel.step(key, state)
+            return state, (state.position @ jnp.asarray(place[:, -len(free) :]), info.is_divergent)
+
+        _, (found, divergent) = jax.lax.scan(once, state, jax.random.split(run, draws))
+        return found, divergent, settings["step_size"]
+
+    kept, diverged = [], 0
+    for i, key in enumerate(jax.random.split(jax.random.key(seed), CHAINS)):
+        progress(i / CHAINS, f"posterior: chain {i + 1} of {CHAINS}")
+        found, divergent, _ = chain(key)
+        kept.append(np.asarray(found))
+        diverged += int(np.sum(divergent))
+    several = np.stack(kept)
+    points = solution.values[free] + several.reshape(-1, len(free))
+    return Chains(
+        tuple(solution.problem.parameters[i].name for i in free),
+        points,
+        np.full(len(points), 1 / len(points)),
+        0.0,
+        rhat=np.atleast_1d(np.asarray(potential_scale_reduction(several))),
+        told=float(np.min(np.asarray(effective_sample_size(several)))),
+        divergent=diverged,
+    )
+
+
+def _check(solution: Solution) -> None:
+    problem = solution.problem
+    if not (~problem.held).any():
+        raise SceneError("posterior: no parameter is free; allowed: at least one")
+    noise = problem.noise
+    if (noise is not None and noise.kind != "white") or problem.loss != LEAST_SQUARES:
+        raise SceneError("sampler: 'nuts' takes white noise and least squares; allowed: importance")
+    if problem.simulator.release is not None:
+        raise SceneError("sampler: 'nuts' takes runs with starts of their own; allowed: importance")
+
+
+def hessian(solution: Solution, free: np.ndarray) -> np.ndarray:
+    """The Gauss-Newton matrix (K m2 + f, K m2 + f) of starts and free parameters."""
+    problem = solution.problem
+    level = level_of(problem, solution.gap_weight)
+    system = level.system(solution.evaluation, solution.values)
+    normal, below = (system.normal, system.below) if isinstance(system, Joined) else (system, None)
+    count, m2 = normal.A.shape[:2]
+    full = np.zeros((count * m2 + len(free),) * 2)
+    for k in range(count):
+        here = slice(k * m2, (k + 1) * m2)
+        full[here, here] = normal.A[k]
+        full[here, count * m2 :] = normal.B[k][:, free]
+        full[count * m2 :, here] = normal.B[k][:, free].T
+        if below is not None and k:
+            before = slice((k - 1) * m2, k * m2)
+            full[here, before], full[before, here] = below[k - 1], below[k - 1].T
+    full[count * m2 :, count * m2 :] = (normal.C + problem.prior(solution.values).curvature)[np.ix_(free, free)]
+    return full
+
+
+class Density:
+    """The log density of y, whose gradient comes with it from the windows' own derivatives.
+
+    Attributes:
+        place: (d, d), y @ place are the moves of starts and free parameters.
+    """
+
+    def __init__(self, solution: Solution, free: np.ndarray) -> None:
+        windows, problem, simulator = solution.windows, solution.problem, solution.problem.simulator
+        self.problem, self.free, self.values = problem, free, solution.values
+        self.unit = solution.chi2 / degrees_of_freedom(solution) * max(uncertainty(solution).inflation, 1.0) ** 2
+        lower = cholesky(hessian(solution, free) / self.unit, lower=True)
+        self.place = solve_triangular(lower, np.eye(len(lower)), lower=True)
+        self.start = jnp.asarray(solution.starts.theta), jnp.asarray(solution.starts.omega)
+        self.basis = jnp.asarray(chart(simulator.model_at(solution.values), solution.starts.theta))
+        self.follows = np.flatnonzero(windows.follows & (solution.gap_weight is not None))
+        self.scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
+        self.seen = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
+        self.counts = jnp.int32(windows.substeps), jnp.int32(windows.steps)
+        on_grid = not windows.fraction.any()
+        settings = {"stepper": simulator.stepper.plain, "dt": windows.dt, "room": windows.steps, "on_grid": on_grid}
+        self.window = partial(simulator.window, **settings)
+
+    def function(self) -> Callable[[jax.Array], jax.Array]:
+        """y (d,) -> log pi, with its gradient as JAX's derivative."""
+
+        @jax.custom_vjp
+        def density(y: jax.Array) -> jax.Array:
+            return self.value_and_gradient(y)[0]
+
+        density.defvjp(self.value_and_gradient, lambda gradient, ct: (ct * gradient,))
+        return density
+
+    def value_and_gradient(self, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """log pi and its slope (d,); minus infinity where a step fails or a parameter is outside its bounds."""
+        count, m = self.basis.shape[0], self.basis.shape[2]
+        x = y @ jnp.asarray(self.place)
+        z, dp = x[: 2 * m * count].reshape(count, 2 * m), x[2 * m * count :]
+        values = jnp.asarray(self.values).at[self.free].add(dp)
+        turned = (jnp.einsum("kij,kj->ki", self.basis, part) for part in (z[:, :m], z[:, m:]))
+        starts = tuple(a + b for a, b in zip(self.start, turned, strict=True))
+        run = lambda window: self.window(values, *self.counts, *window)  # noqa: E731
+        found = jax.lax.map(run, (*starts, self.basis, *self.seen), batch_size=TOGETHER)
+        _, residual, jacobian, start, end, js, je, failed = found
+        cost, slope = 0.5 * jnp.sum(residual**2), jnp.einsum("ksni,ksn->ki", jacobian, residual)
+        cost, slope = self._with_gaps(cost, slope, (start, end), (js, je))
+        more, gradient = _prior(self.problem.prior(self.values), values - self.values)
+        slope = jnp.concatenate([slope[:, : 2 * m].ravel(), (slope[:, 2 * m :].sum(0) + gradient)[self.free]])
+        fine = jnp.isfinite(cost) & (failed.sum() == 0) & _inside(self.problem.bounds(self.values), values)
+        uphill = -(jnp.asarray(self.place) @ slope) / self.unit
+        return jnp.where(fine, -(cost + more) / self.unit, -jnp.inf), jnp.where(fine, uphill, 0.0)
+
+    def _with_gaps(
+        self, cost: jax.Array, slope: jax.Array, ends: tuple[jax.Array, ...], jacobians: tuple[jax.Array, ...]
+    ) -> tuple[jax.Array, jax.Array]:
+        if not len(self.follows):
+            return cost, slope
+        right, left, n = self.follows, self.follows - 1, self.basis.shape[1]
+        turn = jnp.swapaxes(self.basis[right], 1, 2)
+
+        def charted(a: jax.Array) -> jax.Array:
+            return jnp.concatenate([turn @ a[:, :n], turn @ a[:, n:]], axis=1) / self.scale[:, None]
+
+        (start, end), (js, je) = ends, jacobians
+        off = end[left] - start[right]
+        off = off.at[:, :n].set(wrap(off[:, :n]))
+        gap, before, after = charted(off[..., None])[..., 0], charted(je[left]), charted(js[right])
+        slope = slope.at[left].add(jnp.einsum("gij,gi->gj", before, gap))
+        slope = slope.at[right].add(-jnp.einsum("gij,gi->gj", after, gap))
+        return cost + 0.5 * jnp.sum(gap**2), slope
+
+
+def level_weight(solution: Solution) -> float:
+    """The gap weight of a solution's level; 1 where windows are separate."""
+    return getattr(level_of(solution.problem, solution.gap_weight), "weight", 1.0)
+
+
+def _prior(at: Any, moved: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Cost and gradient (k,) of normal priors away from where they were taken."""
+    gradient = jnp.asarray(at.gradient) + jnp.asarray(at.curvature) @ moved
+    return at.cost + jnp.asarray(at.gradient) @ moved + 0.5 * moved @ jnp.asarray(at.curvature) @ moved, gradient
+
+
+def _inside(bounds: tuple[np.ndarray, np.ndarray], values: jax.Array) -> jax.Array:
+    return jnp.all((values >= bounds[0]) & (values <= bounds[1]))

@@ -1,0 +1,170 @@
+"""The posterior of the parameters by importance sampling from an optimum, the window starts integrated at each draw.
+
+    log pi(p) = -cost(p, z*(p))/unit - 1/2 log det H_zz(p),      z*(p) the best starts with the parameters held at p
+
+Draws come from Student's t with 5 degrees of freedom around the optimum, of the covariance that the fit reports. The
+starts' integral is Laplace's (Tierney and Kadane 1986), which is exact where the motion is linear in them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import multivariate_t
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.gauss_newton import Separate, closed_starts, move
+from fitting.estimate.pareto import TRUSTED, smoothed
+from fitting.estimate.problem import Solution
+from fitting.estimate.shooting import level_of
+from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
+
+#: Degrees of freedom of the proposal, whose tails must not be shorter than the posterior's.
+DEGREES = 5
+#: Evaluations at a draw, and what of log pi may be left to gain by the starts.
+EVALUATIONS, LEFT = 5, 0.05
+#: Effective draws below which quantiles are rough.
+FEW = 50
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Weighted draws of the free parameters.
+
+    Attributes:
+        names: of the parameters (k,).
+        draws: (N, k).
+        weight: (N,), adds to 1.
+        shape: of the weights' tail (Pareto k); to be trusted below 0.7.
+        unsolved: draws whose starts were not found, which have no weight.
+    """
+
+    names: tuple[str, ...]
+    draws: np.ndarray
+    weight: np.ndarray
+    shape: float
+    unsolved: int = 0
+
+    @property
+    def effective(self) -> float:
+        """Draws of equal weight that would tell as much."""
+        return float(1 / max(np.sum(self.weight**2), 1e-300))
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(k,)."""
+        return self.weight @ self.draws
+
+    @property
+    def std(self) -> np.ndarray:
+        """(k,)."""
+        return np.sqrt(np.maximum(self.weight @ (self.draws - self.mean) ** 2, 0.0))
+
+    def quantile(self, p: float) -> np.ndarray:
+        """(k,), between draws linear in the weight below them."""
+        found = []
+        for column in self.draws.T:
+            order = np.argsort(column)
+            below = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
+            found.append(np.interp(p, below, column[order]))
+        return np.array(found)
+
+    def to_json(self) -> dict[str, Any]:
+        """Mean, deviation and quantiles by name; how far they can be trusted."""
+        found = {"pareto_k": self.shape, "effective_draws": self.effective, "draws": len(self.draws)}
+        columns = (self.mean, self.std, *(self.quantile(p) for p in (0.05, 0.5, 0.95)))
+        keys = ("mean", "std", "low", "median", "high")
+        rows = zip(self.names, *columns, strict=True)
+        return found | {"parameters": {name: dict(zip(keys, numbers, strict=True)) for name, *numbers in rows}}
+
+    @property
+    def warnings(self) -> list[str]:
+        """Why not to trust it, a line each."""
+        found = []
+        if not self.shape < TRUSTED:
+            found.append(
+                f"posterior: Pareto k is {self.shape:.2g}, its quantiles are not to be trusted above {TRUSTED:g}: the "
+                "posterior is far from normal, or the parameters cannot be told apart"
+            )
+        elif self.effective < FEW:
+            found.append(f"posterior: {self.effective:.0f} effective draws; its quantiles are rough below {FEW}")
+        if self.unsolved > 0.05 * len(self.draws):
+            found.append(f"posterior: the starts of {self.unsolved} of {len(self.draws)} draws were not found")
+        return found
+
+
+def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress = silent) -> Posterior:
+    """Sample the posterior of a converged solution's free parameters.
+
+    Args:
+        draws: N, each of one to three evaluations of all windows.
+
+    Raises:
+        SceneError: nothing is free, or too few draws.
+    """
+    problem = solution.problem
+    free = np.flatnonzero(~problem.held)
+    if not len(free):
+        raise SceneError("posterior: no parameter is free; allowed: at least one")
+    if draws < 2 * FEW:
+        raise SceneError(f"posterior: {draws} draws tell no quantiles; allowed: at least {2 * FEW}")
+    u = uncertainty(solution)
+    unit = solution.chi2 / degrees_of_freedom(solution) * max(u.inflation, 1.0) ** 2
+    proposal = multivariate_t(
+        solution.values[free], u.covariance[np.ix_(free, free)], df=DEGREES, allow_singular=True, seed=seed
+    )
+    low, high = (end[free] for end in problem.bounds(solution.values))
+    points = np.reshape(proposal.rvs(draws), (draws, len(free)))
+    along = Along(solution)
+    log_ratio = np.full(draws, -np.inf)
+    unsolved = 0
+    for i, point in enumerate(points):
+        progress(i / draws, f"posterior: draw {i + 1} of {draws}")
+        if (point < low).any() or (point > high).any():
+            continue
+        values = solution.values.copy()
+        values[free] = point
+        found = along(values, unit)
+        unsolved += found is None
+        if found is not None:
+            log_ratio[i] = found - proposal.logpdf(point)
+    weight, shape = smoothed(log_ratio)
+    names = tuple(problem.parameters[i].name for i in free)
+    return Posterior(names, points, weight, shape, unsolved)
+
+
+class Along:
+    """The log density of parameters with the starts integrated, near a solution."""
+
+    def __init__(self, solution: Solution) -> None:
+        held = np.ones(len(solution.values), bool)
+        self.solution, self.level = solution, level_of(replace(solution.problem, frozen=held), solution.gap_weight)
+        self.nowhere = np.zeros(len(solution.values))
+
+    def __call__(self, values: np.ndarray, unit: float) -> float | None:
+        """log pi (k,) less a constant; None where the starts are not found."""
+        point, level = self.solution, self.level
+        along = point.eliminated @ (values - point.values)
+        starts = move(point.problem.simulator, point.starts, point.values, along)
+        best = None
+        for _ in range(EVALUATIONS):
+            evaluation = level.problem.evaluate(values, starts)
+            cost = level.cost(evaluation, values)
+            system = level.system(evaluation, values) if np.isfinite(cost) else None
+            step = None if system is None else level.solve(system, values, 0.0, self.nowhere, self.nowhere)
+            if step is None:
+                return None
+            if best is None or cost - step.predicted < best[0]:
+                best = cost - step.predicted, step.predicted, self._log_determinant(level, system, step.log_determinant)
+            if step.predicted < LEFT * unit:
+                break
+            starts = move(level.problem.simulator, closed_starts(evaluation), values, step.dz)
+        # what a last step would gain is counted as gained
+        return None if best[1] > unit else -best[0] / unit - 0.5 * best[2]
+
+    @staticmethod
+    def _log_determinant(level: Separate, system: object, known: float | None) -> float:
+        return float(np.linalg.slogdet(system.A)[1].sum()) if known is None else known

@@ -25,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "scene", nargs="?", metavar="SCENE", help="print this scene as TOML: a packaged one, or a MoorDyn input"
     )
     add_set(parser)
+    parser.add_argument(
+        "--expanded", action="store_true", help="print it without parameters, repetitions and arrays: the plain scene"
+    )
     parser.add_argument("--moordyn", metavar="FILE", help="write the scene as a MoorDyn v2 input instead")
     parser.add_argument("--dt", type=number, help="MoorDyn's time step [s], else the scene's: its schemes are explicit")
     add_json(parser)
@@ -33,7 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     if args.scene is not None:
         return _one(args)
-    for option, given in (("--set", args.set), ("--moordyn", args.moordyn), ("--dt", args.dt)):
+    for option, given in (
+        ("--set", args.set),
+        ("--moordyn", args.moordyn),
+        ("--dt", args.dt),
+        ("--expanded", args.expanded),
+    ):
         if given:
             raise SceneError(f"{option}: needs a scene; allowed: dropper scenes SCENE {option} ...")
     found = {scene: packaged_scene(scene)["description"] for scene in scene_names()}
@@ -52,7 +60,7 @@ def _one(args: argparse.Namespace) -> int:
     file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
     changes = assignments(args.set)
     found, label = find_scene(args.scene)
-    if is_packaged(args.scene) and not changes and not file:
+    if is_packaged(args.scene) and not (changes or file or args.expanded):
         return _show({"name": label, **found}, args.json)  # good as packaged: values are looked at with JAX imported
 
     from dropper_jax.load.scene import Scene
@@ -62,6 +70,7 @@ def _one(args: argparse.Namespace) -> int:
     scene = Scene.from_dict(table)
     if changes:
         scene = scene.with_values(changes)
+    if changes or args.expanded:
         table = scene.as_written()
     if file:
         return _moordyn(scene, file, args)

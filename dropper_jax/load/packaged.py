@@ -44,7 +44,7 @@ def scene_names() -> tuple[str, ...]:
     files = _files()
     undamped = (name + UNDAMPED for name in files if name.startswith(RELEASES))
     placed = (name + TABLE_6 for name in files if name.startswith(CASES))
-    return tuple(sorted((*files, *undamped, *placed, FARM)))
+    return tuple(sorted((*files, *undamped, *placed)))
 
 
 def is_packaged(name: str) -> bool:
@@ -60,7 +60,7 @@ def packaged_scene(name: str) -> dict[str, Any]:
         KeyError: not `is_packaged`.
     """
     if is_farm(name):
-        return farm_table(name)
+        return farm_table(name, parse_toml(_files()[FARM].read_bytes(), f"{FARM}.toml"))
     file = name.removesuffix(UNDAMPED).removesuffix(TABLE_6)
     table = parse_toml(_files()[file].read_bytes(), f"{file}.toml")
     if name == file:

@@ -18,6 +18,7 @@ from dropper_jax.load.checks_water import check_water
 from dropper_jax.load.given_pose import check_pose, given_pose
 from dropper_jax.load.line_types import expand
 from dropper_jax.load.paths import get, put
+from dropper_jax.load.template import Template
 from dropper_jax.load.written import Written
 from dropper_jax.scene import (
     BuoySpec,
@@ -42,9 +43,11 @@ class Scene(SceneData):
 
     Attributes:
         written: line types, sections and attached points as they were written; None without any.
+        template: parameters, repetitions and arrays as they were written; None without any.
     """
 
     written: Written | None = None
+    template: Template | None = None
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
@@ -54,6 +57,9 @@ class Scene(SceneData):
             SceneError: one line with the path, the value and what is allowed.
         """
         given = read_table(table, "scene")
+        template = Template.of(given)
+        if template is not None:
+            return dataclasses.replace(cls.from_dict(template.expanded(), name), template=template)
         table = expand(given)
         check_keys(table, SECTIONS, "")
         points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
@@ -114,8 +120,12 @@ class Scene(SceneData):
                 `line.leg.length` is that of the whole line, `line_type.chain.EA` that of all lines of the type. An
                 effect that the scene lacks is added by its first value.
         """
-        table = self.to_dict()
         values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
+        if self.template is not None:
+            return self._from_template(values)
+        if parameters := [path for path in values if path.startswith("parameters.")]:
+            raise SceneError(f"{parameters[0]}: the scene has no [parameters]; allowed: paths of its values")
+        table = self.to_dict()
         if "sea.packaged" in values:  # another sea takes the place of this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
@@ -124,12 +134,24 @@ class Scene(SceneData):
             put(table, path, value)
         return Scene.from_dict(table)
 
+    def _from_template(self, values: Mapping[str, Any]) -> Scene:
+        """The scene with values changed, parameters before all others, those of earlier changes too."""
+        template = self.template.changed(values)
+        if template.table == self.template.table:
+            changes = {path: value for path, value in values.items() if not path.startswith("parameters.")}
+            scene = dataclasses.replace(self, template=None)
+        else:
+            scene, changes = Scene.from_dict(template.expanded(), self.name), template.changes
+        return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
+
     def value(self, path: str) -> Plain:
         """The plain value at a path, such as those of `with_values`.
 
         Raises:
             SceneError: no such path, or nothing given there.
         """
+        if self.template is not None and path.startswith("parameters."):
+            return float(self.template.value(path.removeprefix("parameters.")))
         table = self.as_written()
         found = None if self.written is None else self.written.locate(path, self.written.places(table))
         if found is None:

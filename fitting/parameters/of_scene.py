@@ -39,7 +39,8 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
     """
     found: list[Parameter] = []
     for name in names:
-        if scene.written is not None and name in scene.written.places(scene.as_written()):
+        written = scene.written is not None and name in scene.written.places(scene.as_written())
+        if written or name.startswith("parameters."):
             found.append(scene_parameter(scene, model, name))
             continue
         try:

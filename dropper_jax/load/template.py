@@ -1,0 +1,269 @@
+"""Scenes with parameters, repeated parts and arrays, and the plain scene that they stand for.
+
+[parameters]                        numbers with names, or expressions of others
+loops = 60
+spacing = 2.5
+span = "= loops * spacing"
+
+[[line]]                            as often as `repeat` says, k = 1 to 60
+repeat = {k = "= loops"}
+name = "loop-{k}"                   {...} in a text is an expression too
+from = "a-{k}"
+to = "b-{k}"
+length = "= 8 + 0.1 * k"            a text that begins with = is its number
+
+[unit.longline]                     points, lines and buoys that belong together
+...
+[[array]]                           and where such units lie; the names of each begin with `name`
+of = "longline"
+repeat = {row = 3, column = [1, 4]}
+name = "r{row}c{column}-"
+origin = ["= 200 * column", "= 40 * row", 0.0]
+heading = 30.0                      [deg] of the unit's x axis from the scene's, about the unit's origin
+shared = {east-anchor = "anchor-{row}-{column + 1}", west-anchor = "anchor-{row}-{column}"}
+
+[[point_type]]                      what points of a kind have in common; `float` is a float of that volume [m^3]
+name = "float-200"
+float = 0.2
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import check_keys, read_integer, read_list, read_number, read_table, read_text
+from dropper_jax.load.arithmetic import Number, evaluate
+from dropper_jax.load.floats import with_types
+
+#: Sections that only templates have.
+OWN = ("parameters", "unit", "array", "point_type")
+#: Sections whose items may be repeated, and that units hold.
+REPEATED = ("point", "line", "buoy", "failure")
+UNIT = ("point", "line", "buoy")
+ARRAY = ("of", "repeat", "name", "origin", "heading", "shared")
+#: Most items that one `repeat` makes: 200 longlines of 60 loops have 12 000.
+MOST = 20_000
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+BRACES = re.compile(r"\{([^{}]*)\}")
+
+Table = dict[str, Any]
+
+
+class Names(Mapping[str, Number]):
+    """Parameters by name, worked out when they are asked for, and the counters around them."""
+
+    def __init__(self, table: Mapping[str, Any], counters: Mapping[str, Number] | None = None) -> None:
+        self._table, self._counters, self._open = table, dict(counters or {}), []
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**self._table, **self._counters})
+
+    def __len__(self) -> int:
+        return len({**self._table, **self._counters})
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._counters or name in self._table
+
+    def __getitem__(self, name: str) -> Number:
+        if name in self._counters:
+            return self._counters[name]
+        value, path = self._table[name], f"parameters.{name}"
+        if not isinstance(value, str):
+            read_number(value, path, {})
+            return value
+        if name in self._open:
+            raise SceneError(f"{path}: {' -> '.join([*self._open, name])} goes round in a circle")
+        self._open.append(name)
+        try:
+            return evaluate(value.lstrip().removeprefix("="), self, path)
+        finally:
+            self._open.remove(name)
+
+    def with_counters(self, counters: Mapping[str, Number]) -> Names:
+        """The same inside a repetition."""
+        return Names(self._table, {**self._counters, **counters})
+
+
+@dataclasses.dataclass(frozen=True)
+class Template:
+    """A scene as it was written, with parameters, repetitions and arrays.
+
+    Attributes:
+        table: plain values.
+        changes: values that were put into the plain scene since, by path.
+    """
+
+    table: Table
+    changes: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def of(cls, table: Mapping[str, Any]) -> Template | None:
+        """The template of a scene's plain values; None where it is a plain scene already."""
+        lists = [table.get(section) for section in REPEATED]
+        items = [item for items in lists if isinstance(items, list) for item in items if isinstance(item, Mapping)]
+        own = any(key in table for key in OWN) or any("repeat" in item or "float" in item for item in items)
+        return cls(copy.deepcopy(dict(table))) if own else None
+
+    def changed(self, values: Mapping[str, Any]) -> Template:
+        """The template with some values changed by path, `parameters.NAME` among them.
+
+        Raises:
+            SceneError: an unknown parameter (with the nearest).
+        """
+        table, changes = copy.deepcopy(self.table), dict(self.changes)
+        for path, value in values.items():
+            section, _, name = path.partition(".")
+            if section != "parameters":
+                changes[path] = value
+                continue
+            known = table.get("parameters", {})
+            if name not in known:
+                raise SceneError(f"{path}: unknown parameter; {nearest(name, known)}")
+            known[name] = value
+        return Template(table, changes)
+
+    def value(self, name: str) -> Number:
+        """A parameter's number.
+
+        Raises:
+            SceneError: there is no such parameter (with the nearest), or it has no value.
+        """
+        names = Names(self._parameters())
+        if name not in names:
+            raise SceneError(f"parameters.{name}: unknown parameter; {nearest(name, names)}")
+        return names[name]
+
+    def _parameters(self) -> Mapping[str, Any]:
+        parameters = read_table(self.table.get("parameters", {}), "parameters")
+        for name in parameters:
+            if not NAME.match(name):
+                raise SceneError(f"parameters.{name}: is no name; allowed: letters, digits and _, no digit first")
+        return parameters
+
+    def expanded(self) -> Table:
+        """The plain scene."""
+        names = Names(self._parameters())
+        for name in names:  # all of them, used or not
+            names[name]
+        types = filled(self.table.get("point_type", []), names, "point_type")
+        found = {key: value for key, value in self.table.items() if key not in (*OWN, *REPEATED)}
+        found = filled(found, names, "")
+        for section in REPEATED:
+            items = _items(self.table, section, names)
+            if section in self.table or items:
+                found[section] = items
+        for i, array in enumerate(
+            read_list(self.table.get("array", []), "array", None, "one or more [[array]] tables")
+        ):
+            self._lay(read_table(array, f"array.{i}"), f"array.{i}", names, found)
+        return with_types(found, types)
+
+    def _lay(self, array: Mapping[str, Any], path: str, names: Names, found: Table) -> None:
+        """Put the units of an array into the scene."""
+        check_keys(array, ARRAY, path)
+        units = read_table(self.table.get("unit", {}), "unit")
+        kind = read_text(array.get("of"), f"{path}.of", units)
+        unit = read_table(units[kind], f"unit.{kind}")
+        check_keys(unit, UNIT, f"unit.{kind}")
+        for inner in _counted(array, path, names):
+            part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT}
+            own = {item["name"] for item in part["point"]}
+            place = filled({key: array.get(key) for key in ("name", "origin", "heading", "shared")}, inner, path)
+            prefix = read_text(place["name"], f"{path}.name")
+            origin = [
+                read_number(x, f"{path}.origin.{i}", {"unit": "m"})
+                for i, x in enumerate(read_list(place["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers"))
+            ]
+            heading = math.radians(read_number(place["heading"] or 0.0, f"{path}.heading", {"unit": "deg"}))
+            shared = read_table(place["shared"] or {}, f"{path}.shared")
+            check_keys(shared, own, f"{path}.shared")
+            called = lambda name: shared.get(name, f"{prefix}{name}" if name in own else name)  # noqa: B023, E731
+            known = {item["name"] for item in found.setdefault("point", [])}
+            for point in part["point"]:
+                point = point | {"name": called(point["name"]), "position": _moved(point, origin, heading, path)}
+                if point["name"] not in known:  # a shared point is where its first unit puts it
+                    found["point"].append(point)
+            for line in part["line"]:
+                ends = {key: called(line[key]) for key in ("from", "to") if key in line}
+                attach = [item | {"point": called(item["point"])} for item in line.get("attach", [])]
+                more = {"attach": attach} if attach else {}
+                found.setdefault("line", []).append(line | ends | more | {"name": f"{prefix}{line['name']}"})
+            for buoy in part["buoy"]:
+                names_of = {"name": f"{prefix}{buoy['name']}", "point": called(buoy["point"])}
+                found.setdefault("buoy", []).append(buoy | names_of)
+
+
+def _moved(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:
+    where = f"{path}, point {point['name']}"
+    x, y, z = (read_number(v, where, {}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
+    cos, sin = math.cos(heading), math.sin(heading)
+    return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
+
+
+def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "") -> list[Any]:
+    """Items of a section, those with `repeat` as often as it says."""
+    path = f"{before}{section}"
+    found = filled(read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables"), names, path)
+    for i, item in enumerate(found if before else []):
+        read_text(read_table(item, f"{path}.{i}").get("name"), f"{path}.{i}.name")
+    return found
+
+
+def _counted(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names]:
+    """The names inside each repetition of an item; the first counter is the slowest."""
+    if "repeat" not in item:
+        return iter([names])
+    repeat = read_table(item["repeat"], f"{path}.repeat")
+    ranges, count = [], 1
+    for key, value in repeat.items():
+        if not NAME.match(key) or key in names:
+            raise SceneError(f"{path}.repeat.{key}: is no new name; allowed: letters, digits and _, no digit first")
+        ends = filled(value if isinstance(value, list) else [1, value], names, f"{path}.repeat.{key}")
+        ends = read_list(ends, f"{path}.repeat.{key}", 2, "a count, or [first, last]")
+        first, last = (_whole(end, f"{path}.repeat.{key}") for end in ends)
+        count *= max(last - first + 1, 0)
+        if count > MOST:
+            raise SceneError(f"{path}.repeat: makes more than {MOST} parts; allowed: at most {MOST}")
+        ranges.append(range(first, last + 1))
+    return (names.with_counters(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
+
+
+def _whole(value: Any, path: str) -> int:
+    """A whole number, such as a float that an expression left."""
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return read_integer(value, path)
+
+
+def filled(value: Any, names: Names, path: str) -> Any:
+    """Plain values with every expression in them worked out."""
+    if isinstance(value, Mapping):
+        return {key: filled(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
+    if isinstance(value, list):
+        return [each for i, item in enumerate(value) for each in _repeated(item, names, f"{path}.{i}")]
+    if not isinstance(value, str):
+        return value
+    if value.lstrip().startswith("="):
+        return evaluate(value.lstrip()[1:], names, path)
+    if path.endswith(("description", "notes")) or "{" not in value:
+        return value
+    return BRACES.sub(lambda found: _text(evaluate(found[1], names, path)), value)
+
+
+def _repeated(item: Any, names: Names, path: str) -> Iterator[Any]:
+    """An item of a list, as often as its `repeat` says."""
+    if not isinstance(item, Mapping) or "repeat" not in item:
+        return iter([filled(item, names, path)])
+    once = {key: value for key, value in item.items() if key != "repeat"}
+    return (filled(once, inner, path) for inner in _counted(item, path, names))
+
+
+def _text(number: Number) -> str:
+    return f"{number:g}" if isinstance(number, float) else str(number)

@@ -1,0 +1,209 @@
+"""Parameters, repetitions and arrays of scenes: what they stand for, who reaches them, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import jax
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.load.arithmetic import evaluate
+from dropper_jax.load.floats import float_of
+from dropper_jax.load.packaged import packaged_scene, parse_toml
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from fitting.parameters.of_scene import find_parameters
+
+FARM = {
+    "name": "farm-{loops}",
+    "parameters": {"loops": 3, "spacing": 2.5, "loop": 6.0, "span": "= loops * spacing"},
+    "run": {"dt": 0.02, "duration": 2.0},
+    "line_type": [{"name": "rope", "mass": 2.0, "diameter": 0.05, "EA": 1e5, "damping": 1e3}],
+    "point_type": [{"name": "buoy", "float": 0.2}],
+    "point": [
+        {"name": "west", "position": [0.0, 0.0, 0.0]},
+        {"name": "east", "position": ["= span + spacing", 0.0, 0.0]},
+        {
+            "repeat": {"k": "= loops"},
+            "name": "f-{k}",
+            "type": "buoy",
+            "position": ["= k * spacing", 0.0, 0.0],
+        },
+    ],
+    "line": [
+        {
+            "name": "head",
+            "from": "west",
+            "to": "east",
+            "type": "rope",
+            "length": "= 1.1 * (span + spacing)",
+            "links": "= 2 * (loops + 1)",
+            "attach": [{"repeat": {"k": "= loops"}, "point": "f-{k}", "at": "= 1.1 * k * spacing"}],
+        },
+        {
+            "repeat": {"k": [1, "= loops - 1"]},
+            "name": "loop-{k}",
+            "from": "f-{k}",
+            "to": "f-{k + 1}",
+            "type": "rope",
+            "length": "= loop + 0.1 * k",
+            "links": 4,
+        },
+    ],
+    "effects": {"weight": {}},
+}
+
+
+def changed(**values):
+    return {**copy.deepcopy(FARM), **values}
+
+
+def test_the_plain_scene():
+    scene = dj.load_scene(FARM)
+    assert scene.name == "farm-3"
+    assert [p.name for p in scene.points] == ["west", "east", "f-1", "f-2", "f-3"]
+    np.testing.assert_allclose([p.position[0] for p in scene.points], [0.0, 10.0, 2.5, 5.0, 7.5])
+    assert [line.name for line in scene.lines] == ["head-1", "head-2", "head-3", "head-4", "loop-1", "loop-2"]
+    assert [float(line.length.sum()) for line in scene.lines[-2:]] == pytest.approx([6.1, 6.2])
+    sphere = math.pi / 4 * (6 * 0.2 / math.pi) ** (2 / 3)
+    assert scene.point("f-2").drag_area == pytest.approx(0.5 * sphere)
+    assert (scene.point("f-2").mass, scene.point("f-2").volume) == (16.0, 0.2)
+
+
+def test_parameters_by_path_and_what_was_changed_before_stays():
+    scene = dj.load_scene(FARM).with_values({"run.duration": 5.0, "line.loop-2.length": 7.0})
+    more = scene.with_values({"parameters.loops": 4, "parameters.loop": 8.0})
+    assert more.value("parameters.span") == 10.0
+    assert len([line for line in more.lines if line.name.startswith("loop-")]) == 3
+    assert more.run.duration == 5.0
+    assert [float(line.length.sum()) for line in more.lines[-3:]] == pytest.approx([8.1, 7.0, 8.3])
+
+
+def test_a_parameter_is_a_number_that_varies():
+    """The model that is moved along a parameter is the one of the changed scene."""
+    scene = dj.load_scene(FARM)
+    model = build_model(scene)
+    (loop,) = find_parameters(scene, model, ["parameters.loop"], "to")
+    assert (loop.value, loop.name) == (6.0, "parameters.loop")
+    moved, built = loop.where.put(model, 6.6), build_model(scene.with_values({"parameters.loop": 6.6}))
+    for a, b in zip(jax.tree.leaves(moved), jax.tree.leaves(built), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9)
+    with pytest.raises(SceneError, match="whole number"):
+        find_parameters(scene, model, ["parameters.loops"], "to")
+
+
+def test_the_same_from_toml():
+    again = Scene.from_dict(parse_toml(as_toml(FARM).encode(), "farm"))
+    assert again.to_dict() == dj.load_scene(FARM).to_dict()
+
+
+def test_rows_of_units_with_heading_and_shared_anchors():
+    unit = {
+        "point": [
+            {"name": "a", "position": [0.0, 0.0, -10.0]},
+            {"name": "b", "position": [20.0, 0.0, -10.0]},
+            {"name": "top", "kind": "free", "position": [10.0, 0.0, 0.0]},
+        ],
+        "line": [
+            {"name": f"leg-{end}", "from": end, "to": "top", "type": "rope", "length": 15.0, "links": 3}
+            for end in ("a", "b")
+        ],
+        "buoy": [{"name": "spar", "point": "top", "mass": 50.0, "diameter": 0.5, "height": 2.0}],
+    }
+    array = {
+        "of": "longline",
+        "repeat": {"row": 2, "column": 3},
+        "name": "r{row}c{column}-",
+        "origin": ["= 20 * (column - 1) * cos(radians(30))", "= 20 * (column - 1) * sin(radians(30)) + 40 * row", 0.0],
+        "heading": 30.0,
+        "shared": {"a": "anchor-{row}-{column}", "b": "anchor-{row}-{column + 1}"},
+    }
+    table = {key: FARM[key] for key in ("run", "line_type", "effects")} | {"sea": {"depth": 10.0}}
+    scene = dj.load_scene({**table, "unit": {"longline": unit}, "array": [array]})
+    assert len(scene.lines) == 12
+    assert len(scene.points) == 2 * (4 + 3)
+    ends = {line.name: (line.start, line.end) for line in scene.lines}
+    assert ends["r2c2-leg-a"] == ("anchor-2-2", "r2c2-top")
+    assert ends["r2c1-leg-b"][0] == "anchor-2-2"
+    turned = np.array([math.cos(math.pi / 6), math.sin(math.pi / 6)])
+    np.testing.assert_allclose(scene.point("anchor-2-4").position[:2], 60 * turned + [0.0, 80.0])
+    np.testing.assert_allclose(scene.point("r1c1-top").position, [*(10 * turned + [0.0, 40.0]), 0.0])
+
+
+def test_the_packaged_farm_is_such_a_scene():
+    found = dj.load_scene("dropper-farm-20")
+    assert found.name == "dropper-farm-20"
+    assert found.value("parameters.backbone_length") == 61.0
+    assert sum(line.name.startswith("dropper-") for line in found.lines) == 20
+    # 0.85 to the power of the droppers before it, at least 0.4, on 18 links each
+    np.testing.assert_allclose(
+        found.effects["morison_drag"]["shelter"][-20 * 18 :: 18][:7], [0.85**k for k in range(6)] + [0.4]
+    )
+    assert "parameters" in packaged_scene("dropper-farm")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("2 + 3 * 4", 14), ("-(7 // 2)", -3), ("2 ** 10", 1024.0), ("max(1, sqrt(x))", 3.0), ("round(pi * 100)", 314)],
+)
+def test_arithmetic(text, value):
+    assert evaluate(text, {"x": 9.0}, "here") == value
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("__import__('os')", "unknown"),
+        ("x.real", "is not allowed in an expression"),
+        ("[1][0]", "is not allowed"),
+        ("y + 1", "'y' is unknown"),
+        ("1 / (x - x)", "has no value"),
+        ("10.0 ** 400", "has no value"),
+        ("9 ** 9 ** 9 ** 9", "has no value"),
+        ("x +", "is no expression"),
+        ("(" * 300, "is no expression"),
+        ("1 if x else 2", "is not allowed"),
+        ("'a' * 9", "is not allowed"),
+        ("+".join("1" * 400), "characters"),
+    ],
+)
+def test_only_arithmetic(text, message):
+    with pytest.raises(SceneError, match=message):
+        evaluate(text, {"x": 1.0}, "here")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"parameters": {"a": "= b", "b": "= a"}}, r"parameters.a: a -> b goes round in a circle|parameters.b"),
+        ({"parameters": {"loops": 2.5, "spacing": 1.0, "loop": 1.0, "span": 1.0}}, "2.5 is not a whole number"),
+        ({"parameters": {"loops": 1e9, "spacing": 1.0, "loop": 1.0, "span": 1.0}}, "more than 20000 parts"),
+        ({"parameters": {"loops": 3, "spacing": "wide", "loop": 1.0, "span": 1.0}}, "'wide' is unknown"),
+        ({"parameters": {"1st": 3}}, "is no name"),
+        ({"point_type": [{"name": "other"}]}, "'buoy' is unknown"),
+        ({"point_type": [{"name": "buoy", "float": -1.0}]}, "point.2.float: -1.0 is out of range"),
+        ({"array": [{"of": "row"}]}, "array.0.of: 'row' is unknown"),
+        ({"array": [{"off": "row"}]}, "array.0.off: unknown key"),
+    ],
+)
+def test_what_is_refused(change, message):
+    with pytest.raises(SceneError, match=message):
+        dj.load_scene(changed(**change))
+
+
+def test_unknown_parameters_are_named():
+    with pytest.raises(SceneError, match="parameters.lop: unknown parameter; .*loop"):
+        dj.load_scene(FARM).with_values({"parameters.lop": 1.0})
+    with pytest.raises(SceneError, match=r"has no \[parameters\]"):
+        dj.load_scene("string").with_values({"parameters.loop": 1.0})
+
+
+def test_a_float_floats():
+    """It carries its volume of water less its own weight: 0.2 m3 of 80 kg/m3."""
+    found = float_of(0.2)
+    assert (1025.0 * found["volume"] - found["mass"]) == pytest.approx(189.0)

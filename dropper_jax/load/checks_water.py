@@ -8,11 +8,15 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.scene import SceneData
 from dropper_jax.sea import Sea
+from dropper_jax.sea.bound import BoundWaves
+from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
 #: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche).
 BREAKING = 0.142
 
 
+#: Share of the highest wave from which a wave of finite height is said to be next to breaking.
+NEARLY = 0.9
 #: Largest diameter over wavelength for Morison's equation (thesis (6.11)).
 SLENDER = 0.05
 #: Share of the waves' energy that a wavelength is judged by; the rest is the tail of a spectrum.
@@ -102,6 +106,8 @@ def _sheltered(scene: SceneData) -> list[str]:
 
 def _breaking(scene: SceneData, sea: Sea) -> list[str]:
     """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
+    if isinstance(sea.waves, BoundWaves):
+        return _finite(scene, sea.waves)
     amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
     if amplitude.size == 1:
         height, number, what = 2.0 * amplitude[0], k[0], "wave height"
@@ -113,8 +119,49 @@ def _breaking(scene: SceneData, sea: Sea) -> list[str]:
             return [f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW:g}"]
     limit = BREAKING * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
     if height <= limit:
-        return []
+        return [] if amplitude.size == 1 else _too_steep(scene, sea, height)
     return [f"sea.waves: {what} {height:.4g} m is beyond breaking, 0.142 L tanh(kd) = {limit:.4g} m"]
+
+
+def mean_period(sea: Sea) -> float:
+    """`Tz = 2 pi sqrt(m0/m2)` [s] of the sea's waves."""
+    energy, omega = np.asarray(sea.waves.amplitude, float) ** 2, np.asarray(sea.waves.omega, float)
+    return float(2 * np.pi * np.sqrt(np.sum(energy) / max(np.sum(energy * omega**2), 1e-300)))
+
+
+def steepest_sea(tz: float, gravity: float) -> float:
+    """Significant height [m] of the steepest seas of a mean period [s] in deep water: `2 pi Hs/(g Tz^2)` = 1/10 up to
+    Tz = 6 s, 1/15 from 12 s, linear between (DNV-RP-C205, October 2010)."""
+    steepness = float(np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0]))
+    return steepness * gravity * tz**2 / (2 * np.pi)
+
+
+def _too_steep(scene: SceneData, sea: Sea, height: float) -> list[str]:
+    tz = mean_period(sea)
+    limit = steepest_sea(tz, scene.sea.gravity)
+    if height <= limit:
+        return []
+    return [
+        f"sea.waves: significant wave height {height:.4g} m is above {limit:.4g} m, the steepest seas of mean period "
+        f"{tz:.3g} s (DNV-RP-C205)"
+    ]
+
+
+def _finite(scene: SceneData, waves: BoundWaves) -> list[str]:
+    """A wave of finite height next to breaking (those beyond are refused), or outside of its theory."""
+    height, length, depth = float(waves.height), float(waves.shortest), scene.sea.depth
+    limit = highest(length, depth)
+    found = []
+    if height > NEARLY * limit:
+        found.append(f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the highest, {limit:.4g} m")
+    long = length >= STOKES_LENGTH * depth
+    if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
+        why = f"its length is {length / depth:.3g} depths" if long else f"it is {height / limit:.2g} of the highest"
+        found.append(
+            f"sea.waves.theory: 'stokes5' is off for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
+            f"{STOKES_HEIGHT:g} of the highest); 'stream' holds"
+        )
+    return found
 
 
 def _mean_frequency(sea: Sea) -> float:
@@ -145,6 +192,8 @@ def _interpolation(sea: Sea) -> list[str]:
 
 
 def _repetition(scene: SceneData, sea: Sea) -> list[str]:
+    if isinstance(sea.waves, BoundWaves):
+        return []
     after = repeat_time(np.asarray(sea.waves.omega, float))
     if after >= scene.run.duration:
         return []

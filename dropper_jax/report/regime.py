@@ -47,7 +47,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     if model.sea.waves is not None:
         waves = model.sea.waves
         period = float(2 * np.pi / waves.omega[int(np.argmax(waves.amplitude))])
-        shortest = float(2 * np.pi / np.max(waves.wave_number))
+        shortest = float(waves.shortest)
     return {
         "relative_speed_m_per_s": float(speed.max()),
         "keulegan_carpenter": float(np.max(speed / diameter) * period),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -9,11 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.sea.bound import bound_waves
 from dropper_jax.sea.current import Current
-from dropper_jax.sea.dispersion import action_factor, fenton, on_current, wave_number
+from dropper_jax.sea.dispersion import action_factor, effective_current, fenton, frequency, on_current, wave_number
 from dropper_jax.sea.interpolated import GridWaves, on_grid
 from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from dropper_jax.sea.spectrum import Components, components
+from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest
+from dropper_jax.sea.stokes5 import stokes5
+from dropper_jax.sea.stream_function import NotSolved, stream_function
 from dropper_jax.sea.water import Sea
 from dropper_jax.sea.waves import Waves
 
@@ -32,7 +37,11 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     """
     current = None if spec.current is None else make_current(spec.current)
     waves = None
-    if spec.waves is not None:
+    wave = None if spec.waves is None else finite_wave(spec, current)
+    if wave is not None:
+        along = _along(spec, current, wave.wave_number)
+        waves = bound_waves(wave, float(spec.waves.phase), float(spec.waves.direction), along, spec.ramp)
+    elif spec.waves is not None:
         waves = waves_on(
             wave_components(spec.waves, spec.depth, spec.gravity),
             spec.depth,
@@ -47,6 +56,101 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         if spec.interpolation == "grid":
             waves = _interpolated(spec, waves, *reach)
     return Sea(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves, current=current)
+
+
+def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
+    """The solved wave of a sea, None where linear theory is asked for or, with `auto`, holds.
+
+    The current is the mean velocity of the water along the wave where `wave_current` is `doppler`, else none.
+
+    Raises:
+        SceneError: a wave beyond breaking, or one that cannot be solved.
+    """
+    given = spec.waves
+    if given.kind != "regular" or given.theory == "linear":
+        return None
+    current = make_current(spec.current) if current is None and spec.current is not None else current
+    doppler = current is not None and spec.wave_current == "doppler"
+    k = _linear_number(spec, given)
+    mean = _along(spec, current, k) if doppler else 0.0
+    return _solved(
+        given.theory,
+        float(2.0 * np.max(given.size)),
+        *(None if value is None else float(np.max(value)) for value in (given.period, given.length)),
+        given.order,
+        given.current_criterion,
+        mean,
+        spec.depth,
+        spec.gravity,
+    )
+
+
+def main_period(spec: SeaSpec) -> float:
+    """Period [s] of the regular waves of a sea, in whichever way they are given."""
+    wave = finite_wave(spec)
+    if wave is not None:
+        return wave.period
+    return float(2.0 * np.pi / wave_components(spec.waves, spec.depth, spec.gravity).omega[0])
+
+
+def _linear_number(spec: SeaSpec, given: WaveSpec) -> float:
+    if given.length is not None:
+        return 2.0 * np.pi / given.length
+    omega = jnp.asarray(2.0 * np.pi / float(np.max(given.period)))
+    return float(wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
+
+
+def _along(spec: SeaSpec, current: Current | None, k: float) -> float:
+    """The current that carries waves of number k [rad/m] along their direction [m/s]; zero without `wave_current`."""
+    if current is None or spec.wave_current != "doppler":
+        return 0.0
+    course, depth = jnp.asarray([float(spec.waves.direction)]), jnp.asarray(spec.depth)
+    return float(effective_current(jnp.asarray([k]), depth, lambda z: current.along(z, course, depth))[0])
+
+
+@lru_cache(maxsize=32)
+def _solved(
+    theory: str,
+    height: float,
+    period: float | None,
+    length: float | None,
+    order: int | None,
+    criterion: str,
+    current: float,
+    depth: float,
+    gravity: float,
+) -> SteadyWave | None:
+    size = {"period": period, "length": length, "current": current, "criterion": criterion}
+    try:
+        wave = stream_function(height, depth, gravity, **size, order=order)
+        limit = wave.highest
+    except NotSolved as error:
+        limit = highest(error.length, depth)
+        if error.few and height < limit:
+            raise SceneError(
+                f"sea.waves.height: {height:.4g} m is too steep for a wave of {error.length / depth:.3g} depths, whose "
+                f"harmonics do not suffice; allowed: up to about {error.reached:.4g} m"
+            ) from None
+        raise _beyond(height, limit, f"; the highest that was found is {error.reached:.4g} m") from None
+    if height > limit:
+        raise _beyond(height, limit)
+    if theory == "auto":
+        theory = fitting_theory(height, wave.length, depth)
+    if theory == "stream":
+        return wave
+    if theory == "linear":
+        return None
+    try:
+        return stokes5(height, depth, gravity, **size)
+    except ValueError as error:
+        raise SceneError(f"sea.waves.theory: 'stokes5': {error}; allowed: 'stream'") from None
+
+
+def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
+    return SceneError(
+        f"sea.waves.height: {height:.4g} m is beyond breaking or next to it; allowed: below {limit:.4g} m, the highest "
+        f"wave of this length (Williams 1981){rest}"
+    )
 
 
 def _interpolated(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
@@ -77,10 +181,13 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
             seed=spec.seed,
         )
         return drawn if spec.spreading is not None else drawn._replace(direction=jnp.asarray(spec.direction))
-    period = np.atleast_1d(spec.period).astype(float)
+    if spec.period is None:
+        period = np.array([2 * np.pi / float(frequency(jnp.asarray(2 * np.pi / spec.length), depth, gravity))])
+    else:
+        period = np.atleast_1d(spec.period).astype(float)
     every = np.ones(period.size)
     return Components(
-        jnp.asarray(np.atleast_1d(spec.amplitude) * every),
+        jnp.asarray(np.atleast_1d(spec.size) * every),
         jnp.asarray(2 * np.pi / period),
         jnp.asarray(np.atleast_1d(spec.phase) * every),
         jnp.asarray(spec.direction),

@@ -16,7 +16,11 @@ from dropper_jax.sea.current import KINDS
 from dropper_jax.sea.packaged import read_packaged
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
+from dropper_jax.sea.steady import CRITERIA, THEORIES
 from dropper_jax.sea.waves import STRETCHING
+
+#: What may be given of a regular wave instead.
+OR = {"amplitude": "height", "period": "length"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -24,7 +28,10 @@ class WaveSpec:
     """`[sea.waves]`: `regular`, `components` (listed or from a file), `spectrum`, or an `elevation` series (a file)."""
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
-        "regular": ("amplitude", "period", "phase", "direction"),
+        "regular": (
+            *("amplitude", "height", "period", "length", "phase", "direction"),
+            *("theory", "order", "current_criterion"),
+        ),
         "components": ("amplitude", "period", "phase", "direction", "file"),
         "spectrum": (
             *("spectrum", "hs", "tp", "gamma", "count", "frequencies", "spreading", "directions", "seed"),
@@ -50,6 +57,11 @@ class WaveSpec:
     spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
     directions: int = whole_number("directions per frequency", default=1)
     seed: int = whole_number("seed of the phases", low=0, default=0)
+    height: float | None = parameter("trough to crest", unit="m", low=0.0, open_low=True, optional=True)
+    length: float | None = parameter("wavelength", unit="m", low=0.0, open_low=True, optional=True)
+    theory: str = option("of a regular wave", choices=THEORIES, default="linear")
+    order: int | None = whole_number("number of harmonics of the stream function", low=3, default=None)
+    current_criterion: str = option("mean velocity of the water that the current is", choices=CRITERIA, default="euler")
 
     @classmethod
     def read(cls, table: Plain, path: str) -> WaveSpec:
@@ -62,13 +74,38 @@ class WaveSpec:
             values.update(_from_file(values, path))
         needed = {"spectrum": ("hs", "tp"), "elevation": ("file",)}.get(values["kind"], ("amplitude", "period"))
         for key in needed:
-            if values[key] is None:
+            instead = OR.get(key) if kind == "regular" else None
+            if values[key] is None and (instead is None or values[instead] is None):
                 raise SceneError(f"{path}.{key}: missing; kind {kind!r} needs {' and '.join(needed)}")
+            if instead is not None and values[key] is not None and values[instead] is not None:
+                raise SceneError(f"{path}.{instead}: given beside `{key}`; allowed: one of the two")
+        _check_theory(values, path)
         _check_sizes(values, path)
         return cls(**values)
 
+    @property
+    def size(self) -> Any:
+        """Amplitude [m], one or one per component, where it or the height is given."""
+        return 0.5 * self.height if self.height is not None else self.amplitude
+
     def table(self) -> dict[str, Any]:
-        return {key: value for key, value in as_table(self).items() if key in ("kind", *self.FIELDS[self.kind])}
+        kept = ("kind", *self.FIELDS[self.kind])
+        # what linear waves do not have is written only where it is asked for
+        plain_wave = {"theory": "linear", "current_criterion": "euler"}
+        return {k: v for k, v in as_table(self).items() if k in kept and plain_wave.get(k) != v}
+
+
+def _check_theory(values: dict[str, Any], path: str) -> None:
+    """What only some theories of regular waves take."""
+    theory = values["theory"]
+    if values["order"] is not None and theory != "stream":
+        raise SceneError(f"{path}.order: {values['order']} is not used by theory {theory!r}; allowed: with 'stream'")
+    if values["current_criterion"] != "euler" and theory == "linear":
+        raise SceneError(
+            f"{path}.current_criterion: 'stokes' is not used by theory 'linear'; allowed: with stokes5, stream, auto"
+        )
+    if theory != "linear" and values["amplitude"] is not None and not np.all(np.asarray(values["amplitude"]) > 0.0):
+        raise refuse(f"{path}.amplitude", plain(values["amplitude"]), "is no wave", f"> 0 m with theory {theory!r}")
 
 
 def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
@@ -158,6 +195,7 @@ class SeaSpec:
         values["current"] = None if current is None else CurrentSpec.read(current, f"{path}.current")
         if values["wave_current"] != "none" and (waves is None or current is None):
             raise refuse(f"{path}.wave_current", values["wave_current"], "needs waves and a current", "none")
+        _check_finite_waves(values, path)
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
@@ -171,6 +209,17 @@ class SeaSpec:
         sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec))
         keys = [f"{name}.{key}" for name, spec in sections for key in field_keys(spec)]
         return [*keys, "sea.packaged", "sea.waves", "sea.current"]
+
+
+def _check_finite_waves(values: dict[str, Any], path: str) -> None:
+    """What waves of finite height cannot be combined with."""
+    theory = "linear" if values["waves"] is None else values["waves"].theory
+    if theory == "linear":
+        return
+    for key, what in (("wave_current", "action"), ("interpolation", "grid")):
+        if values[key] == what:
+            left = "none, doppler" if key == "wave_current" else "none"
+            raise SceneError(f"{path}.{key}: {what!r} does not serve waves of theory {theory!r}; allowed: {left}")
 
 
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -48,6 +48,16 @@ class Waves:
     def size(self) -> int:
         return self.amplitude.shape[-1]
 
+    @property
+    def speeds(self) -> jax.Array:
+        """What the profiles of a component are times, for its velocity (c,) [m/s]: `a s`."""
+        return self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)
+
+    @property
+    def shortest(self) -> jax.Array:
+        """Length of the shortest waves [m]."""
+        return 2.0 * jnp.pi / jnp.max(self.wave_number)
+
     def rise(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Ramp factor `sin^2(pi t/(2 ramp))` and its rate [1/s]."""
         if self.ramp is None:
@@ -97,7 +107,7 @@ class Waves:
     def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Velocity and local acceleration (n, 3) at heights z, ramp aside."""
         across, upright = self.profiles(z, depth)
-        speed = self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)
+        speed = self.speeds
         along = self.omega * speed
         return self._vector(across * cos, speed, upright * sin), self._vector(across * sin, along, -upright * cos)
 
@@ -122,8 +132,7 @@ class Waves:
     ) -> jax.Array:
         """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
         phases = self.phases(place[:1], place[1:2], t)[0]
-        s = self.omega if self.intrinsic is None else self.intrinsic
-        across = self.amplitude * s / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
+        across = self.speeds / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
         cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
         up = self.amplitude * heave * jnp.cos(phases)
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])

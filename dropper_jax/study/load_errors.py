@@ -16,6 +16,7 @@ from dropper_jax.report.record import Record, arc, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.run.solution import Solution
+from dropper_jax.sea.make import main_period
 from dropper_jax.study.finer_links import twice_the_links
 
 #: What is told of each line: mean and standard deviation in time of the link with the largest tension [N], mean of the
@@ -202,11 +203,13 @@ def _windows(found: Record, values: np.ndarray) -> np.ndarray:
 def _period(scene: Scene) -> float:
     """Period of the waves that carry most [s], else `WINDOW`."""
     waves = None if scene.sea is None else scene.sea.waves
-    if waves is None or (waves.tp is None and waves.period is None):
+    if waves is None:
         return WINDOW
     if waves.tp is not None:
         return float(waves.tp)
-    period, amplitude = np.broadcast_arrays(np.atleast_1d(waves.period), waves.amplitude)
+    if waves.period is None:
+        return main_period(scene.sea)
+    period, amplitude = np.broadcast_arrays(np.atleast_1d(waves.period), waves.size)
     return float(period[np.argmax(amplitude)])
 
 

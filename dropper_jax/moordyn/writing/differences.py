@@ -58,6 +58,8 @@ def _water(scene: Scene) -> Iterator[str]:
     if waves is not None:
         if waves.kind == "spectrum":
             yield "sea.waves: the spectrum is written as its components"
+        if waves.theory != "linear":
+            yield f"sea.waves.theory: {waves.theory!r} is not represented; a linear wave of this height is written"
         if sea.stretching != "wheeler":
             yield f"sea.stretching: {sea.stretching!r} is not represented; MoorDyn stretches as Wheeler"
         if sea.ramp is not None:

@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
+from dropper_jax.sea.stream_function import stream_function
 from dropper_jax.study.stability.case import Case, Outcome, Watched
 from dropper_jax.study.stability.systems import G, weight_on_thread
 from dropper_jax.study.stability.watch import watch
@@ -149,12 +150,14 @@ def _airy(x: Any, z: Any, t: float, a: float) -> tuple[Any, np.ndarray, np.ndarr
     return eta, velocity, a * omega**2 * np.stack([c * np.sin(phase), -s * np.cos(phase)], axis=-1)
 
 
-def _drifter_by_scipy(body: dict[str, float]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def _drifter_by_scipy(
+    body: dict[str, float], field: Callable[[float, float, float], tuple[Any, np.ndarray, np.ndarray]]
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Path of a body in a field of elevation, velocity and acceleration over x, z and t."""
     mass, volume, area, added = (body[key] for key in ("mass", "volume", "drag_area", "added_mass"))
-    amplitude = _amplitude()
 
     def move(t: float, y: np.ndarray) -> np.ndarray:
-        eta, u, change = _airy(y[0], y[1], t, amplitude)
+        eta, u, change = field(y[0], y[1], t)
         wet = _wet(eta - y[1], _diameter(volume))
         w = u - y[2:]
         displaced = RHO * volume * wet
@@ -170,7 +173,8 @@ def _drifter_by_scipy(body: dict[str, float]) -> Callable[[np.ndarray, np.ndarra
 
 
 def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[[bool], Watched]:
-    path = _drifter_by_scipy(body)
+    amplitude = _amplitude()
+    path = _drifter_by_scipy(body, lambda x, z, t: _airy(x, z, t, amplitude))
 
     def measure(t: np.ndarray, places: np.ndarray) -> float:
         miss = places[:, [0, 2]] - path(t, places[0, [0, 2]])
@@ -180,6 +184,38 @@ def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[
     sea = {"depth": DEPTH, "density": RHO, "waves": waves}
     scene = weight_on_thread("near-breaking", body, [0.0, 0.0, height], {}, sea=sea)
     return lambda short: Watched(scene, 0.01, duration, "weight", measure)
+
+
+#: Height [m] of a wave by the stream function: 0.9 of the highest of its length, 5.93 m.
+HIGH = 5.34
+
+
+def _steep_field() -> Callable[[float, float, float], tuple[Any, np.ndarray, np.ndarray]]:
+    """Elevation, velocity and local acceleration of that wave from its harmonics."""
+    wave = stream_function(HIGH, DEPTH, G, period=PERIOD)
+    j = np.arange(1, wave.order + 1)
+    k, omega = wave.wave_number, 2 * np.pi / wave.period
+
+    def field(x: float, z: float, t: float) -> tuple[Any, np.ndarray, np.ndarray]:
+        phase = j * (k * x - omega * t)
+        eta = float(np.cos(phase) @ wave.surface)
+        h = min(max(z, -DEPTH), eta) + DEPTH
+        u = wave.speed / np.cosh(j * k * DEPTH)
+        c, s = u * np.cosh(j * k * h), u * np.sinh(j * k * h)
+        velocity = np.array([c @ np.cos(phase), s @ np.sin(phase)])
+        return eta, velocity, omega * np.array([(j * c) @ np.sin(phase), -(j * s) @ np.cos(phase)])
+
+    return field
+
+
+def _steep(short: bool) -> Outcome:
+    waves = {"kind": "regular", "theory": "stream", "height": HIGH, "period": PERIOD}
+    sea = {"depth": DEPTH, "density": RHO, "waves": waves}
+    scene = weight_on_thread("steep-wave", DRIFTER, [0.0, 0.0, 0.0], {}, sea=sea)
+    run = simulate(scene, dt=0.01, duration=4.0 if short else 12.0)
+    places = run.point_path("weight")[:, [0, 2]]
+    miss = places - _drifter_by_scipy(DRIFTER, _steep_field())(run.t, places[0])
+    return Outcome(float(np.max(np.linalg.norm(miss, axis=1))) / HIGH, run.status)
 
 
 #: A pendulum through the surface: its link (length, diameter [m], mass [kg]), its point's height [m], coefficients of
@@ -322,6 +358,8 @@ CASES = [
          "distance from SciPy", 0.01, "rad", _swings),
     watch("near-breaking-float", "a float in waves of 0.95 of the breaking height, 12 s at dt 0.01 s: distance from "
           "SciPy over the amplitude", 0.01, "relative", _drifts(DRIFTER, 0.0, 12.0)),
+    Case("steep-wave-float", "a float in a wave by the stream function, 0.9 of the highest, 12 s at dt 0.01 s: "
+         "distance from SciPy over the height", 0.01, "relative", _steep),
     watch("many-floats", "24 floats tied in a row ride a wave of 0.6 m, 4 s at dt 0.02 s: distance of one in the "
           "middle from SciPy over the amplitude", 0.01, "relative", _row),
 ]  # fmt: skip

@@ -1,0 +1,97 @@
+"""`dropper sea SCENE`: what kind of sea a scene has."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_scene, output_file, read_scene
+from dropper_jax.cli.output import done_object, listing, print_result, print_warnings
+
+help = "waves and current of a scene: theory, length, breaking, regime"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--regimes", metavar="FILE.png", help="theories by depth and height, the scene's wave marked")
+
+
+def run(args: argparse.Namespace) -> int:
+    picture = output_file(args.regimes, "--regimes", (".png", ".pdf", ".svg"))
+    scene = read_scene(args)
+    if scene.sea is None:
+        raise SceneError(f"sea: scene {scene.name!r} has no [sea]; allowed: a scene with water")
+
+    from dropper_jax.load.checks_water import line_reach, sea_warnings
+    from dropper_jax.sea.make import make_sea
+    from dropper_jax.study.sea_facts import sea_facts
+
+    found = sea_facts(scene)
+    if picture:
+        _draw(scene.name, found, scene.sea.gravity, picture)
+    warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
+    print_warnings(warnings)
+    print_result(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
+    return OK
+
+
+def _draw(name: str, found: dict[str, Any], gravity: float, picture: Any) -> None:
+    from dropper_jax.plots.regimes import regimes
+
+    waves = found["waves"]
+    if waves is None:
+        raise SceneError(f"--regimes: scene {name!r} has no waves; allowed: a scene with [sea.waves]")
+    height, period = ("height_m", "period_s") if waves["kind"] == "regular" else SIGNIFICANT
+    regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
+
+
+#: Of an irregular sea its significant height and peak period are marked.
+SIGNIFICANT = ("significant_height_m", "peak_period_s")
+#: Words for people, with units.
+WORDS = {
+    "height_m": "height [m]",
+    "period_s": "period [s]",
+    "length_m": "length [m]",
+    "celerity_m_per_s": "celerity [m/s]",
+    "crest_m": "crest [m]",
+    "trough_m": "trough [m]",
+    "crest_speed_m_per_s": "speed of the water in the crest [m/s]",
+    "mean_eulerian_m_per_s": "mean Eulerian velocity [m/s]",
+    "mean_transport_m_per_s": "mean velocity of mass transport [m/s]",
+    "depth_over_length": "depth over length",
+    "steepness": "steepness",
+    "ursell": "Ursell number H L^2/d^3",
+    "second_harmonic": "second harmonic over the first",
+    "fitting_theory": "theory that `auto` takes",
+    "highest_m": "highest wave of this length [m]",
+    "share_of_highest": "share of it",
+    "harmonics": "harmonics",
+    "significant_height_m": "significant height Hs [m]",
+    "mean_period_s": "mean period Tz [s]",
+    "peak_period_s": "peak period [s]",
+    "hs_over_depth": "Hs over depth",
+    "breaking_hs_m": "Hs at which the sea breaks [m]",
+    "breaking_by": "which is a limit of",
+    "share_of_breaking": "share of it",
+}
+
+
+def _text(found: dict[str, Any]) -> str:
+    rows = [("depth [m]", f"{found['depth_m']:g}")]
+    waves = found["waves"]
+    rows.append(("waves", "none" if waves is None else f"{waves['kind']}, {waves['theory']}"))
+    for key, words in WORDS.items() if waves else ():
+        if key in waves:
+            value = waves[key]
+            rows.append((words, value if isinstance(value, str) else f"{value:.5g}"))
+    current = found["current"]
+    if current is None:
+        rows.append(("current", "none"))
+        return listing(rows)
+    for z, speed, course in zip(*(current[k] for k in ("heights_m", "speed_m_per_s", "direction_rad")), strict=True):
+        rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
+    return listing(rows)

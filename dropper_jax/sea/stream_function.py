@@ -1,0 +1,243 @@
+"""Waves by the stream function (Fourier approximation): Rienecker and Fenton (1981), in the form of Fenton (1988).
+
+In the frame of the wave, with depth and gravity 1,
+
+    psi = -U (1 + z) + sum_j V_j/(jk) sinh jk(1 + z)/cosh jk cos jks
+
+meets `psi = -Q` and `1/2 (u^2 + w^2) + eta = head` at points of the surface; Newton's method, in steps of height.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dropper_jax.sea.steady import SteadyWave, highest
+
+#: Orders that are tried one after another, and the error of the conditions between the points that is good enough.
+ORDERS, GOOD, ENOUGH = (10, 14, 20, 28, 40, 56, 80), 1e-6, 1e-3
+#: Newton steps per height; the smallest step of height, of the whole.
+STEPS, SMALLEST = 25, 1.0 / 256.0
+#: Where Newton's method ends below this share of the highest wave, the harmonics are too few, not the wave too high.
+NEAR = 0.9
+
+
+class NotSolved(ValueError):
+    """No wave was found; `reached` [m] is the largest height at which there was one, of a length [m].
+
+    `few`: Newton's method ended far below the highest wave, for want of harmonics.
+    """
+
+    def __init__(self, reached: float, length: float, depth: float) -> None:
+        super().__init__(f"no steady wave is found above {reached:.4g} m")
+        self.reached, self.length = reached, length
+        self.few = reached < NEAR * highest(length, depth)
+
+
+def stream_function(
+    height: float,
+    depth: float,
+    gravity: float,
+    *,
+    period: float | None = None,
+    length: float | None = None,
+    current: float = 0.0,
+    criterion: str = "euler",
+    order: int | None = None,
+) -> SteadyWave:
+    """A wave of a height [m] over a depth [m] with a period [s] or a length [m].
+
+    Args:
+        current: mean velocity of the water along the wave [m/s], in the sense of `criterion` (`steady.CRITERIA`).
+        order: number of harmonics; None takes as many as the surface needs.
+
+    Raises:
+        NotSolved: beyond the highest wave, or next to it.
+    """
+    speed, time = np.sqrt(gravity * depth), np.sqrt(depth / gravity)
+    problem = _Problem(
+        None if period is None else period / time,
+        None if length is None else length / depth,
+        current / speed,
+        criterion,
+    )
+    orders = ORDERS if order is None else (*(n for n in ORDERS if n < order), order)
+    x = _climbed(problem, height / depth, orders, depth)
+    found, error = x, problem.between(x)
+    for n in (n for n in orders if n > _order(x)):
+        if order is None and error < GOOD:
+            break
+        finer = _newton(problem, _refined(found, n), height / depth)
+        if finer is not None:
+            found, error = finer, problem.between(finer)
+    if (error > ENOUGH) if order is None else (_order(found) < order):
+        raise NotSolved(height, depth * 2.0 * np.pi / found[0], depth)
+    k, eta, v, flow, flux, head = _parts(found)
+    eulerian = problem.eulerian(flow, flux)
+    surface = _cosines(eta)
+    return SteadyWave(
+        theory="stream",
+        height=height,
+        depth=depth,
+        length=depth * 2.0 * np.pi / k,
+        period=time * 2.0 * np.pi / (k * (flow + eulerian)),
+        celerity=speed * (flow + eulerian),
+        eulerian=speed * eulerian,
+        transport=speed * (flow + eulerian - flux),
+        flow=speed * flow,
+        head=gravity * depth * head,
+        flux=speed * depth * flux,
+        surface=depth * surface,
+        speed=speed * v,
+        error=error,
+    )
+
+
+def _parts(x: np.ndarray) -> tuple:
+    """Wave number, surface (n + 1, ...), harmonics (n, ...), flow, flux, head."""
+    n = _order(x)
+    return x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], x[-3], x[-2], x[-1]
+
+
+def _order(x: np.ndarray) -> int:
+    return (x.shape[0] - 5) // 2
+
+
+class _Problem:
+    """The equations of one wave; unknowns (k, eta_0..n, V_1..n, U, Q, head)."""
+
+    def __init__(self, period: float | None, length: float | None, current: float, criterion: str) -> None:
+        self.period, self.length, self.current, self.criterion = period, length, current, criterion
+
+    def eulerian(self, flow: np.ndarray, flux: np.ndarray) -> np.ndarray:
+        return self.current if self.criterion == "euler" else self.current + flux - flow
+
+    def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """What is left of both conditions (2, m, ...) at phases (m,) where the surface is at eta (m, ...)."""
+        k, _, v, flow, flux, head = _parts(x)
+        j = np.arange(1, v.shape[0] + 1)[:, None]
+        jk = j * k
+        up, down = np.exp(jk * eta[:, None]), np.exp(-jk * (eta[:, None] + 2.0))
+        scale = v / (1.0 + np.exp(-2.0 * jk))
+        across, upright = (up + down) * scale, (up - down) * scale
+        cos, sin = np.cos(angle[:, None] * j[:, 0])[..., None], np.sin(angle[:, None] * j[:, 0])[..., None]
+        u = -flow + np.sum(across * cos, axis=1)
+        w = np.sum(upright * sin, axis=1)
+        psi = -flow * (1.0 + eta) + np.sum(upright / jk * cos, axis=1) + flux
+        return np.stack([psi, 0.5 * (u**2 + w**2) + eta - head])
+
+    def residual(self, x: np.ndarray, height: float) -> np.ndarray:
+        """Rows (2 n + 5, q) for unknowns (2 n + 5, q)."""
+        k, eta, _, flow, flux, _ = _parts(x)
+        n = _order(x)
+        both = self.surface(x, eta, np.pi * np.arange(n + 1) / n).reshape(2 * n + 2, -1)
+        mean = 0.5 * (eta[0] + eta[-1]) + np.sum(eta[1:-1], axis=0)
+        if self.length is None:
+            size = (flow + self.eulerian(flow, flux)) * self.period * k - 2.0 * np.pi
+        else:
+            size = k * self.length - 2.0 * np.pi
+        return np.concatenate([both, np.stack([mean, eta[0] - eta[-1] - height, size])])
+
+    def between(self, x: np.ndarray) -> float:
+        """Largest error of the conditions half-way between the points, over the height."""
+        eta = x[1 : _order(x) + 2]
+        n = _order(x)
+        angle = np.pi * (np.arange(n) + 0.5) / n
+        found = np.cos(np.outer(angle, np.arange(1, n + 1))) @ _cosines(eta)
+        return float(np.max(np.abs(self.surface(x[:, None], found[:, None], angle))) / (eta[0] - eta[-1]))
+
+
+def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | None:
+    """The solution at a height from a guess; None where Newton's method does not get there."""
+    count, tiny = x.size, 1e-30
+    for _ in range(STEPS):
+        # derivatives by complex steps: exact, one evaluation for all columns
+        shifted = x[:, None] + 1j * tiny * np.eye(count)
+        with np.errstate(all="ignore"):
+            rows = problem.residual(np.concatenate([x[:, None].astype(complex), shifted], axis=1), height)
+        if not np.all(np.isfinite(rows)):
+            return None
+        try:
+            change = np.linalg.solve(rows[:, 1:].imag / tiny, rows[:, 0].real)
+        except np.linalg.LinAlgError:
+            return None
+        x = x - change
+        if np.max(np.abs(change[: _order(x) + 2])) < 1e-12 * max(1.0, x[0]):
+            break
+    else:
+        return None
+    eta = x[1 : _order(x) + 2]
+    falling = np.all(np.diff(eta) < 1e-9) and x[0] > 0.0 and eta[-1] > -1.0
+    return x if falling else None
+
+
+def _climbed(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
+    """The wave with as few harmonics as it takes to get to its height; long waves need many."""
+    for n in orders:
+        try:
+            return _climb(problem, height, n, depth)
+        except NotSolved as error:
+            if n == orders[-1] or not error.few:
+                raise
+
+
+def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.ndarray:
+    """From a low linear wave to the height, in steps that are halved where Newton's method fails."""
+    done, step, past = 0.0, 0.125, []
+    while done < 1.0:
+        share = min(done + step, 1.0)
+        x = _newton(problem, _guess(problem, past, share, height, order), share * height)
+        if x is None:
+            step *= 0.5
+            if step < SMALLEST:
+                length = 2.0 * np.pi / past[-1][1][0] if past else _first(problem)[1]
+                raise NotSolved(depth * done * height, depth * length, depth)
+            continue
+        if share * height > 1.02 * highest(2.0 * np.pi / x[0], 1.0):
+            raise NotSolved(depth * done * height, depth * 2.0 * np.pi / x[0], depth)
+        past, done, step = [*past[-1:], (share, x)], share, min(1.5 * step, 0.25)
+    return past[-1][1]
+
+
+def _first(problem: _Problem) -> tuple[float, float]:
+    """Wave number and length of a linear wave on the current."""
+    if problem.length is not None:
+        return 2.0 * np.pi / problem.length, problem.length
+    k = (2.0 * np.pi / problem.period) ** 2
+    k = max(k, 2.0 * np.pi / problem.period)
+    for _ in range(200):
+        c = np.sqrt(np.tanh(k) / k) + problem.current
+        k = 0.5 * (k + 2.0 * np.pi / (problem.period * max(c, 1e-3)))
+    return k, 2.0 * np.pi / k
+
+
+def _guess(problem: _Problem, past: list, share: float, height: float, order: int) -> np.ndarray:
+    """A linear wave at first, then one or two solutions carried on."""
+    if len(past) == 2:
+        (a, before), (b, last) = past
+        return last + (share - b) / (b - a) * (last - before)
+    if past:
+        return past[0][1]
+    k, _ = _first(problem)
+    a, c = 0.5 * share * height, np.sqrt(np.tanh(k) / k)
+    eta = a * np.cos(np.pi * np.arange(order + 1) / order)
+    v = np.zeros(order)
+    v[0] = a * k * c / np.tanh(k)
+    return np.concatenate([[k], eta, v, [c, c, 0.5 * c**2]])
+
+
+def _cosines(eta: np.ndarray) -> np.ndarray:
+    """Harmonics (n,) of a surface at n + 1 points from crest to trough."""
+    n = len(eta) - 1
+    weight = np.ones(n + 1)
+    weight[[0, -1]] = 0.5
+    found = 2.0 / n * np.cos(np.pi * np.outer(np.arange(1, n + 1), np.arange(n + 1)) / n) @ (weight * eta)
+    found[-1] *= 0.5
+    return found
+
+
+def _refined(x: np.ndarray, order: int) -> np.ndarray:
+    """The same wave with more harmonics."""
+    k, eta, v, *rest = _parts(x)
+    angle = np.pi * np.arange(order + 1) / order
+    surface = np.cos(np.outer(angle, np.arange(1, len(v) + 1))) @ _cosines(eta)
+    return np.concatenate([[k], surface, v, np.zeros(order - len(v)), rest])

@@ -1,0 +1,115 @@
+"""What kind of sea a scene has: its waves by the theories that hold for them, their breaking, its current."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
+from dropper_jax.load.scene import Scene
+from dropper_jax.sea import Sea
+from dropper_jax.sea.make import finite_wave, make_sea
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, second_harmonic
+from dropper_jax.sea.waves import Waves
+
+
+def sea_facts(scene: Scene) -> dict[str, Any]:
+    """Facts about the water of a scene: {depth_m, waves, current}; the last two None where there are none.
+
+    Raises:
+        ValueError: the scene has no sea.
+    """
+    spec = scene.sea
+    if spec is None:
+        raise ValueError(f"scene {scene.name!r} has no [sea]; allowed: a scene with water")
+    return {"depth_m": spec.depth, "waves": _waves(spec), "current": _current(spec)}
+
+
+def _waves(spec: SeaSpec) -> dict[str, Any] | None:
+    if spec.waves is None:
+        return None
+    wave = finite_wave(spec)
+    if wave is not None:
+        return _steady(wave)
+    sea = make_sea(SeaSpec(**{**vars(spec), "interpolation": "none"}))
+    return _linear(sea.waves, spec.depth) if sea.waves.size == 1 else _irregular(sea, spec)
+
+
+def _regular(height: float, length: float, period: float, depth: float) -> dict[str, Any]:
+    limit = highest(length, depth)
+    return {
+        "height_m": height,
+        "period_s": period,
+        "length_m": length,
+        "depth_over_length": depth / length,
+        "steepness": height / length,
+        "ursell": height * length**2 / depth**3,
+        "second_harmonic": second_harmonic(height, length, depth),
+        "highest_m": limit,
+        "share_of_highest": height / limit,
+        "fitting_theory": fitting_theory(height, length, depth),
+    }
+
+
+def _steady(wave: SteadyWave) -> dict[str, Any]:
+    return {
+        "kind": "regular",
+        "theory": wave.theory,
+        **_regular(wave.height, wave.length, wave.period, wave.depth),
+        "celerity_m_per_s": wave.celerity,
+        "crest_m": wave.crest,
+        "trough_m": wave.crest - wave.height,
+        "mean_eulerian_m_per_s": wave.eulerian,
+        "mean_transport_m_per_s": wave.transport,
+        "crest_speed_m_per_s": float(wave.velocity(np.zeros(1), np.array([wave.crest]))[0, 0]),
+        "harmonics": wave.order,
+        "error": wave.error,
+    }
+
+
+def _linear(waves: Waves, depth: float) -> dict[str, Any]:
+    a, k, omega = (float(x[0]) for x in (waves.amplitude, waves.wave_number, waves.omega))
+    return {
+        "kind": "regular",
+        "theory": "linear",
+        **_regular(2.0 * a, 2.0 * np.pi / k, 2.0 * np.pi / omega, depth),
+        "celerity_m_per_s": omega / k,
+        "crest_m": a,
+        "trough_m": -a,
+    }
+
+
+def _irregular(sea: Sea, spec: SeaSpec) -> dict[str, Any]:
+    """Hs, mean period `Tz = 2 pi sqrt(m0/m2)`, and the limits of depth and of steepness."""
+    hs, tz = float(sea.waves.significant_height), mean_period(sea)
+    limits = {"depth": SHALLOW * spec.depth, "steepness": steepest_sea(tz, spec.gravity)}
+    return {
+        "kind": "irregular",
+        "theory": "linear",
+        "components": int(sea.waves.size),
+        "significant_height_m": hs,
+        "mean_period_s": tz,
+        "peak_period_s": float(2.0 * np.pi / sea.waves.omega[int(np.argmax(np.asarray(sea.waves.amplitude)))]),
+        "hs_over_depth": hs / spec.depth,
+        "steepness": 2.0 * np.pi * hs / (spec.gravity * tz**2),
+        "breaking_hs_m": min(limits.values()),
+        "breaking_by": min(limits, key=limits.get),
+        "share_of_breaking": hs / min(limits.values()),
+    }
+
+
+def _current(spec: SeaSpec) -> dict[str, Any] | None:
+    if spec.current is None:
+        return None
+    sea = make_sea(SeaSpec(**{**vars(spec), "waves": None, "wave_current": "none"}))
+    heights = np.array([0.0, -0.5 * spec.depth, -0.95 * spec.depth])
+    velocity = np.asarray(sea.current.profile(jnp.asarray(heights), jnp.asarray(spec.depth)))
+    return {
+        "kind": spec.current.kind,
+        "heights_m": heights,
+        "speed_m_per_s": np.hypot(velocity[:, 0], velocity[:, 1]),
+        "direction_rad": np.arctan2(velocity[:, 1], velocity[:, 0]),
+    }

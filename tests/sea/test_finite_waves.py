@@ -1,0 +1,296 @@
+"""Regular waves of finite height against published solutions, the package raschii, and the laws of the surface."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.sea.make import finite_wave, make_sea
+from dropper_jax.sea.spec import SeaSpec
+from dropper_jax.sea.steady import fitting_theory, highest
+from dropper_jax.sea.stokes5 import stokes5
+from dropper_jax.sea.stream_function import NotSolved, stream_function
+
+#: Solutions of Fenton's program FOURIER with its current criterion, as people published its file Solution.res, in
+#: units of depth and gravity: H, T, then length, celerity, volume flux in the frame of the wave, Bernoulli constant
+#: (erdc/proteus nonlinearWaves, erdc/air-water-vv OWC trials, whtsao/AP_OMAE2022, whtsao/complex_object_in_wave_flume,
+#: dbarre5/tutorials, jasper-aurora/Fourier, ChiaCheng-Tsai/FentonStokesClass). The last is by cnoidal theory: the wave
+#: of Le Mehaute, Divoky and Lin (1968), figure 8, without mass transport.
+PUBLISHED = [
+    (0.0250, 3.6283, "euler", 0.0, 2.0880, 0.5755, 0.5753, 1.1656),
+    (0.0485, 2.8485, "euler", 0.0, 1.3089, 0.4595, 0.4588, 1.1056),
+    (0.0485, 4.1539, "euler", 0.0, 2.7031, 0.6507, 0.6503, 1.2117),
+    (0.0971, 3.7157, "euler", 0.0, 2.2240, 0.5985, 0.5966, 1.1792),
+    (0.0971, 3.7971, "euler", 0.0, 2.3152, 0.6097, 0.6078, 1.1859),
+    (0.1800, 5.6378, "euler", 0.001, 4.5606, 0.8089, 0.8030, 1.3271),
+    (0.1870, 4.7571, "euler", 0.0, 3.5153, 0.7390, 0.7331, 1.2734),
+    (0.2000, 3.0000, "euler", 0.0, 1.6526, 0.5509, 0.5424, 1.1517),
+    (0.3000, 8.5153, "euler", 0.0, 8.0000, 0.9395, 0.9279, 1.4446),
+    (0.3000, 10.000, "euler", 0.0, 9.6897, 0.9690, 0.9579, 1.4730),
+    (0.3750, 9.9045, "euler", 0.0, 9.7556, 0.9850, 0.9684, 1.4901),
+    (0.4920, 22.470, "stokes", 0.0, 24.9115, 1.1087, 1.1087, 1.6371),
+]
+
+
+def values(wave):
+    return np.array([wave.length, wave.celerity, wave.flux, 1.0 + wave.head])
+
+
+@pytest.mark.parametrize("point", PUBLISHED, ids=lambda p: f"H {p[0]} T {p[1]}")
+def test_the_stream_function_gives_published_solutions_to_a_percent(point):
+    height, period, criterion, current, *expected = point
+    wave = stream_function(height, 1.0, 1.0, period=period, criterion=criterion, current=current)
+    # the printed digits; the cnoidal theory of the last is good to some thousandths
+    tolerance = 2e-4 if criterion == "euler" else 5e-3
+    np.testing.assert_allclose(values(wave), expected, rtol=tolerance)
+    if fitting_theory(height, wave.length, 1.0) == "stokes5":
+        stokes = stokes5(height, 1.0, 1.0, period=period, criterion=criterion, current=current)
+        np.testing.assert_allclose(values(stokes), expected, rtol=1e-3)
+
+
+def test_published_harmonics_are_met():
+    # FentonStokesClass, H 0.2 d, T 3: 86 % of the highest; B_1, B_2 sqrt(g/k^3) are those of the potential, E_j k
+    wave = stream_function(0.2, 1.0, 1.0, period=3.0)
+    k = wave.wave_number
+    surface = [0.34415007, 0.077124456, 0.027655267, 0.012081391, 0.0058781740]
+    np.testing.assert_allclose(k * wave.surface[:5], surface, rtol=1e-4)
+    b = wave.speed * np.sqrt(k) / np.arange(1, wave.order + 1)
+    np.testing.assert_allclose(b[:3], [0.33379590, 0.010903272, 0.0014006866], rtol=1e-3)
+
+
+@pytest.mark.parametrize("length", [0.7, 4.0, 12.0])
+def test_raschii_finds_the_same_wave_at_90_percent_of_breaking(length):
+    raschii = pytest.importorskip("raschii")
+    height = 0.9 * highest(length, 1.0)
+    wave = stream_function(height, 1.0, 1.0, length=length)
+    other = raschii.FentonWave(height=height, depth=1.0, length=length, N=wave.order, g=1.0)
+    x = np.array([0.0, 0.1, 0.3, 0.5]) * length
+    phase = 2 * np.pi * x / length
+    assert wave.celerity == pytest.approx(other.c, rel=1e-6)
+    np.testing.assert_allclose(wave.elevation(phase), other.surface_elevation(x) - 1.0, atol=1e-6 * height)
+    z = np.minimum(-0.2, wave.elevation(phase))
+    np.testing.assert_allclose(wave.velocity(phase, z), other.velocity(x, z + 1.0), atol=1e-6)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 3.0, 5.0, 5.9])
+def test_stokes_fifth_is_within_a_percent_where_it_is_chosen(length):
+    height = 0.5 * highest(length, 1.0)
+    assert fitting_theory(height, length, 1.0) == "stokes5"
+    exact = stream_function(height, 1.0, 1.0, length=length)
+    found = stokes5(height, 1.0, 1.0, period=exact.period)
+    np.testing.assert_allclose(values(found), values(exact), rtol=1e-3)
+    assert found.crest == pytest.approx(exact.crest, rel=1e-2)
+    phase, z = np.linspace(0, np.pi, 7), np.full(7, -0.3)
+    top = np.max(np.abs(exact.velocity(phase, z)))
+    np.testing.assert_allclose(found.velocity(phase, z), exact.velocity(phase, z), atol=1e-2 * top)
+
+
+def test_raschii_has_the_same_stokes_wave():
+    raschii = pytest.importorskip("raschii")
+    wave = stokes5(0.2, 1.0, 9.81, length=3.0)
+    other = raschii.StokesWave(height=0.2, depth=1.0, length=3.0, N=5)
+    x = np.linspace(0.0, 1.5, 6)
+    np.testing.assert_allclose(wave.elevation(2 * np.pi * x / 3.0), other.surface_elevation(x) - 1.0, atol=1e-14)
+    z = np.full(6, -0.4)
+    np.testing.assert_allclose(wave.velocity(2 * np.pi * x / 3.0, z), other.velocity(x, z + 1.0), atol=1e-13)
+
+
+def test_beyond_and_outside_the_other_theory_is_chosen():
+    assert fitting_theory(0.001, 5.0, 1.0) == "linear"
+    assert fitting_theory(0.52 * highest(5.0, 1.0), 5.0, 1.0) == "stream"
+    assert fitting_theory(0.3 * highest(6.5, 1.0), 6.5, 1.0) == "stream"
+
+
+def test_the_highest_waves_end_where_williams_says():
+    # deep water 0.1411 L, solitary wave 0.8332 d; Newton's method itself gets to within 5 % and not beyond
+    assert highest(1.0, 1e4) == pytest.approx(0.141063, rel=1e-4)
+    assert highest(1e6, 1.0) == pytest.approx(0.8332, rel=1e-3)
+    for length in (1.5, 8.0):
+        assert stream_function(0.95 * highest(length, 1.0), 1.0, 1.0, length=length).error < 1e-3
+        with pytest.raises(NotSolved) as caught:
+            stream_function(1.03 * highest(length, 1.0), 1.0, 1.0, length=length)
+        assert caught.value.reached <= 1.001 * highest(length, 1.0)
+
+
+def test_a_closed_flume_has_no_mass_transport_and_a_current_only_carries_the_wave():
+    still = stream_function(0.3, 1.0, 1.0, length=6.0)
+    flume = stream_function(0.3, 1.0, 1.0, length=6.0, criterion="stokes")
+    assert flume.transport == pytest.approx(0.0, abs=1e-12)
+    assert flume.eulerian == pytest.approx(-still.transport, rel=1e-9)
+    carried = stream_function(0.3, 1.0, 1.0, period=6.0 / (still.celerity + 0.2), current=0.2)
+    assert carried.length == pytest.approx(6.0, rel=1e-9)  # Galilei
+    # the mass that is carried, from the velocities themselves, over the depth at a fixed place and over a period
+    phase = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    flux = []
+    for one in phase:
+        eta = still.elevation(np.array([one]))[0]
+        x, weight = np.polynomial.legendre.leggauss(24)
+        z = -1.0 + (1.0 + eta) * 0.5 * (x + 1.0)
+        flux.append(0.5 * (1.0 + eta) * weight @ still.velocity(np.full(24, one), z)[:, 0])
+    assert np.mean(flux) == pytest.approx(still.transport, rel=1e-6)
+
+
+def sea_of(**waves):
+    more = {key: waves.pop(key) for key in ("current", "wave_current", "ramp", "interpolation") if key in waves}
+    table = {"depth": 10.0, "waves": {"kind": "regular", "theory": "stream", **waves}, **more}
+    return SeaSpec.read(table, "sea")
+
+
+STEEP = {"height": 4.0, "period": 7.0, "direction": 0.3, "phase": 0.4}
+
+
+@pytest.fixture(scope="module")
+def steep():
+    return make_sea(sea_of(**STEEP))
+
+
+def test_both_conditions_hold_at_the_surface_that_effects_see(steep):
+    t = jnp.asarray(1.7)
+    x, y = jnp.asarray(np.random.default_rng(0).uniform(-40, 40, (2, 30)))
+    eta = steep.waves.elevation(x, y, t)
+    r = jnp.stack([x, y, eta], axis=1)
+    np.testing.assert_allclose(steep.waves.pressure(r, t, 10.0, 1000.0) / 9810.0, eta, atol=1e-5)
+    rate = jax.jvp(lambda s: steep.waves.elevation(x, y, s), (t,), (jnp.ones_like(t),))[1]
+    slope = jax.vmap(jax.grad(lambda p: steep.waves.elevation(p[:1], p[1:2], t)[0]))(r)[:, :2]
+    u = steep.at(r, t).velocity
+    np.testing.assert_allclose(u[:, 2], rate + jnp.sum(u[:, :2] * slope, axis=1), atol=1e-4)
+    assert float(eta.max()) > 2.3  # well above half of the height
+
+
+def test_acceleration_is_the_rate_of_the_velocity_and_the_flow_a_potential_one(steep):
+    r = jnp.asarray(np.random.default_rng(1).uniform([-30, -30, -10], [30, 30, -2.0], (20, 3)))
+    t = jnp.asarray(2.2)
+    rate = jax.jvp(lambda s: steep.at(r, s).velocity, (t,), (jnp.ones_like(t),))[1]
+    np.testing.assert_allclose(steep.at(r, t).acceleration, rate, atol=1e-12)
+    gradient = jax.vmap(jax.jacfwd(lambda place: steep.at(place[None], t).velocity[0]))(r)
+    assert np.max(np.abs(np.trace(gradient, axis1=1, axis2=2))) < 1e-12
+    assert np.max(np.abs(gradient - np.swapaxes(gradient, 1, 2))) < 1e-12
+    bed = steep.at(r.at[:, 2].set(-10.0), t).velocity
+    assert np.max(np.abs(bed[:, 2])) < 1e-12
+
+
+def test_a_current_is_added_once():
+    current = {"speed": 0.5, "direction": 0.3}
+    carried = make_sea(sea_of(**STEEP, current=current, wave_current="doppler"))
+    wave = finite_wave(sea_of(**STEEP, current=current, wave_current="doppler"))
+    assert wave.eulerian == pytest.approx(0.5)
+    r = jnp.asarray([[0.0, 0.0, -5.0]])
+    times = jnp.linspace(0.0, wave.period, 257)[:-1]
+    mean = jnp.mean(jax.vmap(lambda t: carried.at(r, t).velocity[0])(times), axis=0)
+    np.testing.assert_allclose(mean[:2], 0.5 * np.array([np.cos(0.3), np.sin(0.3)]), atol=1e-9)
+    closed = make_sea(sea_of(**STEEP, current_criterion="stokes"))
+    mean = jnp.mean(jax.vmap(lambda t: closed.at(r, t).velocity[0])(times), axis=0)
+    assert float(mean[0]) < -0.1  # the return flow of a closed flume
+
+
+def test_low_waves_are_linear_ones():
+    low = make_sea(sea_of(height=0.002, period=5.0))
+    linear = make_sea(
+        SeaSpec.read({"depth": 10.0, "waves": {"kind": "regular", "amplitude": 0.001, "period": 5.0}}, "s")
+    )
+    r, t = jnp.asarray([[3.0, 1.0, -2.0], [0.0, 0.0, -8.0]]), jnp.asarray(0.7)
+    for a, b in zip(low.at(r, t), linear.at(r, t), strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-6)
+    by_length = sea_of(theory="linear", amplitude=1.0, length=float(linear.waves.shortest))
+    assert float(make_sea(by_length).waves.omega[0]) == pytest.approx(2 * np.pi / 5.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("waves", "start"),
+    [
+        ({"height": 9.0, "period": 7.0}, "sea.waves.height: 9 m is beyond breaking or next to it; allowed: below 6.4"),
+        ({"height": 1.0, "amplitude": 0.5, "period": 7.0}, "sea.waves.height: given beside `amplitude`"),
+        ({"height": 1.0, "length": 50.0, "period": 7.0}, "sea.waves.length: given beside `period`"),
+        ({"height": 1.0}, "sea.waves.period: missing"),
+        ({"height": -1.0, "period": 7.0}, "sea.waves.height: -1.0 is out of range"),
+        ({"amplitude": 0.0, "period": 7.0}, "sea.waves.amplitude: 0.0 is no wave"),
+        ({"height": 1.0, "period": 7.0, "theory": "strem"}, "sea.waves.theory: 'strem' is unknown; did you mean"),
+        (
+            {"height": 1.0, "period": 7.0, "theory": "auto", "order": 9},
+            "sea.waves.order: 9 is not used by theory 'auto'",
+        ),
+        (
+            {"height": 1.0, "period": 7.0, "theory": "linear", "current_criterion": "stokes"},
+            "sea.waves.current_criterion: 'stokes' is not used by theory 'linear'",
+        ),
+        ({"height": 1.0, "period": 7.0, "interpolation": "grid"}, "sea.interpolation: 'grid' does not serve waves of"),
+        (
+            {"height": 1.0, "period": 7.0, "wave_current": "action", "current": {"speed": 0.1}},
+            "sea.wave_current: 'action' does not serve waves of theory 'stream'",
+        ),
+    ],
+)
+def test_waves_that_cannot_be_are_refused_in_one_line(waves, start):
+    with pytest.raises(dj.SceneError) as caught:
+        make_sea(sea_of(**waves))
+    assert str(caught.value).startswith(start)
+    assert "\n" not in str(caught.value)
+
+
+SCENE = {
+    "run": {"dt": 0.04, "duration": 1.0},
+    "point": [{"name": "a", "position": [0, 0, -1.0]}, {"name": "b", "kind": "free", "position": [0, 0, -4.0]}],
+    "line": [{"name": "l", "from": "a", "to": "b", "links": 3, "length": 1.0, "mass": 12.0, "diameter": 0.08}],
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.1}, "morison_inertia": {"can": 0.8}},
+    "start": {"kind": "angles", "zero": "down", "polar": [0.0] * 3},
+    "sea": {"depth": 10.0, "waves": {"kind": "regular", "theory": "stream", **STEEP}},
+}
+
+
+def test_gradients_of_a_run_agree_forward_reverse_and_with_differences():
+    model, state = dj.build(SCENE)
+    stepper = dj.make_stepper(model, halvings=0, extra=0)
+    waves, order = model.sea.waves, jnp.arange(1.0, model.sea.waves.size + 1)
+
+    def final(p):
+        phase, direction, size = p
+        new = replace(
+            waves, phase=phase * order, direction=direction, speed=size * waves.speed, amplitude=size * waves.amplitude
+        )
+        s, _ = dj.integrate(stepper, replace(model, sea=replace(model.sea, waves=new)), state, 0.04, 20)
+        return jnp.sum(s.r * jnp.array([1.0, -0.7, 0.4]))
+
+    at = jnp.array([0.4, 0.3, 1.0])
+    value, reverse = jax.jit(jax.value_and_grad(final))(at)
+    along = jnp.array([0.5, -0.3, 0.2])
+    forward = jax.jit(lambda p: jax.jvp(final, (p,), (along,))[1])(at)
+    assert float(forward) == pytest.approx(float(reverse @ along), rel=1e-9)
+    run = jax.jit(final)
+    e = 1e-5
+    differences = [(float(run(at.at[i].add(e))) - float(run(at.at[i].add(-e)))) / (2 * e) for i in range(3)]
+    np.testing.assert_allclose(reverse, differences, rtol=1e-6)
+
+
+def test_a_scene_says_what_is_off_and_keeps_its_keys():
+    scene = dj.load_scene(SCENE)
+    assert dj.Scene.from_dict(scene.to_dict()) == scene
+    assert "theory" not in dj.load_scene("wet-pendulum-wave").to_dict()["sea"]["waves"]
+    near = scene.with_values({"sea.waves.height": 6.0})
+    assert "is 0.9" in " ".join(sea_warnings(near, make_sea(near.sea)))
+    long = scene.with_values({"sea.waves.theory": "stokes5", "sea.waves.period": 9.0})
+    assert "'stokes5' is off for this wave, its length is" in " ".join(sea_warnings(long, make_sea(long.sea)))
+
+
+def test_the_command_says_what_sea_it_is(tmp_path, capsys):
+    from dropper_jax.cli import main
+
+    picture = tmp_path / "regimes.png"
+    given = ["sea", "wet-pendulum-wave", "--set", "sea.waves.theory=auto", "--json", "--regimes", str(picture)]
+    assert main(given) == 0
+    found = json.loads(capsys.readouterr().out)["waves"]
+    assert found["theory"] == found["fitting_theory"] == "stokes5"
+    assert picture.stat().st_size > 10_000
+    assert main(["sea", "edulis-longline", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["waves"]
+    # 2 pi Hs/(g Tz^2) against 1/10 at Tz = 6 s and 1/15 at 12 s
+    tz = found["mean_period_s"]
+    steepest = (0.1 - (tz - 6.0) / 6.0 * (0.1 - 1 / 15)) * 9.81 * tz**2 / (2 * np.pi)
+    assert found["breaking_hs_m"] == pytest.approx(steepest, rel=1e-9)
+    assert main(["sea", "string"]) == 2

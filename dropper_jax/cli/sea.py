@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, listing, print_result, print_warnings
+from dropper_jax.cli.output import done_object, listing, print_result, print_warnings, table
 
 help = "waves and current of a scene: theory, length, breaking, regime"
 
@@ -27,10 +27,14 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]; allowed: a scene with water")
 
     from dropper_jax.load.checks_water import line_reach, sea_warnings
+    from dropper_jax.run.flow_coefficients import flow_table, follows
+    from dropper_jax.run.growth import overgrown
     from dropper_jax.sea.make import make_sea
     from dropper_jax.study.sea_facts import sea_facts
 
     found = sea_facts(scene)
+    if follows(scene):
+        found["coefficients"] = flow_table(overgrown(scene))
     if picture:
         _draw(scene.name, found, scene.sea.gravity, picture)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
@@ -91,7 +95,21 @@ def _text(found: dict[str, Any]) -> str:
     current = found["current"]
     if current is None:
         rows.append(("current", "none"))
-        return listing(rows)
+        return "\n".join([listing(rows), *_coefficients(found)])
     for z, speed, course in zip(*(current[k] for k in ("heights_m", "speed_m_per_s", "direction_rad")), strict=True):
         rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
-    return listing(rows)
+    return "\n".join([listing(rows), *_coefficients(found)])
+
+
+def _coefficients(found: dict[str, Any]) -> list[str]:
+    """Coefficients that follow the flow, by line."""
+    if "coefficients" not in found:
+        return []
+    keys = [key for key in ("cdn", "can") if key in found["coefficients"][0]]
+    rows = [("line", "KC", "Re", "share of the current", *keys)]
+    for row in found["coefficients"]:
+        shown = ("keulegan_carpenter", "reynolds", "current_share", *keys)
+        rows.append((row["line"], *(f"{row[key]['min']:.3g} to {row[key]['max']:.3g}" for key in shown)))
+    low = [row["line"] for row in found["coefficients"] if not row["post_critical"]]
+    note = f"Re below 1e5, where rough cylinders may not be post-critical yet: {', '.join(low)}"
+    return ["", table(rows), *([note] if low else [])]

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.effects.wetting import parts, split, wetted
 from dropper_jax.model import Effect, Kinematics
+from dropper_jax.scene import SceneData
 
 
 @component
@@ -21,6 +26,7 @@ class MorisonDrag(Effect):
     Axial drag works on the wetted skin, pi D, as in MoorDyn (thesis (6.12) lacks the absolute value, (C.22)-(C.24)
     the relative velocity: errata). w is the wet fraction. The links' directions are those of the predicted middle of
     the step, which is second order and keeps the force on its own node; `tangents = "implicit"` solves for them too.
+    `coefficients` takes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
     `shelter` reduces the current, not the waves, that reaches a link behind others.
 
     Either way the force opposes the relative velocity: in water at rest it never adds energy.
@@ -28,12 +34,35 @@ class MorisonDrag(Effect):
 
     name: ClassVar[str] = "morison_drag"
     needs_water: ClassVar[bool] = True
-    cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0)
+    cdn: jax.Array | None = parameter(
+        "drag coefficient across the link", unit="-", shape="link", low=0.0, optional=True
+    )
     cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: jax.Array | None = parameter(
         "factor on the current that reaches the link", unit="-", shape="link", low=0.0, optional=True
     )
+    roughness: jax.Array | None = parameter(
+        "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, optional=True
+    )
+    table_kc: jax.Array | None = parameter("KC of a table, rising", unit="-", shape="table", low=0.0, optional=True)
+    table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, optional=True)
+    table_re: jax.Array | None = parameter("least and largest Re of it", unit="-", shape="table", optional=True)
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
+    coefficients: str = option("where cdn comes from", choices=SOURCES, default="given")
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        check_source("effects.morison_drag", values, "cdn", "drag coefficient across the link")
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+        """The effect with its coefficients; those that follow the flow are the steady ones until the flow is known."""
+        kept = {key: values[key] for key in ("cdn", "cdt", "shelter", "tangents")}
+        if values["coefficients"] == "rough_cylinder":
+            kept["cdn"] = steady_drag(relative_roughness(scene))
+        elif values["coefficients"] == "table":
+            kept["cdn"] = np.full(scene.line.links, values["table_cdn"][-1])
+        return cls(**kept)
 
     @property
     def needs_current(self) -> bool:
@@ -65,3 +94,12 @@ class MorisonDrag(Effect):
             axial = (wet * part.take(jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
             total = total + part.collect(normal + axial)
         return total
+
+
+def relative_roughness(scene: SceneData) -> np.ndarray:
+    """k/D of each link (n,); smooth where the drag names no roughness."""
+    height = scene.effects.get("morison_drag", {}).get("roughness")
+    line = scene.line
+    return (
+        (0.0 if height is None else np.asarray(height, float)) / displaced_diameter(line, scene) * np.ones(line.links)
+    )

@@ -7,8 +7,10 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.wetting import parts, split, wetted
 from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import SceneData
@@ -57,6 +59,8 @@ class MorisonInertia(_InertiaForce):
     `C_M u' - C_A v'`: errata.) C_A is `can` across and `cat` along a link; `fluid_acceleration` is the local du/dt or
     the material Du/Dt. Without `can` and `cat` there is no added mass: the effect is then `FroudeKrylov`.
 
+    `coefficients` takes can per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
+
     Where can and cat differ, added mass turns with its link. `added_mass = "morison"` takes the force `M_a v'`, which
     is not conservative: its power `1/2 v' M_a' v` is the entry `morison_inertia_turning` of the energy balance.
     `"lagrangian"` takes `d/dt(M_a v) - 1/2 d(v' M_a v)/dr`, which conserves energy: with `M_a = a + b d d'/L^2`,
@@ -75,10 +79,22 @@ class MorisonInertia(_InertiaForce):
         "added mass coefficient along the link", unit="-", shape="link", low=0.0, optional=True
     )
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
+    table_kc: jax.Array | None = parameter("KC of a table, rising", unit="-", shape="table", low=0.0, optional=True)
+    table_can: jax.Array | None = parameter("can at those", unit="-", shape="table", low=0.0, optional=True)
+    table_re: jax.Array | None = parameter("least and largest Re of it", unit="-", shape="table", optional=True)
     added_mass: str = option("how added mass turns", choices=("morison", "lagrangian"), default="morison")
+    coefficients: str = option("where can comes from", choices=SOURCES, default="given")
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        check_source("effects.morison_inertia", values, "can", "added mass coefficient across the link")
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+        source = values["coefficients"]
+        values = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
+        if source != "given":  # until the flow is known
+            values["can"] = np.ones(scene.line.links)
         if values["can"] is None and values["cat"] is None:
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
         return cls(**{**values, **{key: 0.0 for key in ("can", "cat") if values[key] is None}})

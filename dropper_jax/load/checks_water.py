@@ -106,7 +106,7 @@ def _sheltered(scene: SceneData) -> list[str]:
 
 def _breaking(scene: SceneData, sea: Sea) -> list[str]:
     """Waves steeper than they can be: single ones, or the significant height at the mean energy frequency."""
-    if isinstance(sea.waves, BoundWaves):
+    if sea.waves.bound:
         return _finite(scene, sea.waves)
     amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
     if amplitude.size == 1:
@@ -192,7 +192,7 @@ def _interpolation(sea: Sea) -> list[str]:
 
 
 def _repetition(scene: SceneData, sea: Sea) -> list[str]:
-    if isinstance(sea.waves, BoundWaves):
+    if sea.waves.bound:
         return []
     after = repeat_time(np.asarray(sea.waves.omega, float))
     if after >= scene.run.duration:

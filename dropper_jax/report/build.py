@@ -19,6 +19,8 @@ from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
 from dropper_jax.report.water import submergence
+from dropper_jax.run.flow_coefficients import flow_table, follows
+from dropper_jax.run.growth import overgrown
 from dropper_jax.run.solution import Solution
 from dropper_jax.scene import whole_lines
 
@@ -56,6 +58,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "submergence": _submergence(part),
         "distance": line_distances(part) if len(part.whole) > 1 else {"skipped": "one line"},
         "seabed": _seabed(part, settings),
+        "coefficients": _coefficients(part),
     }
 
 
@@ -76,6 +79,12 @@ def _submergence(part: Record) -> dict[str, Any]:
     if part.scene.sea is None:
         return {"skipped": "the scene has no water"}
     return submergence(part, surface_over(part.scene, part.positions, part.t))
+
+
+def _coefficients(part: Record) -> Any:
+    if not follows(part.scene):
+        return {"skipped": "no coefficients follow the flow"}
+    return flow_table(overgrown(part.scene))
 
 
 def _seabed(part: Record, settings: Settings) -> Any:

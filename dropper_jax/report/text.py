@@ -78,7 +78,24 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         "## Seabed",
         sections.section(run["seabed"], sections.seabed),
         picture("along"),
+        *_coefficients(run.get("coefficients")),
     ]
+
+
+def _coefficients(found: Any) -> list[str]:
+    """What followed the flow; nothing where nothing did."""
+    if not isinstance(found, list):
+        return []
+    keys = [key for key in ("cdn", "can") if key in found[0]]
+    rows = [
+        [row["line"]]
+        + [
+            f"{row[key]['min']:.3g} to {row[key]['max']:.3g}"
+            for key in ("keulegan_carpenter", "reynolds", "current_share", *keys)
+        ]
+        for row in found
+    ]
+    return ["## Coefficients from the flow", table(["line", "KC", "Re", "share of the current", *keys], rows)]
 
 
 def _spread(section: dict[str, Any]) -> str:

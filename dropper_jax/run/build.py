@@ -14,6 +14,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
 from dropper_jax.scene import RunSpec
@@ -29,7 +30,7 @@ SceneLike = str | Path | Mapping[str, Any] | Scene
 
 def build_model(scene: Scene, dtype: str | None = None) -> Model:
     """The model of a scene, with arrays of `dtype` (default: the scene's precision)."""
-    return bare_model(overgrown(scene), dtype)
+    return bare_model(with_flow_coefficients(overgrown(scene)), dtype)
 
 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:

@@ -37,6 +37,10 @@ class BoundWaves(Waves):
     theory: str = option("theory of the wave", type=str, default="stream")
 
     @property
+    def bound(self) -> bool:
+        return True
+
+    @property
     def speeds(self) -> jax.Array:
         return self.speed
 

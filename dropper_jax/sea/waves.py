@@ -49,6 +49,11 @@ class Waves:
         return self.amplitude.shape[-1]
 
     @property
+    def bound(self) -> bool:
+        """Whether the components are harmonics of one wave."""
+        return False
+
+    @property
     def speeds(self) -> jax.Array:
         """What the profiles of a component are times, for its velocity (c,) [m/s]: `a s`."""
         return self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)

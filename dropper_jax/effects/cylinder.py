@@ -1,0 +1,101 @@
+"""Drag and added mass of rough cylinders over Keulegan-Carpenter number and roughness, and tables of one's own.
+
+Of circular cylinders in the post-critical regime, as DNV-RP-C205 (October 2010) has them:
+
+    steady drag      C_DS = 0.65 (k/D < 1e-4),  (29 + 4 log10(k/D))/20,  1.05 (k/D > 1e-2)
+    in waves         C_D = C_DS psi(KC),  C_pi = 1.50 - 0.024 (12/C_DS - 10)
+                     psi = C_pi + 0.10 (KC - 12)             2 <= KC < 12
+                           C_pi - 1.00                       0.75 <= KC < 2
+                           C_pi - 1.00 - 2.00 (KC - 0.75)    KC < 0.75
+    added mass       C_A = 1 (KC < 3),  max(1 - 0.044 (KC - 3), 0.6 - (C_DS - 0.65))
+
+Beyond KC = 12 the practice has a figure; here psi falls along a straight line to 1 at KC = 60 C_DS (assumed). Where the
+current is more than 0.4 of current and wave together, psi is 1: the wake is carried away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import refuse
+
+#: Where coefficients come from: the scene's numbers, the rough cylinder above, a table over KC.
+SOURCES = ("given", "rough_cylinder", "table")
+#: KC over C_DS from which psi is 1, and the share of the current from which it is.
+FADED, CARRIED = 60.0, 0.4
+#: Reynolds number from which cylinders as rough as mussel ropes are taken to be post-critical.
+POST_CRITICAL = 1e5
+
+
+def steady_drag(roughness: np.ndarray) -> np.ndarray:
+    """C_DS at relative roughnesses k/D (...)."""
+    k = np.maximum(np.asarray(roughness, float), 1e-12)
+    return np.where(k < 1e-4, 0.65, np.where(k > 1e-2, 1.05, (29.0 + 4.0 * np.log10(k)) / 20.0))
+
+
+def amplification(kc: np.ndarray, steady: np.ndarray) -> np.ndarray:
+    """psi at KC (...) for C_DS (...); 1 where KC is infinite (no waves)."""
+    kc = np.asarray(kc, float)
+    top = 1.50 - 0.024 * (12.0 / steady - 10.0)
+    finite = np.where(np.isfinite(kc), kc, FADED * steady)
+    high = top + (1.0 - top) * np.clip((finite - 12.0) / (FADED * steady - 12.0), 0.0, 1.0)
+    low = np.where(finite < 0.75, top - 1.0 - 2.0 * (finite - 0.75), top - 1.0)
+    return np.where(finite >= 12.0, high, np.where(finite >= 2.0, top + 0.10 * (finite - 12.0), low))
+
+
+def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np.ndarray:
+    """C_D at KC (...), k/D (...) and the current's share of current and wave (...)."""
+    steady = steady_drag(roughness)
+    return steady * np.where(np.asarray(current) > CARRIED, 1.0, amplification(kc, steady))
+
+
+def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:
+    """C_A at KC (...) and k/D (...); 1 without waves."""
+    kc, steady = np.asarray(kc, float), steady_drag(roughness)
+    finite = np.where(np.isfinite(kc), kc, 0.0)
+    return np.where(finite < 3.0, 1.0, np.maximum(1.0 - 0.044 * (finite - 3.0), 0.6 - (steady - 0.65)))
+
+
+def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Mapping[str, Any], key: str) -> np.ndarray:
+    """Coefficients (links,) between the rows of a scene's table over KC.
+
+    Raises:
+        SceneError: KC or Re outside of it.
+    """
+    rows = np.asarray(values["table_kc"], float)
+    _inside(f"{path}.table_kc", kc, rows[0], rows[-1], "KC")
+    if values.get("table_re") is not None:
+        _inside(f"{path}.table_re", re, *np.asarray(values["table_re"], float), "Re")
+    return np.interp(kc, rows, np.asarray(values[key], float))
+
+
+def _inside(path: str, found: np.ndarray, low: float, high: float, name: str) -> None:
+    worst = found[np.argmax(np.maximum(low - found, found - high))]
+    if not low <= worst <= high:
+        raise SceneError(
+            f"{path}: {name} = {worst:.4g} of a link is outside of the table; allowed: {low:g} to {high:g}"
+        )
+
+
+def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> None:
+    """Refuse tables that do not fit together, and what another source needs.
+
+    Args:
+        key: the coefficient, `cdn` or `can`; its table is `table_{key}`.
+    """
+    source, table = values["coefficients"], f"table_{key}"
+    if source == "given":
+        if values[key] is None and key == "cdn":
+            raise SceneError(f"{path}.{key}: missing; needed: {word}, >= 0")
+        return
+    if source != "table":
+        return
+    kc, rows = values["table_kc"], values[table]
+    if kc is None or rows is None or len(kc) != len(rows) or len(kc) < 2 or np.any(np.diff(kc) <= 0):
+        raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `{table}`")
+    if values["table_re"] is not None and (len(values["table_re"]) != 2 or np.diff(values["table_re"]) <= 0):
+        raise refuse(f"{path}.table_re", values["table_re"], "is no range", "two rising Reynolds numbers")

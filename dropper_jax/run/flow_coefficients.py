@@ -1,0 +1,131 @@
+"""Drag and added mass from the flow: KC and Re of each link in the linear sea, fixed for the run.
+
+At the middle of each link, where it hangs at rest in calm water (with the current), with the water's velocity across it
+
+    sigma = rms of the waves' part,  T_z = 2 pi sqrt(m0/m2) of the sea (of a regular one its period),
+    KC = sqrt(2) sigma T_z/D,   Re = sqrt(U^2 + sigma^2) D/nu,   share of the current = U/(U + sqrt(2) sigma)
+
+The line's own motion is left out: KC is that of a line that stands still.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.cylinder import POST_CRITICAL, from_table, rough_added_mass, rough_drag
+from dropper_jax.effects.morison_drag import relative_roughness
+from dropper_jax.load.checks_water import mean_period
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.scene import line_slices
+from dropper_jax.sea import Sea
+
+#: Kinematic viscosity of sea water at 10 degrees [m^2/s].
+VISCOSITY = 1.35e-6
+#: Effects whose coefficients may follow the flow, and which.
+FOLLOWING = {"morison_drag": "cdn", "morison_inertia": "can"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Flow:
+    """Flow across each link (n,): KC (infinite without waves), Re, the current's share; C_D and C_A that follow."""
+
+    kc: np.ndarray
+    re: np.ndarray
+    current: np.ndarray
+    coefficients: dict[str, np.ndarray]
+
+
+def follows(scene: Scene) -> list[str]:
+    """The effects of a scene whose coefficients follow the flow."""
+    return [name for name in FOLLOWING if scene.effects.get(name, {}).get("coefficients", "given") != "given"]
+
+
+def with_flow_coefficients(scene: Scene) -> Scene:
+    """The scene with coefficients that follow the flow as numbers; others as they are."""
+    if not follows(scene):
+        return scene
+    found = link_flow(scene).coefficients
+    effects = dict(scene.effects)
+    for name, values in found.items():
+        effects[name] = {**effects[name], FOLLOWING[name]: values, "coefficients": "given"}
+    return dataclasses.replace(scene, effects=effects)
+
+
+def link_flow(scene: Scene) -> Flow:
+    """Flow and coefficients of a scene's links, mussels included as they are in its lines.
+
+    Raises:
+        SceneError: KC or Re outside of a table.
+    """
+    model = bare_model(scene, "float64")
+    nodes = static_pose(scene, model).positions
+    slices = line_slices(scene)
+    starts = np.concatenate([nodes[line.nodes][:-1] for line in slices])
+    ends = np.concatenate([nodes[line.nodes][1:] for line in slices])
+    tangent = (ends - starts) / np.maximum(np.linalg.norm(ends - starts, axis=1, keepdims=True), 1e-12)
+    diameter = displaced_diameter(scene.line, scene) * np.ones(len(tangent))
+    sigma, current = _across(model.sea, 0.5 * (starts + ends), tangent)
+    speed = np.sqrt(2.0) * sigma
+    waves = model.sea.waves
+    kc = np.full(len(sigma), np.inf) if waves is None else speed * _period(model.sea) / diameter
+    re = np.sqrt(current**2 + sigma**2) * diameter / VISCOSITY
+    share = current / np.maximum(current + speed, 1e-12)
+    rough = relative_roughness(scene)
+    found = {}
+    for name in follows(scene):
+        values, key = scene.effects[name], FOLLOWING[name]
+        if values["coefficients"] == "table":
+            found[name] = from_table(f"effects.{name}", kc, re, values, f"table_{key}")
+        else:
+            found[name] = rough_drag(kc, rough, share) if key == "cdn" else rough_added_mass(kc, rough)
+    return Flow(kc, re, share, found)
+
+
+def _period(sea: Sea) -> float:
+    return float(2 * np.pi / sea.waves.omega[0]) if sea.waves.size == 1 or sea.waves.bound else mean_period(sea)
+
+
+def _across(sea: Sea, places: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of the waves' velocity across links, and speed of the current across them, (n,) [m/s] each."""
+    depth = jnp.asarray(sea.depth)
+    steady = np.zeros_like(places)
+    if sea.current is not None:
+        steady = np.asarray(sea.current.profile(jnp.asarray(places[:, 2]), depth))
+    along = np.sum(steady * tangent, axis=1, keepdims=True) * tangent
+    current = np.linalg.norm(steady - along, axis=1)
+    if sea.waves is None:
+        return np.zeros(len(places)), current
+    waves = sea.waves
+    level, upright = (np.asarray(a) for a in waves.profiles(jnp.minimum(jnp.asarray(places[:, 2]), 0.0), depth))
+    course = np.asarray(waves.direction) * np.ones(waves.size)
+    speed = np.asarray(waves.speeds)
+    # velocity of a component: level part as the cosine, upright part as the sine of its phase
+    cosine = np.stack([level * speed * np.cos(course), level * speed * np.sin(course), 0.0 * level], axis=-1)
+    sine = np.stack([0.0 * level, 0.0 * level, upright * speed], axis=-1)
+    square = 0.0
+    for part in (cosine, sine):
+        left = part - np.sum(part * tangent[:, None], axis=-1, keepdims=True) * tangent[:, None]
+        square = square + 0.5 * np.sum(left**2, axis=(1, 2))
+    return np.sqrt(square), current
+
+
+def flow_table(scene: Scene) -> list[dict[str, Any]]:
+    """Per line of a scene: least and largest KC, Re and coefficients, the current's share, and what does not hold."""
+    flow = link_flow(scene)
+    rows = []
+    for line in line_slices(scene):
+        at = line.links
+        row: dict[str, Any] = {"line": line.name}
+        each = {"keulegan_carpenter": flow.kc, "reynolds": flow.re, "current_share": flow.current}
+        each |= {FOLLOWING[name]: values for name, values in flow.coefficients.items()}
+        for key, values in each.items():
+            row[key] = {"min": float(np.min(values[at])), "max": float(np.max(values[at]))}
+        row["post_critical"] = bool(np.all(flow.re[at] >= POST_CRITICAL))
+        rows.append(row)
+    return rows

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene, whole_number
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
 
 if TYPE_CHECKING:
@@ -22,10 +22,14 @@ help = "find the static pose of a scene, held by its release force where it has 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
+    parser.add_argument("--tide", action="store_true", help="poses through a cycle of current and level")
+    parser.add_argument("--times", type=whole_number, default=13, help="of the cycle, both ends included (13)")
 
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
+    if args.tide:
+        return _tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.run.build import equilibrium
@@ -49,6 +53,32 @@ def run(args: argparse.Namespace) -> int:
     elif not args.json:
         print(f"ok: scaled residual {found.residual:.1e}")
     return FAILED if failed else OK
+
+
+def _tide(scene: Scene, args: argparse.Namespace) -> int:
+    """The cycle as a table, or one object."""
+    from dropper_jax.study.tide import tidal_cycle
+
+    found = tidal_cycle(scene, args.times)
+    failed = next((s for s in (found["slack_status"], *(r["status"] for r in found["rows"])) if s != "ok"), None)
+    if args.json:
+        print_json({**(failure_object(failed, failed) if failed else done_object()), "scene": scene.name, **found})
+    else:
+        print(_tide_text(found))
+    if failed:
+        print_line(f"error: {failed}: a pose of the cycle was not found")
+    return FAILED if failed else OK
+
+
+def _tide_text(found: dict[str, Any]) -> str:
+    names = list(found["rows"][0]["held_load_n"])
+    rows = [("time [h]", "level [m]", "current [m/s]", "moved [m]", *(f"{name} [N]" for name in names))]
+    for row in found["rows"]:
+        loads = (np.linalg.norm(load) for load in row["held_load_n"].values())
+        values = (row["t_s"] / 3600.0, row["level_m"], row["speed_m_per_s"], row["moved_m"], *loads)
+        rows.append(tuple(f"{value:.4g}" for value in values))
+    note = "moved: horizontally, of the node that is farthest from the pose without current at the mean level"
+    return f"{table(rows)}\n{note}"
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:

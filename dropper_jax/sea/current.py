@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.sea.tide import harmonic
 
 KINDS = ("uniform", "power", "table")
 
@@ -15,7 +16,7 @@ LINEAR_BELOW = 0.01
 
 @component
 class Current:
-    """Velocity `U(z) s(t)` along a fixed direction, or turning with depth in a table.
+    """Velocity `U(z) s(t)` along a fixed direction, or turning with depth: by `veer` or in a table.
 
     power: `U = speed ((d + z)/(d + reference))^exponent` (paper (4)). The paper's formula is not defined below the bed
     and infinitely steep at it (erratum): the height above the bed is clamped at zero, and below 1 % of the reference
@@ -30,10 +31,20 @@ class Current:
     velocities: jax.Array | None = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
     time: jax.Array | None = parameter("times of the factor", unit="s", shape="table", optional=True)
     factor: jax.Array | None = parameter("factor of the speed at those times", unit="-", shape="table", optional=True)
+    amplitude: jax.Array | None = parameter("constituents of the factor", unit="-", shape="table", optional=True)
+    period: jax.Array | None = parameter("their periods", unit="s", shape="table", optional=True)
+    phase: jax.Array | None = parameter("their lags", unit="rad", shape="table", optional=True)
+    veer: jax.Array | None = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
     kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
+    @property
+    def steady(self) -> bool:
+        return self.time is None and self.amplitude is None
+
     def scale(self, t: jax.Array) -> jax.Array:
-        """s(t), linear between the times of the table, held outside."""
+        """s(t): a table, linear between its times and held outside, or the sum of constituents."""
+        if self.amplitude is not None:
+            return harmonic(t, self.amplitude, self.period, self.phase)
         return jnp.ones_like(self.speed) if self.time is None else jnp.interp(t, self.time, self.factor)
 
     def profile(self, z: jax.Array, depth: jax.Array) -> jax.Array:
@@ -43,7 +54,8 @@ class Current:
             columns = [jnp.interp(z, self.heights, self.velocities[:, i]) for i in range(3)]
             return jnp.stack(columns, axis=-1)
         size = self.speed * (jnp.ones_like(z) if self.kind == "uniform" else self._power(z, depth))
-        return jnp.stack([size * jnp.cos(self.direction), size * jnp.sin(self.direction), jnp.zeros_like(z)], axis=-1)
+        course = self.direction if self.veer is None else self.direction - self.veer * z
+        return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
 
     def _power(self, z: jax.Array, depth: jax.Array) -> jax.Array:
         share = jnp.maximum(z + depth, 0.0) / (depth + self.reference)
@@ -56,7 +68,7 @@ class Current:
 
     def acceleration(self, z: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array | None:
         """Local acceleration (n, 3) [m/s^2]; None for a steady current."""
-        if self.time is None:
+        if self.steady:
             return None
         rate = jax.jvp(self.scale, (t,), (jnp.ones_like(t),))[1]
         return rate * self.profile(z, depth)

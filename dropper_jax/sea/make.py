@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
 from typing import Any
 
@@ -14,11 +15,12 @@ from dropper_jax.sea.bound import bound_waves
 from dropper_jax.sea.current import Current
 from dropper_jax.sea.dispersion import action_factor, effective_current, fenton, frequency, on_current, wave_number
 from dropper_jax.sea.interpolated import GridWaves, on_grid
-from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
+from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 from dropper_jax.sea.spectrum import Components, components
 from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest
 from dropper_jax.sea.stokes5 import stokes5
 from dropper_jax.sea.stream_function import NotSolved, stream_function
+from dropper_jax.sea.tide import Level
 from dropper_jax.sea.water import Sea
 from dropper_jax.sea.waves import Waves
 
@@ -55,7 +57,8 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         _refuse_blocked(waves)
         if spec.interpolation == "grid":
             waves = _interpolated(spec, waves, *reach)
-    return Sea(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves, current=current)
+    level = None if spec.level is None else make_level(spec.level)
+    return Sea(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves, current=current, level=level)
 
 
 def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
@@ -144,6 +147,12 @@ def _solved(
         return stokes5(height, depth, gravity, **size)
     except ValueError as error:
         raise SceneError(f"sea.waves.theory: 'stokes5': {error}; allowed: 'stream'") from None
+
+
+def make_level(spec: LevelSpec) -> Level:
+    """The level of `[sea.level]`."""
+    values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
+    return Level(**{key: None if value is None else jnp.asarray(value, float) for key, value in values.items()})
 
 
 def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
@@ -241,7 +250,10 @@ def make_current(spec: CurrentSpec) -> Current:
     """The current of `[sea.current]`."""
     arrays: dict[str, Any] = {
         name: None if getattr(spec, name) is None else jnp.asarray(getattr(spec, name), float)
-        for name in ("speed", "direction", "exponent", "reference", "heights", "velocities", "time", "factor")
+        for name in (
+            *("speed", "direction", "exponent", "reference", "heights", "velocities", "time", "factor"),
+            *("amplitude", "period", "phase", "veer"),
+        )
     }
     return Current(kind=spec.kind, **arrays)
 

@@ -17,6 +17,7 @@ from dropper_jax.sea.packaged import read_packaged
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
+from dropper_jax.sea.tide import check_constituents
 from dropper_jax.sea.waves import STRETCHING
 
 #: What may be given of a regular wave instead.
@@ -142,6 +143,10 @@ class CurrentSpec:
     velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
     time: Any = parameter("times of the factor", unit="s", shape="table", optional=True)
     factor: Any = parameter("factor at those times", unit="-", shape="table", optional=True)
+    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", optional=True)
+    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
+    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
+    veer: float | None = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
     kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
     @classmethod
@@ -152,6 +157,37 @@ class CurrentSpec:
             values["reference"] = values["reference"] or 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
         _check_pair(values, path, "time", "factor", values["time"] is not None or values["factor"] is not None)
+        check_constituents(values, path, ("amplitude", "period", "phase"))
+        if values["time"] is not None and values["amplitude"] is not None:
+            raise SceneError(f"{path}.amplitude: given beside `time`, both change the factor; allowed: one of the two")
+        if values["veer"] is not None and values["kind"] == "table":
+            raise SceneError(f"{path}.veer: given with kind 'table', which turns itself; allowed: uniform, power")
+        return cls(**values)
+
+    def table(self) -> dict[str, Any]:
+        return as_table(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LevelSpec:
+    """`[sea.level]`: see `dropper_jax.sea.tide.Level`."""
+
+    offset: float = parameter("constant part", unit="m", default=0.0)
+    time: Any = parameter("times of a table", unit="s", shape="table", optional=True)
+    height: Any = parameter("heights at those times", unit="m", shape="table", optional=True)
+    amplitude: Any = parameter("of constituents", unit="m", shape="table", optional=True)
+    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
+    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
+
+    @classmethod
+    def read(cls, table: Plain, path: str, depth: float) -> LevelSpec:
+        values = read_fields(cls, table, path, {})
+        _check_pair(values, path, "time", "height", values["time"] is not None or values["height"] is not None)
+        check_constituents(values, path, ("amplitude", "period", "phase"))
+        lowest = values["offset"] + (0.0 if values["height"] is None else float(np.min(values["height"])))
+        lowest -= 0.0 if values["amplitude"] is None else float(np.sum(np.abs(values["amplitude"])))
+        if depth + lowest <= 0.0:
+            raise SceneError(f"{path}: falls to {lowest:.4g} m, below the bed; allowed: above {-depth:g} m")
         return cls(**values)
 
     def table(self) -> dict[str, Any]:
@@ -183,16 +219,18 @@ class SeaSpec:
     interpolation: str = option("how kinematics are found", choices=("none", "grid"), default="none")
     waves: WaveSpec | None = None
     current: CurrentSpec | None = None
+    level: LevelSpec | None = None
 
     @classmethod
     def read(cls, table: Plain, path: str) -> SeaSpec:
         own = dict(read_table(table, path))
         if "packaged" in own:
             own = _merge(read_packaged(own.pop("packaged"), f"{path}.packaged"), own)
-        waves, current = own.pop("waves", None), own.pop("current", None)
+        waves, current, level = (own.pop(key, None) for key in ("waves", "current", "level"))
         values = read_fields(cls, own, path, {})
         values["waves"] = None if waves is None else WaveSpec.read(read_table(waves, f"{path}.waves"), f"{path}.waves")
         values["current"] = None if current is None else CurrentSpec.read(current, f"{path}.current")
+        values["level"] = None if level is None else LevelSpec.read(level, f"{path}.level", values["depth"])
         if values["wave_current"] != "none" and (waves is None or current is None):
             raise refuse(f"{path}.wave_current", values["wave_current"], "needs waves and a current", "none")
         _check_finite_waves(values, path)
@@ -200,15 +238,15 @@ class SeaSpec:
 
     def table(self) -> dict[str, Any]:
         found = as_table(self)
-        parts = {"waves": self.waves, "current": self.current}
+        parts = {"waves": self.waves, "current": self.current, "level": self.level}
         return {**found, **{key: part.table() for key, part in parts.items() if part is not None}}
 
     @classmethod
     def paths(cls) -> list[str]:
         """All keys of a sea, in the syntax of `--set`; whole waves and currents are tables."""
-        sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec))
+        sections = (("sea", cls), ("sea.waves", WaveSpec), ("sea.current", CurrentSpec), ("sea.level", LevelSpec))
         keys = [f"{name}.{key}" for name, spec in sections for key in field_keys(spec)]
-        return [*keys, "sea.packaged", "sea.waves", "sea.current"]
+        return [*keys, "sea.packaged", "sea.waves", "sea.current", "sea.level"]
 
 
 def _check_finite_waves(values: dict[str, Any], path: str) -> None:

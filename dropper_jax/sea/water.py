@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.sea.current import Current
+from dropper_jax.sea.tide import Level
 from dropper_jax.sea.waves import Motion
 
 
@@ -22,15 +23,28 @@ class Sea:
     gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=9.81)
     waves: Any = None
     current: Current | None = None
+    level: Level | None = None
+
+    def over(self, r: jax.Array, t: jax.Array) -> tuple[Sea, jax.Array, jax.Array]:
+        """The water of the level at time t, places r (n, 3) counted from it, and the level [m]."""
+        level = self.level.at(t)
+        return replace(self, depth=self.depth + level, level=None), r.at[..., 2].add(-level), level
 
     def elevation(self, r: jax.Array, t: jax.Array) -> jax.Array:
         """Elevation of the surface (n,) [m] over places r (n, 3)."""
+        if self.level is not None:
+            own, r, level = self.over(r, t)
+            return own.elevation(r, t) + level
         if self.waves is None:
             return jnp.zeros_like(r[:, 0])
         return self.waves.elevation(r[:, 0], r[:, 1], t)
 
     def at(self, r: jax.Array, t: jax.Array) -> Motion:
         """Water at places r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed place."""
+        if self.level is not None:
+            own, r, level = self.over(r, t)
+            motion = own.at(r, t)
+            return motion._replace(elevation=motion.elevation + level)
         if self.waves is None:
             motion = Motion(jnp.zeros_like(r[:, 0]), jnp.zeros_like(r), jnp.zeros_like(r))
         else:
@@ -47,6 +61,9 @@ class Sea:
 
         Of the unstretched field, at the heights where the kinematics are taken.
         """
+        if self.level is not None:
+            own, r, level = self.over(r, t)
+            return own.convective(r, t, motion._replace(elevation=motion.elevation - level))
         if self.waves is not None:
             heights = self.waves.heights(r[:, 2], motion.elevation, self.depth)
             r = jnp.concatenate([r[:, :2], heights[:, None]], axis=1)
@@ -61,10 +78,18 @@ class Sea:
 
         return jax.jvp(field, (r,), (motion.velocity,))[1]
 
+    def stream(self, r: jax.Array, t: jax.Array) -> jax.Array:
+        """Velocity (n, 3) [m/s] of the current alone."""
+        if self.level is not None:
+            own, r, _ = self.over(r, t)
+            return own.stream(r, t)
+        return jnp.zeros_like(r) if self.current is None else self.current.velocity(r[:, 2], t, self.depth)
+
     @property
     def corners(self) -> list[jax.Array]:
         """Times (k,) [s] at which the water's motion is not smooth: of a table of the current, both ends of a ramp."""
         found = [] if self.current is None or self.current.time is None else [self.current.time]
+        found += [] if self.level is None or self.level.time is None else [self.level.time]
         ramp = None if self.waves is None else self.waves.ramp
         return found if ramp is None else [*found, jnp.stack([jnp.zeros_like(ramp), ramp])]
 
@@ -81,8 +106,7 @@ class Sea:
         change = self.convective(r, t, motion) if material else None
         alone = None
         if current:
-            still = jnp.zeros_like(r)
-            alone = still if self.current is None else self.current.velocity(r[:, 2], t, self.depth)
+            alone = self.stream(r, t)
         return Water(motion, None if change is None else motion.acceleration + change, tangents, alone)
 
 

@@ -71,8 +71,11 @@ def _water(scene: Scene) -> Iterator[str]:
     if current is not None:
         if current.kind != "table":
             yield f"sea.current: the {current.kind} profile is written as a table over height"
-        if current.time is not None:
-            yield "sea.current.time: not represented; the current is steady"
+        if current.time is not None or current.amplitude is not None:
+            key = "time" if current.time is not None else "amplitude"
+            yield f"sea.current.{key}: not represented; the current is steady"
+    if sea.level is not None:
+        yield "sea.level: not represented; the water stays at its depth"
 
 
 def _things(scene: Scene) -> Iterator[str]:

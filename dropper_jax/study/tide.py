@@ -1,0 +1,69 @@
+"""Poses at rest through a tidal cycle: how far the line is carried, and what it pulls on its held points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.scene.slices import held_loads, line_slices
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+
+
+def cycle_times(scene: Scene, count: int) -> np.ndarray:
+    """Times (count,) [s] over the longest constituent of current and level, or over their tables.
+
+    Raises:
+        SceneError: neither changes with time.
+    """
+    parts = [] if scene.sea is None else [p for p in (scene.sea.current, scene.sea.level) if p is not None]
+    periods = [float(np.max(p.period)) for p in parts if p.period is not None]
+    spans = [p.time for p in parts if p.time is not None]
+    if periods:
+        return np.linspace(0.0, max(periods), count)
+    if spans:
+        return np.linspace(min(s[0] for s in spans), max(s[-1] for s in spans), count)
+    raise SceneError("--tide: neither sea.current nor sea.level changes with time; allowed: a scene where one does")
+
+
+def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
+    """Poses at rest at times of a cycle, each on its own: the line is taken to follow the tide at once.
+
+    Returns:
+        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n};
+        `slack` are the positions (nodes, 3) [m] without a current at the mean level; `moved_m` and `line_moved_m` are the
+        horizontal ways from there of the farthest node of all and of each line.
+    """
+    model = build_model(scene)
+    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    times = cycle_times(scene, count)
+    slack = equilibrium(replace(model, sea=replace(model.sea, current=None, level=None)), loads)
+    rows = []
+    for t in times:
+        pose = equilibrium(model, loads, float(t))
+        way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
+        rows.append(
+            {
+                "t_s": float(t),
+                "level_m": 0.0 if model.sea.level is None else float(model.sea.level.at(jnp.asarray(t))),
+                "speed_m_per_s": _speed(model.sea, float(t)),
+                "status": pose.status,
+                "moved_m": float(way.max()),
+                "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
+                "held_load_n": held_loads(scene, pose.positions, pose.tension),
+            }
+        )
+    return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}
+
+
+def _speed(sea: Any, t: float) -> float:
+    """Speed of the current at the surface [m/s], negative where it has turned."""
+    if sea.current is None:
+        return 0.0
+    factor = float(sea.current.scale(jnp.asarray(t)))
+    return factor * float(jnp.linalg.norm(sea.current.profile(jnp.zeros(1), sea.depth)))

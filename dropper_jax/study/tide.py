@@ -36,7 +36,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
 
     Returns:
         {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n};
-        `slack` are the positions (nodes, 3) [m] without a current at the mean level; `moved_m` and `line_moved_m` are the
+        `slack` are the positions (nodes, 3) [m] without a current at the mean level, `moved_m` and `line_moved_m` the
         horizontal ways from there of the farthest node of all and of each line.
     """
     model = build_model(scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,16 +12,21 @@ from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, output_file, read_scene
 from dropper_jax.cli.output import done_object, listing, print_result, print_warnings, table
 
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+
 help = "waves and current of a scene: theory, length, breaking, regime"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
+    parser.add_argument("--flow", metavar="FILE.png", help="map of the current behind the lines, from above")
     parser.add_argument("--regimes", metavar="FILE.png", help="theories by depth and height, the scene's wave marked")
 
 
 def run(args: argparse.Namespace) -> int:
     picture = output_file(args.regimes, "--regimes", (".png", ".pdf", ".svg"))
+    flow = output_file(args.flow, "--flow", (".png", ".pdf", ".svg"))
     scene = read_scene(args)
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]; allowed: a scene with water")
@@ -29,18 +34,48 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.load.checks_water import line_reach, sea_warnings
     from dropper_jax.run.flow_coefficients import flow_table, follows
     from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.wakes import has_wakes
     from dropper_jax.sea.make import make_sea
     from dropper_jax.study.sea_facts import sea_facts
 
     found = sea_facts(scene)
     if follows(scene):
         found["coefficients"] = flow_table(overgrown(scene))
+    if flow or has_wakes(scene):
+        found["wakes"] = _wakes(scene, flow)
     if picture:
         _draw(scene.name, found, scene.sea.gravity, picture)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
     print_warnings(warnings)
     print_result(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
     return OK
+
+
+def _wakes(scene: Scene, picture: Any) -> dict[str, Any]:
+    """What the lines do to the current, and its map."""
+    from dropper_jax.run.flow_coefficients import with_flow_coefficients
+    from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.wakes import scene_wakes, wake_facts
+
+    solved = scene_wakes(with_flow_coefficients(overgrown(scene)))
+    if picture:
+        from dropper_jax.plots.flow import flow_map
+
+        flow_map(scene.name, solved, picture)
+    return wake_facts(solved)
+
+
+def _wake_lines(found: dict[str, Any]) -> list[str]:
+    """Shares of the current, by line."""
+    if "wakes" not in found:
+        return []
+    rows = [("line", "share of the current")]
+    for row in found["wakes"]["lines"]:
+        rows.append((row["line"], f"{row['share']['min']:.3g} to {row['share']['max']:.3g}"))
+    balance = found["wakes"]["balance"]
+    note = f"momentum lost behind all over their drag: {balance:.3f}"
+    more = "" if balance > 0.99 else "; the farm is too dense for its wakes alone, water will turn aside"
+    return ["", table(rows), note + more]
 
 
 def _draw(name: str, found: dict[str, Any], gravity: float, picture: Any) -> None:
@@ -95,10 +130,10 @@ def _text(found: dict[str, Any]) -> str:
     current = found["current"]
     if current is None:
         rows.append(("current", "none"))
-        return "\n".join([listing(rows), *_coefficients(found)])
+        return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
     for z, speed, course in zip(*(current[k] for k in ("heights_m", "speed_m_per_s", "direction_rad")), strict=True):
         rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
-    return "\n".join([listing(rows), *_coefficients(found)])
+    return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
 
 
 def _coefficients(found: dict[str, Any]) -> list[str]:

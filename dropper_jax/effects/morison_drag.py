@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -27,7 +28,8 @@ class MorisonDrag(Effect):
     the relative velocity: errata). w is the wet fraction. The links' directions are those of the predicted middle of
     the step, which is second order and keeps the force on its own node; `tangents = "implicit"` solves for them too.
     `coefficients` takes cdn per link from the flow of the linear sea, fixed for the run (`run.flow_coefficients`).
-    `shelter` reduces the current, not the waves, that reaches a link behind others.
+    `shelter` reduces the current, not the waves, that reaches a link behind others; `wakes` finds it from the lines
+    upstream (`run.wakes`).
 
     Either way the force opposes the relative velocity: in water at rest it never adds energy.
     """
@@ -48,10 +50,18 @@ class MorisonDrag(Effect):
     table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, optional=True)
     table_re: jax.Array | None = parameter("least and largest Re of it", unit="-", shape="table", optional=True)
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
+    turbulence: jax.Array | None = parameter(
+        "of the current without the farm, rms over mean, for wakes", unit="-", low=0.0, high=1.0, optional=True
+    )
     coefficients: str = option("where cdn comes from", choices=SOURCES, default="given")
+    wakes: str = option("what lines do to the current behind them", choices=("none", "porous"), default="none")
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        if values["wakes"] == "none" and values["turbulence"] is not None:
+            raise SceneError("effects.morison_drag.turbulence: is not used without wakes; allowed: with wakes 'porous'")
+        if values["wakes"] != "none":
+            _check_wakes(values, scene)
         check_source("effects.morison_drag", values, "cdn", "drag coefficient across the link")
 
     @classmethod
@@ -94,6 +104,22 @@ class MorisonDrag(Effect):
             axial = (wet * part.take(jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
             total = total + part.collect(normal + axial)
         return total
+
+
+def _check_wakes(values: Mapping[str, Any], scene: SceneData) -> None:
+    """Wakes need a current that comes from one side, and stand for fixed factors."""
+    current = None if scene.sea is None else scene.sea.current
+    path = "effects.morison_drag.wakes: 'porous'"
+    if current is None:
+        raise SceneError(f"{path} needs a current; allowed: a scene with [sea.current]")
+    if values["shelter"] is not None:
+        raise SceneError(f"{path} is given beside shelter, which it replaces; allowed: one of the two")
+    if current.amplitude is not None or (
+        current.factor is not None and np.min(current.factor) < 0 < np.max(current.factor)
+    ):
+        raise SceneError(
+            f"{path} needs a current that does not turn round; allowed: a steady one, or factors of one sign"
+        )
 
 
 def relative_roughness(scene: SceneData) -> np.ndarray:

@@ -17,6 +17,7 @@ from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
+from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.static_pose import Equilibrium
 from dropper_jax.stepping.choose import make_stepper
@@ -30,7 +31,7 @@ SceneLike = str | Path | Mapping[str, Any] | Scene
 
 def build_model(scene: Scene, dtype: str | None = None) -> Model:
     """The model of a scene, with arrays of `dtype` (default: the scene's precision)."""
-    return bare_model(with_flow_coefficients(overgrown(scene)), dtype)
+    return bare_model(with_wakes(with_flow_coefficients(overgrown(scene))), dtype)
 
 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:

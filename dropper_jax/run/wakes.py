@@ -1,0 +1,116 @@
+"""What lines do to the current behind them: the share of it that each link meets, fixed for the run.
+
+Of the pose at rest in the unsheltered current. Each link is an element of `sea.wakes`, its drag coefficient `cdn`, its
+frontal area what the current sees of it; the current is taken as uniform, that at the mean height of the lines, and the
+shares go to the profile. Waves are not slowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.cylinder import steady_drag
+from dropper_jax.effects.morison_drag import relative_roughness
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.scene import LineSlice, line_slices
+from dropper_jax.sea.wakes import Elements, Wakes, solve_wakes
+
+#: Turbulence of the current where the scene gives none (assumed).
+TURBULENCE = 0.05
+#: Most links whose wakes are solved: the work grows as their square, plane by plane.
+MOST = 3000
+
+
+@dataclass(frozen=True)
+class SceneWakes:
+    """Solved wakes, the share of the current per link (n,), the lines, the current's direction [rad], places (n, 3)."""
+
+    wakes: Wakes
+    share: np.ndarray
+    lines: tuple[LineSlice, ...]
+    direction: float
+    places: np.ndarray
+
+
+def has_wakes(scene: Scene) -> bool:
+    return scene.effects.get("morison_drag", {}).get("wakes", "none") != "none"
+
+
+def with_wakes(scene: Scene) -> Scene:
+    """The scene with the shares of its wakes as `shelter`; one without wakes as it is."""
+    if not has_wakes(scene):
+        return scene
+    drag = {**scene.effects["morison_drag"], "shelter": scene_wakes(scene).share, "wakes": "none", "turbulence": None}
+    return dataclasses.replace(scene, effects={**scene.effects, "morison_drag": drag})
+
+
+def scene_wakes(scene: Scene) -> SceneWakes:
+    """The wakes of a scene's links.
+
+    Raises:
+        SceneError: no drag, no current, no current to speak of, or too many links.
+    """
+    drag = scene.effects.get("morison_drag")
+    if drag is None or scene.sea is None or scene.sea.current is None:
+        raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
+    lines = line_slices(scene)
+    if sum(line.links for line in scene.lines) > MOST:
+        raise SceneError(f"effects.morison_drag.wakes: more than {MOST} links; allowed: at most {MOST}")
+    bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
+    model = bare_model(bare, "float64")
+    nodes = static_pose(bare, model).positions
+    first = np.concatenate([nodes[line.nodes][:-1] for line in lines])
+    last = np.concatenate([nodes[line.nodes][1:] for line in lines])
+    middle, along = 0.5 * (first + last), last - first
+    weight = np.linalg.norm(along, axis=1) * displaced_diameter(scene.line, scene)
+    height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
+    stream = np.asarray(model.sea.current.profile(jnp.asarray([height]), model.sea.depth))[0, :2]
+    speed = float(np.hypot(*stream))
+    if speed < 1e-6:
+        raise SceneError(
+            "effects.morison_drag.wakes: the current is zero at the height of the lines; allowed: above 0 m/s"
+        )
+    course = stream / speed
+    side = np.array([-course[1], course[0]])
+    elements = Elements(
+        x=middle[:, :2] @ course,
+        y=middle[:, :2] @ side,
+        z=np.clip(middle[:, 2], -scene.sea.depth, 0.0),
+        wide=np.abs(along[:, :2] @ side),
+        high=np.abs(along[:, 2]),
+        diameter=displaced_diameter(scene.line, scene) * np.ones(len(middle)),
+        drag=_coefficient(scene) * np.ones(len(middle)),
+    )
+    turbulence = TURBULENCE if drag["turbulence"] is None else float(drag["turbulence"])
+    wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
+    return SceneWakes(wakes, wakes.met / speed, tuple(lines), float(np.arctan2(stream[1], stream[0])), middle)
+
+
+def _coefficient(scene: Scene) -> np.ndarray:
+    drag = scene.effects["morison_drag"]
+    return steady_drag(relative_roughness(scene)) if drag["cdn"] is None else np.asarray(drag["cdn"], float)
+
+
+def wake_facts(found: SceneWakes) -> dict[str, Any]:
+    """Shares of the current by line, the drag of all over that without wakes, and the balance of momentum."""
+    e, wakes = found.wakes.elements, found.wakes
+    alone = 0.5 * np.sum(e.drag * e.area) * wakes.speed**2
+    return {
+        "current_m_per_s": wakes.speed,
+        "turbulence": wakes.turbulence,
+        "lines": [
+            {"line": line.name, "share": {"min": float(s.min()), "mean": float(s.mean()), "max": float(s.max())}}
+            for line in found.lines
+            for s in [found.share[line.links]]
+        ],
+        "drag_over_unsheltered": float(np.sum(wakes.drag) / alone) if alone > 0.0 else 1.0,
+        "balance": wakes.balance,
+    }

@@ -1,0 +1,157 @@
+"""Wakes of lines: one dropper against Schlichting, momentum against drag, rows, scenes."""
+
+from __future__ import annotations
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.cli import main
+from dropper_jax.run.wakes import scene_wakes
+from dropper_jax.sea.wakes import Elements, solve_wakes
+
+D, C = 0.2, 1.3
+
+
+def droppers(x, y=0.0, z=-4.0, high=8.0, diameter=D, drag=C):
+    x = np.atleast_1d(np.asarray(x, float))
+    each = [np.broadcast_to(np.asarray(v, float), x.shape).copy() for v in (y, z, 0.0, high, diameter, drag)]
+    return Elements(x, *each)
+
+
+def block(rows, apart=1.0, between=3.0, half=15):
+    x, y = np.meshgrid(np.arange(rows) * between, np.arange(-half, half + 1) * apart)
+    return droppers(x.ravel(), y.ravel()), x.shape
+
+
+def lost(wakes, x, depth):
+    """Momentum `int (U - U_s) U_s dA` lost at x, by quadrature over the plane."""
+    y = np.linspace(-80.0, 80.0, 8001)
+    nodes, weight = np.polynomial.legendre.leggauss(40)
+    deficit = wakes.plane(x).deficit(y, 0.5 * depth * (nodes - 1.0))
+    return float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * depth * weight)) * (y[1] - y[0]))
+
+
+@pytest.mark.parametrize("away", [20.0, 50.0, 200.0, 1000.0])
+def test_one_dropper_leaves_the_wake_of_schlichting(away):
+    # over the whole depth and without turbulence a plane wake: u/U = 0.98 sqrt(C D/x), half-width 0.25 sqrt(C D x)
+    wakes = solve_wakes(droppers([0.0], z=-5.0, high=10.0), 0.5, 10.0, turbulence=0.0)
+    x = away * C * D
+    half = 0.25 * np.sqrt(C * D * x)
+    deficit = wakes.plane(x).deficit(np.array([0.0, half]), np.array([-5.0]))[:, 0] / 0.5
+    assert deficit[0] == pytest.approx(0.98 * np.sqrt(C * D / x), rel=0.2)
+    assert deficit[1] / deficit[0] == pytest.approx(0.5, abs=0.02 if away > 100 else 0.1)  # far behind it
+
+
+def test_one_dropper_meets_the_whole_current_and_takes_its_drag_from_it():
+    wakes = solve_wakes(droppers([0.0]), 0.4, 11.0)
+    assert wakes.met[0] == 0.4
+    assert wakes.drag[0] == pytest.approx(0.5 * C * D * 8.0 * 0.4**2)
+    for x in (2.0, 20.0, 100.0):
+        assert lost(wakes, x, 11.0) == pytest.approx(wakes.drag[0], rel=0.01)
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+def test_momentum_lost_behind_rows_is_their_drag(rows):
+    elements, _ = block(rows, apart=2.0, between=4.0, half=8)
+    wakes = solve_wakes(elements, 0.3, 11.0)
+    for x in (elements.x.max() + 3.0, elements.x.max() + 40.0):
+        assert lost(wakes, x, 11.0) == pytest.approx(wakes.drag.sum(), rel=0.01)
+    assert wakes.balance == pytest.approx(1.0, abs=1e-9)
+
+
+def test_rows_behind_each_other_meet_less_and_less():
+    elements, shape = block(4, apart=2.0, between=4.0)
+    met = solve_wakes(elements, 0.3, 11.0).met.reshape(shape)[15] / 0.3
+    assert met[0] == 1.0
+    assert np.all(np.diff(met) < -0.02)
+    assert met[-1] > 0.5
+    across = solve_wakes(droppers(np.zeros(9), np.arange(9.0)), 0.3, 11.0)
+    np.testing.assert_array_equal(across.met, 0.3)  # side by side
+
+
+def test_a_dense_farm_is_slowed_as_much_as_was_measured():
+    # Plew et al. (2005): 36 to 63 % within the farm; their layout is not given in the abstract
+    elements, _ = block(20, half=12)
+    wakes = solve_wakes(elements, 0.2, 11.0)
+    assert 0.36 < 1.0 - wakes.met.mean() / 0.2 < 0.63
+    assert wakes.balance < 0.9  # said: water would turn aside
+
+
+def test_shares_do_not_depend_on_the_speed_or_on_where_the_farm_lies():
+    elements, _ = block(3)
+    one = solve_wakes(elements, 0.2, 11.0).met / 0.2
+    moved = Elements(
+        elements.x + 300.0,
+        elements.y - 70.0,
+        *(getattr(elements, k) for k in ["z", "wide", "high", "diameter", "drag"]),
+    )
+    np.testing.assert_allclose(solve_wakes(moved, 1.3, 11.0).met / 1.3, one, rtol=1e-9)
+
+
+TYPE = {"name": "sock", "mass": 80.0, "diameter": 0.2, "EA": 1e5, "cdn": 1.3, "cdt": 0.0}
+POINTS = [
+    {"name": f"{what}-{i}", "kind": kind, "position": [4.0 * i, 0.0, z]}
+    for i in range(3)
+    for what, kind, z in (("top", "fixed", -1.0), ("end", "free", -7.0))
+]
+SCENE = {
+    "run": {"dt": 0.05, "duration": 0.2},
+    "line_type": [TYPE],
+    "point": POINTS,
+    "line": [
+        {"name": f"d{i}", "from": f"top-{i}", "to": f"end-{i}", "type": "sock", "length": 6.0, "links": 3}
+        for i in range(3)
+    ],
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"wakes": "porous"}},
+    "start": {"kind": "points"},
+    "sea": {"depth": 15.0, "current": {"speed": 0.4}},
+}
+
+
+def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, capsys):
+    scene = dj.load_scene(SCENE)
+    share = scene_wakes(scene).share.reshape(3, 3).mean(axis=1)
+    assert share[0] > 0.95  # a leaning dropper is hardly in its own wake
+    assert share[2] < share[1] < 0.9
+    back = scene.with_values({"sea.current.direction": np.pi})
+    np.testing.assert_allclose(scene_wakes(back).share.reshape(3, 3).mean(axis=1)[::-1], share, rtol=1e-6)
+    beside = scene.with_values({"sea.current.direction": 0.5 * np.pi})
+    np.testing.assert_array_equal(scene_wakes(beside).share, 1.0)
+    model, _ = dj.build(scene)
+    numbers = {"morison_drag": {"shelter": scene_wakes(scene).share.tolist()}}
+    given, _ = dj.build({**SCENE, "effects": {**SCENE["effects"], **numbers}})
+    assert jax.tree.structure(model) == jax.tree.structure(given)
+    assert dj.Scene.from_dict(scene.to_dict()) == scene
+    from dropper_jax.base.toml_text import as_toml
+
+    file, picture = tmp_path / "scene.toml", tmp_path / "flow.png"
+    file.write_text(as_toml(scene.to_dict()))
+    assert main(["sea", str(file), "--json", "--flow", str(picture)]) == 0
+    found = json.loads(capsys.readouterr().out)["wakes"]
+    assert found["balance"] == pytest.approx(1.0, abs=0.01)
+    assert found["drag_over_unsheltered"] < 0.9
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"effects.morison_drag.shelter": 0.8}, "is given beside shelter"),
+        ({"sea.current.amplitude": [1.0], "sea.current.period": [100.0]}, "does not turn round"),
+        ({"effects.morison_drag.wakes": "none", "effects.morison_drag.turbulence": 0.1}, "is not used without wakes"),
+        ({"effects.morison_drag.turbulence": 2.0}, "is out of range"),
+        ({"sea.current.speed": 0.0}, "current is zero|no current"),
+    ],
+)
+def test_wakes_that_cannot_be_are_refused(changes, words):
+    with pytest.raises(dj.SceneError, match=words):
+        dj.build(dj.load_scene(SCENE).with_values(changes))
+
+
+def test_wakes_need_a_current():
+    with pytest.raises(dj.SceneError, match="'porous' needs a current"):
+        dj.load_scene({**SCENE, "sea": {"depth": 15.0}})

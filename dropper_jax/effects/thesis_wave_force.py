@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.model import Effect, Kinematics
+from dropper_jax.scene import SceneData
 from dropper_jax.sea import Motion
+
+VELOCITIES = ("absolute", "relative")
 
 
 @component
@@ -19,6 +25,7 @@ class ThesisWaveForce(Effect):
     u is the water's velocity at the origin for all nodes; the nodes' own velocity, buoyancy, the surface and the
     directions of the links do not come in, so that the water does not damp the line. The printed force is per metre of
     cylinder and is multiplied by the link's length here, with the absolute value that (6.12)-(6.13) lack (errata).
+    `velocity = "relative"` takes (6.13) before that is dropped: see `RelativeThesisWaveForce`.
     """
 
     name: ClassVar[str] = "thesis_wave_force"
@@ -27,6 +34,23 @@ class ThesisWaveForce(Effect):
     constant: ClassVar[bool] = True
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
     c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
+    c_a: jax.Array | None = parameter(
+        "added mass coefficient, with relative velocity", unit="-", low=0.0, optional=True
+    )
+    velocity: str = option("of the water: its own, or relative to the node", choices=VELOCITIES, default="absolute")
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        if values["c_a"] is not None and values["velocity"] == "absolute":
+            raise SceneError(
+                "effects.thesis_wave_force.c_a: is not used with velocity 'absolute'; allowed: with 'relative'"
+            )
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+        if values["velocity"] == "absolute":
+            return cls(**values)
+        return RelativeThesisWaveForce(**{**values, "c_a": values["c_a"] or 0.0})
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
@@ -39,3 +63,37 @@ class ThesisWaveForce(Effect):
         inertia = line.node_share(density * line.volume * self.c_m)
         drag = line.node_share(0.5 * density * line.diameter * line.length * self.c_d)
         return inertia[:, None] * change + drag[:, None] * (jnp.abs(u) * u)
+
+
+@component
+class RelativeThesisWaveForce(ThesisWaveForce):
+    """The same with the nodes' own motion, thesis (6.13).
+
+        L (pi/4 rho D^2 (C_M u' - C_A v') + 1/2 rho D C_D |w_i| w_i),    w = u - v
+
+    w is the velocity of the water at the origin relative to the node; of (6.12)-(6.13) the absolute value and the split
+    of `C_M (u' - v')` are corrected (errata). `-C_A v'` stands on the left as added mass.
+    """
+
+    name: ClassVar[str] = "thesis_wave_force"
+    constant: ClassVar[bool] = False
+
+    def _added(self, k: Kinematics) -> jax.Array:
+        return (k.line.node_share(k.model.sea.density * k.line.volume) * self.c_a)[:, None]
+
+    def force(self, k: Kinematics) -> jax.Array:
+        line, density = k.line, k.model.sea.density
+        water = k.prepared(self)
+        inertia = line.node_share(density * line.volume * self.c_m)
+        drag = line.node_share(0.5 * density * line.diameter * line.length * self.c_d)
+        decay = 2.0 * drag[:, None] * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
+        relative = water.velocity - drag_velocity(k, decay / k.model.node_mass[:, None])
+        return inertia[:, None] * water.acceleration + drag[:, None] * jnp.abs(relative) * relative
+
+    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        """Inertia force (nodes, 3) [N] of the added mass."""
+        return self._added(k) * a
+
+    def kinetic(self, k: Kinematics) -> jax.Array:
+        """Kinetic energy of the added mass [J]."""
+        return 0.5 * jnp.sum(self._added(k) * k.v**2)

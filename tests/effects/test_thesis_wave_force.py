@@ -1,7 +1,9 @@
 """The wave force of the thesis: that of the water at the origin."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import dropper_jax as dj
 
@@ -17,3 +19,37 @@ def test_the_thesis_force_is_that_of_the_water_at_the_origin_on_every_node(hangi
     force = np.pi / 4 * RHO * 0.05**2 * 1.5 * a + 0.5 * RHO * 0.05 * 2.0 * np.abs(u) * u
     found = model.effect("thesis_wave_force").force(in_water(model, state.r, state.v + 3.0, 1.3))
     np.testing.assert_allclose(found, [force, force], rtol=1e-12)
+
+
+def relative_scene(hanging, **more):
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
+    force = {"c_d": 2.0, "c_m": 1.5, "velocity": "relative", **more}
+    return hanging({"weight": {}, "thesis_wave_force": force}, {"waves": waves}, links=2)
+
+
+def test_with_relative_velocity_the_nodes_own_motion_counts(hanging, in_water):
+    model, state = dj.build(relative_scene(hanging, c_a=0.5))
+    v = np.array([[0.3, -0.2, 0.1], [-1.0, 0.4, 0.0]])
+    water = model.sea.at(jnp.zeros((1, 3)), jnp.array(1.3))
+    u, a = np.asarray(water.velocity[0]), np.asarray(water.acceleration[0])
+    volume = np.pi / 4 * 0.05**2
+    force = RHO * volume * 1.5 * a + 0.5 * RHO * 0.05 * 2.0 * np.abs(u - v) * (u - v)
+    effect, k = model.effect("thesis_wave_force"), in_water(model, state.r, v, 1.3)
+    np.testing.assert_allclose(effect.force(k), force, rtol=1e-12)
+    np.testing.assert_allclose(effect.inertia(k, jnp.ones((2, 3))), RHO * volume * 0.5 * np.ones((2, 3)))
+    slope = jax.grad(lambda w: jnp.sum(effect.force(in_water(model, state.r, w, 1.3))))(jnp.asarray(v))
+    np.testing.assert_allclose(slope, -RHO * 0.05 * 2.0 * np.abs(u - v), rtol=1e-9)
+
+
+def test_relative_velocity_damps_where_the_water_rests(hanging, runs):
+    scene = relative_scene(hanging)
+    scene["sea"] = {"depth": 50.0, "density": RHO}
+    scene["start"] = {"kind": "angles", "zero": "down", "polar": [0.8, 0.8]}
+    _, saved = runs(scene, 0.01, 200, every=20)
+    speed = np.linalg.norm(np.asarray(saved.v), axis=2).max(axis=1)
+    assert speed[-1] < 0.5 * speed.max()
+
+
+def test_added_mass_needs_the_relative_velocity(hanging):
+    with pytest.raises(dj.SceneError, match="c_a: is not used with velocity 'absolute'"):
+        dj.build(relative_scene(hanging, velocity="absolute", c_a=1.0))

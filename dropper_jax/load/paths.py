@@ -10,12 +10,12 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, field_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.scene import BuoySpec, FailureSpec, GrowthSpec, LineSpec, PointSpec, RunSpec, StartSpec
+from dropper_jax.scene import AnchorSpec, BuoySpec, FailureSpec, GrowthSpec, LineSpec, PointSpec, RunSpec, StartSpec
 from dropper_jax.sea.spec import SeaSpec
 
 AXIAL = ("law", "EA", "damping", "strain", "tension")
 #: Sections that are lists of tables, whose items go by number or name.
-LISTED = ("point", "line", "buoy", "failure")
+LISTED = ("point", "line", "buoy", "failure", "anchor")
 #: Longest list of valid paths in an error line.
 SHOWN = 20
 
@@ -32,6 +32,7 @@ def paths(table: Mapping[str, Any]) -> list[str]:
     for section, keys in (("point", field_keys(PointSpec)), ("line", line_keys), ("buoy", field_keys(BuoySpec))):
         for i, item in enumerate(table.get(section, [])):
             found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
+    found += [f"anchor.{i}.{key}" for i in range(len(table.get("anchor", []))) for key in field_keys(AnchorSpec)]
     found += [f"failure.{i}.{key}" for i in range(len(table.get("failure", []))) for key in field_keys(FailureSpec)]
     return found
 

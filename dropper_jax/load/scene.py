@@ -21,6 +21,7 @@ from dropper_jax.load.paths import get, put
 from dropper_jax.load.template import Template
 from dropper_jax.load.written import Written
 from dropper_jax.scene import (
+    AnchorSpec,
     BuoySpec,
     FailureSpec,
     FitSpec,
@@ -34,7 +35,21 @@ from dropper_jax.scene import (
 )
 from dropper_jax.sea.spec import SeaSpec
 
-SECTIONS = ("name", "description", "run", "point", "line", "buoy", "effects", "start", "sea", "failure", "notes", "fit")
+SECTIONS = (
+    "name",
+    "description",
+    "run",
+    "point",
+    "line",
+    "buoy",
+    "effects",
+    "start",
+    "sea",
+    "failure",
+    "anchor",
+    "notes",
+    "fit",
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,6 +106,10 @@ class Scene(SceneData):
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
             fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
+            anchors=tuple(
+                AnchorSpec.read(item, f"anchor.{i}", [p.name for p in points if p.kind == "fixed"])
+                for i, item in enumerate(_list(table, "anchor"))
+            ),
             written=Written.of(given, table),
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)

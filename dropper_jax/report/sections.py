@@ -95,7 +95,27 @@ def anchors(anchors: list[dict[str, Any]]) -> str:
         "uplift angle, mean / max [deg]",
         "at the largest load [deg]",
     ]
-    return table(head, rows)
+    return table(head, rows) + _holding(anchors)
+
+
+def _holding(anchors: list[dict[str, Any]]) -> str:
+    """Utilisation of the anchors that the scene has; nothing without any."""
+    rows = []
+    for a in anchors:
+        found = a.get("holding")
+        if found is not None:
+            used, factor = found["utilisation"], found["factor"]
+            rows.append(
+                [
+                    a["point"],
+                    found["kind"].replace("_", " "),
+                    f"{100 * used['mean']:.1f} / {100 * used['max']:.1f}",
+                    "no load" if factor is None else f"{factor:.2f}",
+                    f"{found['wanted_factor']:g}: {'yes' if found['holds'] else 'NO'}",
+                ]
+            )
+    head = ["anchor", "kind", "utilisation, mean / max [%]", "factor at the largest load", "wanted factor held"]
+    return "\n\n" + table(head, rows) if rows else ""
 
 
 def snaps(lines: list[dict[str, Any]]) -> str:

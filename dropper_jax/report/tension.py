@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
-from dropper_jax.scene import LineSpec, WholeLine
+from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 
@@ -76,6 +76,7 @@ def anchors(record: Record) -> list[dict[str, Any]]:
     mean: without a load it has no direction.
     """
     found = []
+    held = {anchor.point: anchor for anchor in record.scene.anchors}
     for point in record.scene.points:
         if point.kind != "fixed":
             continue
@@ -92,9 +93,23 @@ def anchors(record: Record) -> list[dict[str, Any]]:
                 "uplift_rad": _spread(angle) if loaded.any() else None,
                 "share_without_angle": float(1.0 - loaded.mean()),
                 "uplift_at_largest_load_rad": float(np.arctan2(up, across)[np.argmax(size)]) if loaded.any() else None,
+                "holding": None if point.name not in held else _holding(held[point.name], across, up),
             }
         )
     return found
+
+
+def _holding(anchor: AnchorSpec, across: np.ndarray, up: np.ndarray) -> dict[str, Any]:
+    """Utilisation of an anchor over the run, and the factor between what it holds and its largest load."""
+    used = anchor.utilisation(across, up)
+    largest = float(used.max())
+    return {
+        "kind": anchor.kind,
+        "utilisation": _spread(used),
+        "factor": 1.0 / largest if largest > 0.0 else None,
+        "wanted_factor": anchor.safety_factor,
+        "holds": largest * anchor.safety_factor <= 1.0,
+    }
 
 
 def point_load(record: Record, name: str) -> np.ndarray:

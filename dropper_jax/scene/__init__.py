@@ -1,5 +1,6 @@
 """The scene as data: what a user describes."""
 
+from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.data import SceneData, is_branched, point_named
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
@@ -11,6 +12,7 @@ from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_plac
 from dropper_jax.scene.start import StartSpec, directions
 
 __all__ = [
+    "AnchorSpec",
     "BuoySpec",
     "FailureSpec",
     "FitSpec",

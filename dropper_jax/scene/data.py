@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 from dropper_jax.base.read import as_table, plain
+from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec
 from dropper_jax.scene.line import LineSpec, joined
@@ -30,6 +31,7 @@ class SceneData:
         failures: where lines break, at a load or a time.
         notes: what a file that the scene was read from says and the scene does not; warnings of every run.
         fit: what the rig leaves open and what it knows, for fits to traces alone; or None.
+        anchors: what held points hold.
     """
 
     name: str
@@ -44,6 +46,7 @@ class SceneData:
     failures: tuple[FailureSpec, ...] = ()
     notes: tuple[str, ...] = ()
     fit: FitSpec | None = None
+    anchors: tuple[AnchorSpec, ...] = ()
 
     @property
     def branched(self) -> bool:
@@ -72,6 +75,7 @@ class SceneData:
             **({} if self.sea is None else {"sea": self.sea.table()}),
             **({"failure": [as_table(failure) for failure in self.failures]} if self.failures else {}),
             **({"notes": list(self.notes)} if self.notes else {}),
+            **({"anchor": [as_table(anchor) for anchor in self.anchors]} if self.anchors else {}),
             **({} if self.fit is None else {"fit": self.fit.table()}),
         }
 

@@ -1,0 +1,58 @@
+"""`dropper response SCENE`: a pendulum's answer to regular waves over their period."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_quiet, add_scene, read_scene
+from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, progress, table
+
+help = "mean shift, amplitude and phase of the first link in regular waves, over their period"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
+    parser.add_argument("--no-more", action="store_true", help="leave out the waves higher by a tenth")
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    periods = _periods(args.periods)
+    scene = read_scene(args)
+
+    from dropper_jax.base.progress import silent
+    from dropper_jax.study.response import responses
+
+    rows = responses(scene, periods, not args.no_more, progress(args.quiet) or silent)
+    failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
+    head = failure_object(failed, f"{failed}: a run did not come to its end") if failed else done_object()
+    print_result(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows))
+    if failed:
+        print_line(f"error: {failed}: a run did not come to its end")
+    return FAILED if failed else OK
+
+
+def _periods(text: str) -> np.ndarray:
+    try:
+        low, high, count = text.split(":")
+        found = np.linspace(float(low), float(high), int(count))
+    except ValueError:
+        raise SceneError(f"--periods: {text!r} is not LO:HI:N; allowed: such as 2.0:4.0:9") from None
+    if not found.size or not np.all(np.isfinite(found)) or found.min() <= 0.0:
+        raise SceneError(f"--periods: {text!r} is out of range; allowed: periods above 0 s, at least one")
+    return found
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    lines = [("period [s]", "mean [rad]", "amplitude [rad]", "phase [rad]", "wet", "of +10 % waves")]
+    for row in rows:
+        more = row.get("amplitude_10_percent_more")
+        values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
+        lines.append((*(f"{value:.4g}" for value in values), "-" if more is None else f"{100 * more:+.1f} %"))
+    return table(lines)

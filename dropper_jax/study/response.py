@@ -1,0 +1,85 @@
+"""A pendulum in regular waves: mean shift, response and its phase over the period of the waves (thesis 6.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.run.simulate import simulate
+from dropper_jax.run.solution import Solution
+
+#: Part of a run, its end, over which the response is taken.
+TAKEN = 1.0 / 3.0
+#: Increase of the waves' height whose effect is shown.
+MORE = 1.1
+
+
+def responses(
+    scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent
+) -> list[dict[str, Any]]:
+    """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
+
+    Args:
+        more: also with waves higher by a tenth.
+
+    Returns:
+        {period_s, status, mean_rad, amplitude_rad, phase_rad, wet, amplitude_10_percent_more} per period: mean and
+        first harmonic of the angle from the vertical in the plane of the waves, its phase before the elevation at the
+        held point (0 in phase, -pi/2 a quarter behind), mean wet share of the far end, and what 1.1 times the height
+        makes of it.
+
+    Raises:
+        SceneError: no regular waves of a period, or runs shorter than three periods.
+    """
+    waves = None if scene.sea is None else scene.sea.waves
+    if waves is None or waves.kind != "regular" or waves.period is None:
+        raise SceneError("sea.waves: a response needs regular waves with a period; allowed: kind 'regular', `period`")
+    if TAKEN * scene.run.duration < max(periods):
+        least = max(periods) / TAKEN
+        raise SceneError(
+            f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
+        )
+    key = "amplitude" if waves.amplitude is not None else "height"
+    found = []
+    for i, period in enumerate(periods):
+        progress(i / len(periods), f"period {period:g} s")
+        values = {"sea.waves.period": float(period)}
+        row = _response(simulate(scene.with_values(values)), float(period))
+        if more:
+            higher = {**values, f"sea.waves.{key}": MORE * float(np.max(getattr(waves, key)))}
+            other = _response(simulate(scene.with_values(higher)), float(period))
+            row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
+        found.append({"period_s": float(period), **row})
+    progress(1.0, "")
+    return found
+
+
+def _response(solution: Solution, period: float) -> dict[str, Any]:
+    model = build_model(solution.scene, "float64")
+    span = np.floor(TAKEN * solution.t[-1] / period) * period
+    last = solution.t > solution.t[-1] - span
+    t, nodes = solution.t[last], solution.positions[last]
+    course = float(model.sea.waves.direction)
+    link = nodes[:, 1] - nodes[:, 0]
+    angle = np.arctan2(link[:, 0] * np.cos(course) + link[:, 1] * np.sin(course), -link[:, 2])
+    held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
+    eta = np.asarray(jax.jit(jax.vmap(lambda s: model.sea.elevation(held, s)[0]))(jnp.asarray(t)))
+    wave = np.exp(-2j * np.pi * t / period)
+    swing, surface = 2 * np.mean((angle - angle.mean()) * wave), 2 * np.mean(eta * wave)
+    size = float(model.line.diameter[0]) + np.abs(link[:, 2])
+    s = np.clip(0.5 + (eta - nodes[:, 1, 2]) / size, 0.0, 1.0)
+    return {
+        "status": solution.status,
+        "mean_rad": float(angle.mean()),
+        "amplitude_rad": float(abs(swing)),
+        "phase_rad": float(np.angle(swing / surface)),
+        "wet": float(np.mean(s * s * (3.0 - 2.0 * s))),
+    }

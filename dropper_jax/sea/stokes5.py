@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq
 
 from dropper_jax.sea.dispersion import wave_number
 from dropper_jax.sea.steady import SteadyWave
@@ -72,6 +71,8 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
     found = np.flatnonzero((values[:-1] <= 0.0) & (values[1:] > 0.0))
     if not found.size:
         raise ValueError("no wave of Stokes' theory has this period")
+    from scipy.optimize import brentq  # noqa: PLC0415  (mistakes in scenes are told without it)
+
     first = found[np.argmin(np.abs(np.log(k[found] / still)))]
     return float(2.0 * np.pi / brentq(excess, k[first], k[first + 1], xtol=1e-15, rtol=1e-14))
 

@@ -29,4 +29,4 @@ def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
     droppers = int(digits)
     if not 1 <= droppers <= MOST:
         raise SceneError(f"scene: {name!r} has {droppers} droppers; allowed: dropper-farm-1 to dropper-farm-{MOST}")
-    return {**table, "parameters": {**table["parameters"], "droppers": droppers}}
+    return {**table, "name": name, "parameters": {**table["parameters"], "droppers": droppers}}

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import netcdf_packages
-    from dropper_jax.run.tables import write_angles, write_tensions
+    from dropper_jax.run.tables import write_angles, write_bodies, write_tensions
 
     if out and out.suffix.lower() == ".nc":
         netcdf_packages()
@@ -91,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
     if tables:
         write_angles(solution, tables / "angles.csv")
         write_tensions(solution, tables / "tensions.csv")
+        if scene.bodies:
+            write_bodies(solution, tables / "bodies.csv")
         if scene.branched:
             _write_channels(args.scene, solution, tables / "moordyn.out")
     if plot:

@@ -54,7 +54,7 @@ class EndMotion(HeldMotion):
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
         if self.time is not None:
-            row = _interpolated(t, self.time, self.displacement)
+            row = interpolated(t, self.time, self.displacement)
             return row if self.ramp is None else self._ramped(t - self.time[0], row, self.displacement[0])
         phase = 0.0 if self.phase is None else self.phase
         wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
@@ -79,7 +79,7 @@ class EndMotion(HeldMotion):
         return ramp if self.time is None else jnp.concatenate([self.time, ramp])
 
 
-def _interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
+def interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
     """Quintic Hermite interpolation of rows (k, 3), twice differentiable; the end values are held outside the table."""
     t = jnp.clip(t, time[0], time[-1])
     slopes, bends = _derivatives(time, values)

@@ -35,6 +35,7 @@ class EnergyMomentum(Implicit):
     condensable: ClassVar[bool] = True
     networkable: ClassVar[bool] = True
     takes_laws: ClassVar[bool] = True
+    takes_ties: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
 
     @property
@@ -111,16 +112,23 @@ class MidpointProblem(StepProblem):
         links1, middle = self._links1(u.x), self._middle(u.x)
         force = self._local(u.x, middle, known) - model.pull(u.y, self._directions(links1))
         axial = line.axial.residual(self.start, links1, u.y, line.length, self.h)
-        if not model.laws:
+        if not u.z:
             return Unknowns(force, axial)
         laws, rows = self._laws(middle, u.z)
         return Unknowns(force - laws, axial, rows)
 
     def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        """Forces (nodes, 3) [N] of the laws' unknowns, and the rows that determine them."""
-        pairs = tuple(zip(self.model.laws, z, strict=True))
+        """Forces (nodes, 3) [N] of the unknowns of laws and ties, and the rows that determine them."""
+        model = self.model
+        pairs = tuple(zip(model.laws, z, strict=False))
+        ties = tuple(zip(model.ties, z[len(pairs) :], strict=True))
         force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
-        return force, tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
+        rows = tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
+        if not ties:
+            return force, rows
+        middle, end = mid.r + (0.5 - self.gamma) * self.h * mid.v, mid.r + (1.0 - self.gamma) * self.h * mid.v
+        force = force + sum(tie.pull(model, middle, pull) for tie, pull in ties)
+        return force, rows + tuple(tie.gap(model, end) for tie, _ in ties)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         middle = self._middle(x)
@@ -175,7 +183,7 @@ class MidpointProblem(StepProblem):
             return v1, {}
         middle, after = self._middle(u.x), model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
         stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
-        v1, taken = stop(model, u.z, middle, after, h)
+        v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
     def _after_jumps(self, r1: jax.Array, v1: jax.Array) -> tuple[jax.Array, jax.Array | None, Works]:
@@ -200,7 +208,7 @@ class MidpointProblem(StepProblem):
         model, line, h = self.model, self.model.line, self.h
         k, links1 = self._middle(u.x), self._links1(u.x)
         forces = model.working_forces(k) if seen is None else dict(seen)
-        for law, z in zip(model.laws, u.z, strict=True):
+        for law, z in zip(model.laws, u.z, strict=False):  # multipliers of ties do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}

@@ -33,7 +33,7 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
                 raise SceneError(f"line.{i}.{key}: {name!r} is not a point; {nearest(name, names)}")
     used = {name for line in lines for name in (line.start, line.end)}
     for i, name in enumerate(names):
-        if name not in used:
+        if name not in used and points[i].on is None:
             raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
 
 
@@ -79,7 +79,7 @@ def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> f
 
 
 def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> None:
-    reached = {point.name for point in points if point.kind == "fixed"}
+    reached = {point.name for point in points if point.kind == "fixed" or point.on}
     grown = True
     while grown:
         grown = False

@@ -54,7 +54,8 @@ def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
 def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
     """A ball that the line cannot leave while its points stay: its middle (3,) [m] and radius [m]."""
     if scene.branched:
-        places = np.array([point.position for point in scene.points])
+        carriers = (*scene.bodies, *scene.vessels)
+        places = np.array([item.position for item in (*scene.points, *carriers)])
         middle = np.mean(places, axis=0)
         return middle, float(np.max(np.linalg.norm(places - middle, axis=1)) + max(line.total for line in scene.lines))
     line = scene.lines[0]

@@ -9,6 +9,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.farm import farm_table, is_farm
+from dropper_jax.load.pitching import pitching
 
 #: `NAME-undamped` is the packaged scene NAME without these effects, for the releases of the lab dropper.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -16,6 +17,8 @@ UNDAMPED = "-undamped"
 RELEASES = "dropper-release-"
 #: `NAME-table-6` is the paper's case NAME from the poses of the paper's Table 6, whose run in is part of its Table 7.
 CASES, TABLE_6 = "paper-case-", "-table-6"
+#: `NAME-pitching` is one of these with its spar free to pitch.
+PITCHING, PITCHES = "-pitching", ("paper-case-1", "paper-case-2", "paper-case-3")
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
 
@@ -44,7 +47,7 @@ def scene_names() -> tuple[str, ...]:
     files = _files()
     undamped = (name + UNDAMPED for name in files if name.startswith(RELEASES))
     placed = (name + TABLE_6 for name in files if name.startswith(CASES))
-    return tuple(sorted((*files, *undamped, *placed)))
+    return tuple(sorted((*files, *undamped, *placed, *(name + PITCHING for name in PITCHES))))
 
 
 def is_packaged(name: str) -> bool:
@@ -61,10 +64,12 @@ def packaged_scene(name: str) -> dict[str, Any]:
     """
     if is_farm(name):
         return farm_table(name, parse_toml(_files()[FARM].read_bytes(), f"{FARM}.toml"))
-    file = name.removesuffix(UNDAMPED).removesuffix(TABLE_6)
+    file = name.removesuffix(UNDAMPED).removesuffix(TABLE_6).removesuffix(PITCHING)
     table = parse_toml(_files()[file].read_bytes(), f"{file}.toml")
     if name == file:
         return table
+    if name.endswith(PITCHING):
+        return pitching(table)
     return _undamped(table) if name.endswith(UNDAMPED) else _placed(table)
 
 

@@ -10,12 +10,23 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, field_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.scene import AnchorSpec, BuoySpec, FailureSpec, GrowthSpec, LineSpec, PointSpec, RunSpec, StartSpec
+from dropper_jax.scene import (
+    AnchorSpec,
+    BodySpec,
+    BuoySpec,
+    FailureSpec,
+    GrowthSpec,
+    LineSpec,
+    PointSpec,
+    RunSpec,
+    StartSpec,
+    VesselSpec,
+)
 from dropper_jax.sea.spec import SeaSpec
 
 AXIAL = ("law", "EA", "damping", "strain", "tension")
 #: Sections that are lists of tables, whose items go by number or name.
-LISTED = ("point", "line", "buoy", "failure", "anchor")
+LISTED = ("point", "line", "buoy", "body", "vessel", "failure", "anchor")
 #: Longest list of valid paths in an error line.
 SHOWN = 20
 
@@ -34,7 +45,22 @@ def paths(table: Mapping[str, Any]) -> list[str]:
             found += [f"{section}.{label}.{key}" for label in (i, item["name"]) for key in keys]
     found += [f"anchor.{i}.{key}" for i in range(len(table.get("anchor", []))) for key in field_keys(AnchorSpec)]
     found += [f"failure.{i}.{key}" for i in range(len(table.get("failure", []))) for key in field_keys(FailureSpec)]
+    for i, item in enumerate(table.get("body", [])):
+        found += [f"body.{label}.{key}" for label in (i, item["name"]) for key in _body_keys(item)]
+    for i, item in enumerate(table.get("vessel", [])):
+        keys = [*VesselSpec.keys(), *(f"attachments.{name}" for name in item.get("attachments", {}))]
+        keys += [f"rao.{key}" for key in item.get("rao", {})]
+        found += [f"vessel.{label}.{key}" for label in (i, item["name"]) for key in keys]
     return found
+
+
+def _body_keys(item: Mapping[str, Any]) -> list[str]:
+    """Keys of a body, those of its shapes by number and its attachments by name."""
+    found = BodySpec.keys()
+    for key, kind in BodySpec.SHAPES:
+        keys = field_keys(kind, getattr(kind, "KEYS", None))
+        found += [f"{key}.{i}.{name}" for i in range(len(item.get(key, []))) for name in keys]
+    return found + [f"attachments.{name}" for name in item.get("attachments", {})]
 
 
 def put(table: dict[str, Any], path: str, value: Plain, known: Iterable[str] = ()) -> None:
@@ -107,7 +133,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
         *tables, key = rest[len(label) + 1 :].split(".")
         parent = item
     for name in tables:
-        parent = parent.setdefault(name, {})
+        parent = parent[int(name)] if isinstance(parent, list) else parent.setdefault(name, {})
     return parent, key
 
 

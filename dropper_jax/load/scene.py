@@ -11,6 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
+from dropper_jax.load.bodies import attached_points, check_bodies, check_vessels
 from dropper_jax.load.checks_growth import check_growth
 from dropper_jax.load.checks_line import check_line
 from dropper_jax.load.checks_system import check_bed, check_names, check_system, check_system_effects
@@ -22,6 +23,7 @@ from dropper_jax.load.template import Template
 from dropper_jax.load.written import Written
 from dropper_jax.scene import (
     AnchorSpec,
+    BodySpec,
     BuoySpec,
     FailureSpec,
     FitSpec,
@@ -30,6 +32,7 @@ from dropper_jax.scene import (
     RunSpec,
     SceneData,
     StartSpec,
+    VesselSpec,
     is_branched,
     point_named,
 )
@@ -42,6 +45,8 @@ SECTIONS = (
     "point",
     "line",
     "buoy",
+    "body",
+    "vessel",
     "effects",
     "start",
     "sea",
@@ -77,11 +82,15 @@ class Scene(SceneData):
             return dataclasses.replace(cls.from_dict(template.expanded(), name), template=template)
         table = expand(given)
         check_keys(table, SECTIONS, "")
-        points = tuple(PointSpec.read(item, f"point.{i}") for i, item in _items(table, "point"))
+        bodies = tuple(BodySpec.read(item, f"body.{i}") for i, item in enumerate(_list(table, "body")))
+        vessels = tuple(VesselSpec.read(item, f"vessel.{i}") for i, item in enumerate(_list(table, "vessel")))
+        given_points = enumerate(_list(table, "point")) if bodies or vessels else _items(table, "point")
+        points = tuple(PointSpec.read(item, f"point.{i}") for i, item in given_points)
+        points += attached_points(bodies, vessels, points)
         lines = tuple(LineSpec.read(item, f"line.{i}") for i, item in _items(table, "line"))
         buoys = tuple(BuoySpec.read(item, f"buoy.{i}") for i, item in enumerate(_list(table, "buoy")))
         check_names("point", points)
-        branched = is_branched(points, lines, buoys)
+        branched = bool(bodies) or is_branched(points, lines, buoys)
         if branched:
             check_system(points, lines, buoys)
         else:
@@ -95,6 +104,8 @@ class Scene(SceneData):
             points=points,
             lines=lines,
             buoys=buoys,
+            bodies=bodies,
+            vessels=vessels,
             effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
             start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched),
             run=RunSpec.read(table["run"], "run", OPTIONS),
@@ -115,6 +126,8 @@ class Scene(SceneData):
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
         if branched:
             check_system_effects(scene)
+            check_bodies(scene)
+        check_vessels(scene)
         for effect, values in scene.effects.items():
             if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
                 check_water(effect, scene)

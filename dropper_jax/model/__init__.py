@@ -1,6 +1,6 @@
 """The model: a frozen pytree of arrays, and what effects see of one instant of it."""
 
-from dropper_jax.model.effect import Effect, HeldMotion, Law, per_node
+from dropper_jax.model.effect import Effect, HeldMotion, Law, Tie, per_node
 from dropper_jax.model.failures import Failures
 from dropper_jax.model.geometry import Ends, Geometry, Member
 from dropper_jax.model.graph import Graph
@@ -10,7 +10,7 @@ from dropper_jax.model.model import MOVING_ENDS, Forces, Model
 from dropper_jax.model.parted import Parted, as_parted
 from dropper_jax.model.path import Path, gather_links, link_differences
 from dropper_jax.model.shares import Part
-from dropper_jax.model.slots import AddedMass, ContactArea, Displacement
+from dropper_jax.model.slots import AddedMass, ContactArea, CoupledMass, Displacement
 from dropper_jax.model.state import State, state
 from dropper_jax.model.view import ModelView
 from dropper_jax.model.work import BREAKING, Works, booked, turning, work_names
@@ -19,6 +19,7 @@ __all__ = [
     "AddedMass",
     "BREAKING",
     "ContactArea",
+    "CoupledMass",
     "Displacement",
     "Effect",
     "Ends",
@@ -39,6 +40,7 @@ __all__ = [
     "Path",
     "Point",
     "State",
+    "Tie",
     "Forces",
     "Works",
     "as_parted",

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model.kinematics import Kinematics
@@ -34,6 +35,8 @@ class Effect:
     needs_water: ClassVar[bool] = False
     #: Whether it counts nodes, links or joints of one line, and so serves scenes of one line only.
     single_line: ClassVar[bool] = False
+    #: Whether it acts on corners of rigid bodies, and on nothing else (see `Tie`).
+    bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost with a link that parts (see `failure`).
     parts: ClassVar[bool] = False
 
@@ -144,6 +147,59 @@ class Law(Effect):
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """Size of a row, scalar: the residual tolerance is relative to it."""
         raise NotImplementedError
+
+
+class Tie(Effect):
+    """Equality constraints between nodes, at most quadratic in their places, with one multiplier each.
+
+    The gaps vanish at the end of every step; multipliers act along the gaps' gradient in its middle. Of quadratic gaps
+    that does exactly no work (Gonzalez 1999). One tie per model; what the network's matrix takes of it is of rigid
+    bodies: corners, six of whose distances stay, and nodes that sit on a body.
+    """
+
+    bodily: ClassVar[bool] = True
+    #: Masses of the bodies (bodies,) [kg].
+    mass: jax.Array
+
+    def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies at places r (free nodes, 3)."""
+        raise NotImplementedError
+
+    def rows(self, model: ModelView) -> int:
+        """Number of gaps."""
+        raise NotImplementedError
+
+    def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
+        """The gaps (rows,) [m] of places r (free nodes, 3)."""
+        raise NotImplementedError
+
+    def gap_size(self, model: ModelView) -> jax.Array:
+        """Sizes of the gaps (rows,) [m]."""
+        raise NotImplementedError
+
+    def pull_size(self, model: ModelView) -> jax.Array:
+        """Sizes of the multipliers (rows,) [N]."""
+        raise NotImplementedError
+
+    def corners(self, model: ModelView) -> np.ndarray:
+        """Free nodes at the corners of each body (bodies, 4)."""
+        raise NotImplementedError
+
+    def seats(self, model: ModelView) -> np.ndarray:
+        """Free nodes that sit on a body (seats,)."""
+        raise NotImplementedError
+
+    def seat_shares(self) -> jax.Array:
+        """Place of each seat as shares of all corners (seats, 4 bodies)."""
+        raise NotImplementedError
+
+    def started(self, model: ModelView, r: jax.Array) -> jax.Array:
+        """Velocities (free nodes, 3) [m/s] that bodies have at the start, at places r."""
+        raise NotImplementedError
+
+    def pull(self, model: ModelView, r: jax.Array, z: jax.Array) -> jax.Array:
+        """Force (nodes, 3) [N] of multipliers z (rows,) at places r."""
+        return -jax.vjp(lambda place: self.gap(model, place), r)[1](z)[0]
 
 
 def per_node(value: jax.Array, nodes: int) -> jax.Array:

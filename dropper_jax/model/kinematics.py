@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -48,6 +49,7 @@ class Kinematics:
     ) -> None:
         self.model, self.r, self.v, self.t, self.ends, self.h, self.before = model, r, v, t, ends, h, before
         self._prepared = prepared or {}
+        self._seen: dict[str, Any] = {}
 
     @property
     def line(self) -> Line:
@@ -68,6 +70,12 @@ class Kinematics:
     def prepared(self, effect: Named) -> Frozen:
         """What the effect's `prepare` returned for this step."""
         return self._prepared[effect.name]
+
+    def seen(self, name: str, look: Callable[[], Any]) -> Any:
+        """What was computed at this instant under that name before, or is now: for effects with several slots."""
+        if name not in self._seen:
+            self._seen[name] = look()
+        return self._seen[name]
 
     @property
     def water(self) -> Water:

@@ -11,11 +11,20 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
-from dropper_jax.model.effect import Effect, Law
+from dropper_jax.model.effect import Effect, Law, Tie
 from dropper_jax.model.geometry import Ends, Geometry
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
-from dropper_jax.model.slots import AddedMass, Displacement, Force, PointMass, Potential, Prepared, Stateful
+from dropper_jax.model.slots import (
+    AddedMass,
+    CoupledMass,
+    Displacement,
+    Force,
+    PointMass,
+    Potential,
+    Prepared,
+    Stateful,
+)
 from dropper_jax.sea import Sea
 
 Role = TypeVar("Role")
@@ -99,6 +108,16 @@ class Model:
         return tuple(e for e in self.effects if isinstance(e, Law) and e.components)
 
     @property
+    def ties(self) -> tuple[Tie, ...]:
+        """Equality constraints between nodes: rigid bodies."""
+        return tuple(e for e in self.effects if isinstance(e, Tie))
+
+    def no_multipliers(self) -> tuple[jax.Array, ...]:
+        """Zeros in the shape of the unknowns of laws and ties (`State.law`)."""
+        laws = tuple(jnp.zeros((law.rows(self), law.components), self.dtype) for law in self.laws)
+        return laws + tuple(jnp.zeros(tie.rows(self), self.dtype) for tie in self.ties)
+
+    @property
     def dtype(self) -> jnp.dtype:
         return self.line.length.dtype
 
@@ -160,7 +179,8 @@ class Model:
     @property
     def node_length(self) -> jax.Array:
         """Length that belongs to each free node (nodes,) [m]; sizes residuals."""
-        return self.geometry.link_length(self.line.length)
+        bare = self.geometry.link_length(self.line.length)
+        return sum((e.node_size(self) for e in self.having(CoupledMass)), bare)
 
     @property
     def node_mass(self) -> jax.Array:
@@ -170,12 +190,17 @@ class Model:
         return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
 
     def lumped(self) -> Model:
-        """The same with `node_mass` at hand."""
-        return dataclasses.replace(self, lump=self.node_mass)
+        """The same with `node_mass` at hand, and what couples nodes."""
+        if not self.having(CoupledMass):
+            return dataclasses.replace(self, lump=self.node_mass)
+        own = tuple(e.at_hand() if isinstance(e, CoupledMass) else e for e in self.effects)
+        known = dataclasses.replace(self, effects=own)
+        return dataclasses.replace(known, lump=known.node_mass)
 
     def own_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
-        return self.line.inertia_force(a, ends) if self.line.compound else self.node_mass[:, None] * a
+        own = self.line.inertia_force(a, ends) if self.line.compound else self.node_mass[:, None] * a
+        return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
     def end_powers(self, pull: jax.Array, rates: Ends) -> dict[str, jax.Array]:
         """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty where the ends rest."""

@@ -97,6 +97,20 @@ class PointMass(Protocol):
 
 
 @runtime_checkable
+class CoupledMass(PointMass, Protocol):
+    """Constant mass that couples nodes beside what `point_mass` puts on their own."""
+
+    def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
+        """Inertia force (nodes, 3) [N] of accelerations a (nodes, 3) through the masses between nodes."""
+
+    def at_hand(self) -> CoupledMass:
+        """The same with its masses computed, for the equations of a step."""
+
+    def node_size(self, model: ModelView) -> jax.Array:
+        """Length (nodes,) [m] of what stands at nodes without links; sizes residuals."""
+
+
+@runtime_checkable
 class ContactArea(Protocol):
     """Something at points that lies on the bed."""
 

@@ -54,7 +54,7 @@ def state(
         tension=jnp.zeros(model.line.links, model.dtype) if tension is None else jnp.asarray(tension, model.dtype),
         t=jnp.asarray(t, model.dtype),
         acceleration=jnp.zeros_like(r),
-        law=tuple(jnp.zeros((law.rows(model), law.components), model.dtype) for law in model.laws),
+        law=model.no_multipliers(),
         work=jnp.zeros(len(work_names(model)), model.dtype),
         parted=nothing_parted(model),
         own=model.begun(),

@@ -171,8 +171,9 @@ def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns,
     def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
         eased = problem.eased(easing)
         u = add(u, solver.apply(solver.factor(eased, u), eased.residual(u)), -1.0)
-        z = tuple(law.admissible(z) for law, z in zip(problem.model.laws, u.z, strict=True))
-        return u._replace(z=z), None
+        laws = problem.model.laws
+        z = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))  # multipliers of ties follow them
+        return u._replace(z=z + u.z[len(laws) :]), None
 
     u, _ = jax.lax.scan(correct, u, jnp.asarray(EASING, u.x.dtype))
     return u, norm(problem.residual(u), problem.row_scale())

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import Model, State
+from dropper_jax.model import Effect, Model, State
 from dropper_jax.residual.unknowns import Unknowns
 
 GRAVITY_SCALE = 9.81  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
@@ -56,6 +56,12 @@ class StepProblem:
         other.easing = easing
         return other
 
+    def acting(self, effects: tuple[Effect, ...]) -> StepProblem:
+        """The same equations with only these effects of the model's, what they froze kept."""
+        other = copy(self)
+        other.model = replace(self.model, effects=effects)
+        return other
+
     def node_matrix(self, u: Unknowns) -> jax.Array:
         """K of the condensed solver, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix."""
         raise NotImplementedError
@@ -96,15 +102,17 @@ class StepProblem:
         model, h = self.model, self.h
         line = model.line
         force = model.node_mass * jnp.maximum(GRAVITY_SCALE, model.node_length / h**2)
-        laws = zip(model.laws, self.s.law, strict=True)
+        laws = zip(model.laws, self.s.law, strict=False)  # multipliers of ties follow them
         z = tuple(jnp.broadcast_to(law.law_scale(line, h), guess.shape) for law, guess in laws)
-        return Unknowns(force[:, None], line.length, z)
+        return Unknowns(force[:, None], line.length, z + tuple(tie.gap_size(model) for tie in model.ties))
 
     def column_scale(self) -> Unknowns:
         """Sizes of the unknowns: x by `unknown_size`, tensions by mean weights or inertia, the laws' as their rows."""
         line = self.model.line
         force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
-        return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), self.row_scale().z)
+        laws = self.row_scale().z[: len(self.model.laws)]
+        pulls = tuple(tie.pull_size(self.model) for tie in self.model.ties)
+        return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), laws + pulls)
 
     def unknown_size(self) -> jax.Array:
         """Size of x, (nodes, 1): a length [m], which schemes whose x is a speed replace by `speed_size`."""

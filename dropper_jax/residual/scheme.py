@@ -68,6 +68,8 @@ class Implicit(Integrator, ABC):
     local_rows: ClassVar[bool] = True
     #: Whether effects with unknowns of their own (dry friction) can be solved along.
     takes_laws: ClassVar[bool] = False
+    #: Whether rigid bodies (`model.Tie`) can be solved along.
+    takes_ties: ClassVar[bool] = False
     #: Newton iterations with an exact Jacobian, and with the condensed one.
     iterations: ClassVar[int] = 4
     condensed_iterations: ClassVar[int] = 12
@@ -88,6 +90,8 @@ class Implicit(Integrator, ABC):
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
         if model.laws and not self.takes_laws:
             return _law_not_taken(model)
+        if model.ties and not self.takes_ties:
+            return _bodies_not_taken()
         return super().refuse(model)
 
 
@@ -102,6 +106,8 @@ class Explicit(Integrator, ABC):
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
+        if model.ties:
+            return _bodies_not_taken()
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"
         return _law_not_taken(model) if model.laws else super().refuse(model)
@@ -122,6 +128,10 @@ def point_masses_only(model: Model) -> str | None:
     if model.having(AddedMass):
         return "it needs constant masses on the nodes, but the scene has added mass; use energy_momentum"
     return None
+
+
+def _bodies_not_taken() -> str:
+    return "the scene has rigid bodies, which it does not turn; use energy_momentum"
 
 
 def _law_not_taken(model: Model) -> str:

@@ -12,6 +12,7 @@ from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.load.checks_water import line_reach
 from dropper_jax.model import Geometry, Graph, Line, Member, Model, Path, Point
+from dropper_jax.run.bodies import make_bodies, make_vessels
 from dropper_jax.run.failures import make_failures
 from dropper_jax.scene import LineSpec, PointSpec, SceneData, joined
 from dropper_jax.sea.make import make_sea
@@ -23,12 +24,16 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     index = {point.name: i for i, point in enumerate(scene.points)}
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
+    corners, rigid = make_bodies(scene, index, _gravity(scene))
     sea = None if scene.sea is None else make_sea(scene.sea, line_reach(scene))
-    model = Model(points, (_line(scene, index),), (*effects, *_bodies(scene, index)), sea)
+    line = _line(scene, index, len(corners))
+    model = Model(
+        (*points, *corners), (line,), (*effects, *_bodies(scene, index), *rigid, *make_vessels(scene, sea)), sea
+    )
     return model.cast(dtype or scene.run.dtype)
 
 
-def _line(scene: SceneData, index: dict[str, int]) -> Line:
+def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
     line = scene.line
     return Line(
         length=line.length,
@@ -36,23 +41,22 @@ def _line(scene: SceneData, index: dict[str, int]) -> Line:
         centre_of_mass=line.centre_of_mass,
         inertia=line.inertia,
         diameter=displaced_diameter(line, scene),
-        geometry=_geometry(scene, index),
+        geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
         failures=make_failures(scene),
         name="line" if scene.branched else line.name,
     )
 
 
-def _geometry(scene: SceneData, index: dict[str, int]) -> Geometry:
+def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Geometry:
     members = tuple(Member(n.name, n.links, index[n.start], index[n.end]) for n in scene.lines)
     held = tuple(p.kind == "fixed" for p in scene.points)
-    return Graph(members, held) if scene.branched else Path(members, (True, held[members[0].end]))
+    return Graph(members, held + (False,) * corners) if scene.branched else Path(members, (True, held[members[0].end]))
 
 
 def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     """What the points carry."""
-    water = None if scene.sea is None else scene.sea.gravity
-    gravity = scene.effects.get("weight", {}).get("gravity", water if water is not None else 9.81)
+    gravity = _gravity(scene)
     found: list[Effect] = []
     loaded = [p for p in scene.points if p.body]
     if loaded:
@@ -73,6 +77,11 @@ def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
             )
         )
     return found
+
+
+def _gravity(scene: SceneData) -> float:
+    water = None if scene.sea is None else scene.sea.gravity
+    return scene.effects.get("weight", {}).get("gravity", water if water is not None else 9.81)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:

@@ -23,6 +23,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Frozen, Model, Parted, State, work_names
 from dropper_jax.residual import Implicit
+from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import SceneLike, allowed_error, build_model, stepper_of
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.pieces import compile_run, go_through
@@ -235,6 +236,7 @@ def _solution(
         versions=_versions(),
         broken=broken,
         own=_named(own),
+        **body_motion(model, *moved),
         warnings=(
             *scene.notes,
             *_precision(scene, model),

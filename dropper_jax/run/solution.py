@@ -38,6 +38,8 @@ ARRAYS = (
 )
 #: Arrays of runs whose steps follow the snaps.
 WITHIN = ("tension_min", "tension_max", "tension_square")
+#: Arrays of runs with rigid bodies.
+BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
 
 
 @dataclasses.dataclass
@@ -67,6 +69,9 @@ class Solution:
         broken: what broke, by time: line, link (from 1), time_s, tension_n.
         tension_min, tension_max, tension_square: with a step tolerance the extremes of the tensions since the last
             saved time (k, n) [N] and the means of their squares [N^2]; else None. `tension` then is their mean.
+        body_position, body_attitude: of each rigid body its reference point (k, bodies, 3) [m], and roll, pitch and yaw
+            [rad]; None without.
+        body_velocity, body_rates: velocity of the reference point [m/s], angular velocity in the scene's axes [rad/s].
         own: what effects changed as the run went on, by effect (k, ...); `NAME.0`, `NAME.1` ... of one with several.
     """
 
@@ -97,6 +102,10 @@ class Solution:
     tension_min: np.ndarray | None = None
     tension_max: np.ndarray | None = None
     tension_square: np.ndarray | None = None
+    body_position: np.ndarray | None = None
+    body_attitude: np.ndarray | None = None
+    body_velocity: np.ndarray | None = None
+    body_rates: np.ndarray | None = None
 
     @property
     def lines(self) -> tuple[LineSlice, ...]:
@@ -114,6 +123,31 @@ class Solution:
                 if point == name:
                     return self.positions[:, node]
         raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
+
+    def body(self, name: str) -> dict[str, np.ndarray]:
+        """Motion of a rigid body by the names of `BODIES`, each (k, 3).
+
+        Raises:
+            SceneError: there is no such body.
+        """
+        names = [body.name for body in self.scene.bodies]
+        if name not in names:
+            raise SceneError(f"body: {name!r} is not a body; {nearest(name, names)}")
+        return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}
+
+    def body_summary(self) -> dict[str, dict[str, Any]]:
+        """Of each body the least, mean, largest and final x, y, z [m], roll, pitch and yaw [rad]."""
+        found = {}
+        for body in self.scene.bodies:
+            moved = self.body(body.name)
+            values = np.concatenate([moved["body_position"], moved["body_attitude"]], axis=1)
+            each = {"min": np.min, "mean": np.mean, "max": np.max, "final": lambda a, axis: a[-1]}
+            keys = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
+            sums = {label: take(values, axis=0) for label, take in each.items()}
+            found[body.name] = {
+                key: {label: float(row[i]) for label, row in sums.items()} for i, key in enumerate(keys)
+            }
+        return found
 
     @property
     def energy(self) -> np.ndarray:
@@ -247,6 +281,7 @@ class Solution:
                 if self.scene.branched
                 else {}
             ),
+            **({"bodies": self.body_summary()} if self.body_position is not None else {}),
             "broken": self.broken,
             "estimated_error": self.settings.get("estimated_error"),
             "warnings": self.warnings,
@@ -258,7 +293,7 @@ class Solution:
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
-        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, *WITHIN, "own", "scene")]
+        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, *WITHIN, *BODIES, "own", "scene")]
         meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=_plain))
 

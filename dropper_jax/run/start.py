@@ -52,7 +52,8 @@ def between_points(model: Model) -> State:
     """
     graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
-    effects = tuple(e for e in model.effects if e.name not in carried and not isinstance(e, Displacement))
+    gone = lambda e: e.name in carried or e.bodily or isinstance(e, Displacement)  # noqa: E731
+    effects = tuple(e for e in model.effects if not gone(e))
     places = [model.points[int(i)].position for i in model.geometry.free_points]
     if not graph.free:
         return state(model, jnp.stack(places))
@@ -74,8 +75,15 @@ def initial_state(model: Model, start: StartSpec) -> State:
         pose = equilibrium(model, nodal_loads(model, start.release_nodes, start.release_force))
         if pose.status != "ok":
             raise SceneError(f"start: {pose.message}")
-        return pose.state
-    return _under_tension(model, _given(model, start))
+        return _pushed(model, pose.state)
+    return _under_tension(model, _pushed(model, _given(model, start)))
+
+
+def _pushed(model: Model, s: State) -> State:
+    """The state with the velocities that bodies start with."""
+    for bodies in model.ties:
+        s = replace(s, v=s.v + bodies.started(model, s.r))
+    return s
 
 
 def _given(model: Model, start: StartSpec) -> State:
@@ -92,5 +100,8 @@ def _given(model: Model, start: StartSpec) -> State:
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
     acting = model.entered(s.own)
+    if acting.ties:  # lines in scenes with bodies stretch, so that their tensions follow from their lengths
+        k = acting.kinematics(s.r, s.v, s.t)
+        return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))
     moved = acting.end_acceleration(s.t) if acting.moving else None
     return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])

@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import ARRAYS, FORMAT, WITHIN, Solution
+from dropper_jax.run.solution import ARRAYS, BODIES, FORMAT, WITHIN, Solution
 
 if TYPE_CHECKING:
     import xarray
@@ -36,6 +36,16 @@ VARIABLES = {
     "tension_max": ("tension_max", ("time", "link"), "N", "largest tension since the last time"),
     "tension_square": ("tension_square", ("time", "link"), "N2", "mean square of the tension since the last time"),
 }
+BODY_AXES = ("time", "body", "axis")
+BODY_VARIABLES = {
+    "body_position": ("body_position", BODY_AXES, "m", "position of the bodies' reference points"),
+    "body_attitude": ("body_attitude", BODY_AXES, "rad", "roll, pitch and yaw of the bodies: about x, y and z"),
+    "body_velocity": ("body_velocity", BODY_AXES, "m s-1", "velocity of the bodies' reference points"),
+    "body_rates": ("body_angular_velocity", BODY_AXES, "rad s-1", "angular velocity of the bodies"),
+}
+VARIABLES |= BODY_VARIABLES
+#: Arrays that some runs have.
+SOME = (*WITHIN, *BODIES)
 #: Attribute that holds everything that is no array, as JSON.
 #: Before the names of what effects changed.
 OWN = "own."
@@ -69,7 +79,7 @@ def read_npz(path: str | Path) -> Solution:
     try:
         with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             meta = json.loads(str(file["meta"]))
-            arrays = {name: file[name] for name in (*ARRAYS, *(name for name in WITHIN if name in file.files))}
+            arrays = {name: file[name] for name in (*ARRAYS, *(name for name in SOME if name in file.files))}
             arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -89,7 +99,7 @@ def extra(module: str, name: str) -> Any:
 
 
 def _within(solution: Solution) -> list[str]:
-    return [name for name in WITHIN if getattr(solution, name) is not None]
+    return [name for name in SOME if getattr(solution, name) is not None]
 
 
 def netcdf_packages() -> None:
@@ -104,7 +114,7 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     found = {
         name: (dimensions, getattr(solution, key), {"units": units, "long_name": meaning})
         for key, (name, dimensions, units, meaning) in VARIABLES.items()
-        if key not in WITHIN or key in _within(solution)
+        if key not in SOME or key in _within(solution)
     }
     meaning = "angle of the links from the horizontal, positive downwards"
     found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
@@ -117,6 +127,7 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
         **_places(solution, links),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
+        **_bodies(solution),
         "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
     }
     return xr.Dataset(found, coordinates, _attributes(solution))
@@ -145,6 +156,11 @@ def _places(solution: Solution, links: int) -> dict[str, Any]:
     }
 
 
+def _bodies(solution: Solution) -> dict[str, Any]:
+    names = np.array([body.name for body in solution.scene.bodies], dtype=str)
+    return {"body": ("body", names, {"long_name": "rigid body"})} if names.size else {}
+
+
 def _attributes(solution: Solution) -> dict[str, Any]:
     used = solution.settings
     return {
@@ -163,7 +179,7 @@ def from_xarray(dataset: xarray.Dataset) -> Solution:
     Raises:
         KeyError, ValueError, TypeError: a dataset that is none.
     """
-    there = {key: name for key, (name, *_) in VARIABLES.items() if key not in WITHIN or name in dataset}
+    there = {key: name for key, (name, *_) in VARIABLES.items() if key not in SOME or name in dataset}
     arrays = {key: np.asarray(dataset[name].values) for key, name in there.items()}
     own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
     time = np.asarray(dataset["time"].values)

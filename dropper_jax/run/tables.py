@@ -41,6 +41,14 @@ def write_tensions(solution: Solution, path: str | Path) -> Path:
     return _write(solution, path, "unit=N", solution.t_tension, {"tension": solution.tension})
 
 
+def write_bodies(solution: Solution, path: str | Path) -> Path:
+    """Motion of rigid bodies: columns `t [s], x_BODY, y_BODY, z_BODY [m], roll_BODY, pitch_BODY, yaw_BODY [rad]`."""
+    names = [body.name for body in solution.scene.bodies]
+    heads = [f"{key}_{name}" for name in names for key in ("x", "y", "z", "roll", "pitch", "yaw")]
+    both = np.concatenate([solution.body_position, solution.body_attitude], axis=-1)
+    return _rows(solution, path, "unit=m, rad", heads, solution.t, [both.reshape(len(both), -1)])
+
+
 def _names(solution: Solution) -> list[str]:
     """Names of the links: their numbers, after their line's name where there are several lines."""
     lines = solution.lines
@@ -49,11 +57,18 @@ def _names(solution: Solution) -> list[str]:
 
 
 def _write(solution: Solution, path: str | Path, comment: str, t: np.ndarray, columns: dict[str, np.ndarray]) -> Path:
+    heads = [f"{stem}_{name}" for stem in columns for name in _names(solution)]
+    return _rows(solution, path, comment, heads, t, list(columns.values()))
+
+
+def _rows(
+    solution: Solution, path: str | Path, comment: str, heads: list[str], t: np.ndarray, columns: list[np.ndarray]
+) -> Path:
     text = io.StringIO()
     used = solution.settings
     text.write(f"# {comment}\n# {solution.scene.name}: {used.get('integrator')} with steps of {used.get('dt')} s\n")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t", *(f"{stem}_{name}" for stem in columns for name in _names(solution))])
-    for row in np.concatenate([t[:, None], *columns.values()], axis=1).tolist():
+    writer.writerow(["t", *heads])
+    for row in np.concatenate([t[:, None], *columns], axis=1).tolist():
         writer.writerow(["" if x != x else repr(x) for x in row])
     return atomic_write(path, text.getvalue())

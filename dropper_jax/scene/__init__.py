@@ -1,6 +1,7 @@
 """The scene as data: what a user describes."""
 
 from dropper_jax.scene.anchor import AnchorSpec
+from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude
 from dropper_jax.scene.data import SceneData, is_branched, point_named
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
@@ -10,10 +11,13 @@ from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_places, line_slices, whole_lines
 from dropper_jax.scene.start import StartSpec, directions
+from dropper_jax.scene.vessel import RaoSpec, VesselSpec
 
 __all__ = [
     "AnchorSpec",
+    "BodySpec",
     "BuoySpec",
+    "CylinderSpec",
     "FailureSpec",
     "FitSpec",
     "GrowthSpec",
@@ -21,11 +25,15 @@ __all__ = [
     "LineSpec",
     "PointSpec",
     "PriorSpec",
+    "RaoSpec",
     "RunSpec",
     "SceneData",
     "SensorSpec",
+    "SphereSpec",
     "StartSpec",
+    "VesselSpec",
     "WholeLine",
+    "attitude",
     "directions",
     "grown",
     "held_loads",

@@ -7,12 +7,14 @@ from typing import Any
 
 from dropper_jax.base.read import as_table, plain
 from dropper_jax.scene.anchor import AnchorSpec
+from dropper_jax.scene.body import BodySpec
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec
 from dropper_jax.scene.line import LineSpec, joined
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.start import StartSpec
+from dropper_jax.scene.vessel import VesselSpec
 from dropper_jax.sea.spec import SeaSpec
 
 
@@ -28,6 +30,8 @@ class SceneData:
         run: default time step, duration, integrator, solver and precision.
         sea: the water, or None.
         buoys: upright cylinders at free points.
+        bodies: rigid bodies; their attachments stand among the points.
+        vessels: what moves by itself; likewise.
         failures: where lines break, at a load or a time.
         notes: what a file that the scene was read from says and the scene does not; warnings of every run.
         fit: what the rig leaves open and what it knows, for fits to traces alone; or None.
@@ -47,11 +51,13 @@ class SceneData:
     notes: tuple[str, ...] = ()
     fit: FitSpec | None = None
     anchors: tuple[AnchorSpec, ...] = ()
+    bodies: tuple[BodySpec, ...] = ()
+    vessels: tuple[VesselSpec, ...] = ()
 
     @property
     def branched(self) -> bool:
         """Whether it is a system of lines: more than one, or with free points other than the end of a line."""
-        return is_branched(self.points, self.lines, self.buoys)
+        return bool(self.bodies) or is_branched(self.points, self.lines, self.buoys)
 
     @property
     def line(self) -> LineSpec:
@@ -64,9 +70,11 @@ class SceneData:
             "name": self.name,
             "description": self.description,
             "run": self.run.table(),
-            "point": [as_table(point) for point in self.points],
+            "point": [as_table(point) for point in self.points if point.on is None],
             "line": [line.table() for line in self.lines],
             **({"buoy": [as_table(buoy) for buoy in self.buoys]} if self.buoys else {}),
+            **({"body": [body.table() for body in self.bodies]} if self.bodies else {}),
+            **({"vessel": [vessel.table() for vessel in self.vessels]} if self.vessels else {}),
             "effects": {
                 name: {key: plain(value) for key, value in values.items() if value is not None}
                 for name, values in self.effects.items()

@@ -23,6 +23,9 @@ class PointSpec:
     drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, optional=True)
     added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, optional=True)
 
+    #: The body on which it sits, where that made it.
+    on: str | None = None
+
     BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
 
     @classmethod

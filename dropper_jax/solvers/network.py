@@ -11,7 +11,6 @@ Newton still ends at the exact solution.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -20,9 +19,10 @@ import jax.numpy as jnp
 from dropper_jax.model import Graph, Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.blocks import multiply, settled
-from dropper_jax.solvers.elimination import Elimination, apply, eliminate, solve
-from dropper_jax.solvers.order import Order, elimination_order
+from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
+from dropper_jax.solvers.elimination import apply
 from dropper_jax.solvers.saddle import LinkParts, Saddle
+from dropper_jax.solvers.stretching import Stretching
 
 #: Compliance of a held node's friction relative to its inertia.
 SOFT = 1e-8
@@ -40,56 +40,24 @@ class LawBlocks(NamedTuple):
         return LawBlocks(flip(self.place), flip(self.force), flip(self.own))
 
 
-class Stretching(NamedTuple):
-    """The factored matrix where all links stretch: their tensions go first."""
-
-    graph: Graph
-    links: LinkParts
-    nodes: Elimination
-
-    @classmethod
-    def of(cls, graph: Graph, node: jax.Array, links: LinkParts) -> Stretching:
-        """From A = `node` (free, 3, 3)."""
-        ratio = links.pull / links.compliance[:, None]
-        stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
-        diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
-        blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
-        return cls(graph, links, eliminate(_node_order(graph), blocks))
-
-    def transposed(self) -> Stretching:
-        return self._replace(links=self.links.transposed(), nodes=self.nodes.transposed())
-
-    def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
-        graph, (_, pull, gradient, compliance) = self.graph, self.links
-        x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * pull))
-        return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
-
-
-@lru_cache(maxsize=64)
-def _node_order(graph: Graph) -> Order:
-    """For the blocks of the free nodes, of links by their first and last nodes, and the other way round."""
-    own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
-    pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
-    return elimination_order(graph.free, pairs)
-
-
 @dataclass(frozen=True)
 class NetworkFactor:
     """The factored Jacobian: of nodes and links, and the law's blocks, its own inverted, or None."""
 
-    system: Stretching | Saddle
+    system: Stretching | Saddle | BodyFactor
     law: LawBlocks | None
 
     def transposed(self) -> NetworkFactor:
         return NetworkFactor(self.system.transposed(), None if self.law is None else self.law.transposed())
 
     def solve(self, rows: Unknowns) -> Unknowns:
+        gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
         if self.law is None:
-            return Unknowns(*self.system.solve(rows.x, rows.y))
-        (given,) = rows.z
-        x, y = self.system.solve(rows.x - apply(self.law.force, apply(self.law.own, given)), rows.y)
-        return Unknowns(x, y, (apply(self.law.own, given - apply(self.law.place, x)),))
+            x, y, *pulls = self.system.solve(rows.x, rows.y, *gaps)
+            return Unknowns(x, y, tuple(pulls))
+        given = rows.z[0]
+        x, y, *pulls = self.system.solve(rows.x - apply(self.law.force, apply(self.law.own, given)), rows.y, *gaps)
+        return Unknowns(x, y, (apply(self.law.own, given - apply(self.law.place, x)), *pulls))
 
 
 def _inverse2(m: jax.Array) -> jax.Array:
@@ -119,14 +87,18 @@ class Network:
         return None
 
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> NetworkFactor:
-        free, dtype = problem.model.free_nodes, u.x.dtype
-        law = None
-        if u.z:
-            node, law = settled(_law_blocks(problem, u))
+        free, dtype, model = problem.model.free_nodes, u.x.dtype, problem.model
+        law, own = None, problem
+        if model.ties:
+            own = problem.acting(tuple(e for e in model.effects if not e.bodily))
+        if model.laws:
+            node, law = settled(_law_blocks(own, u))
             law = law._replace(own=_inverse2(law.own + SOFT * jnp.eye(2, dtype=dtype)))
             node = node - multiply(law.force, multiply(law.own, law.place))
         else:
-            node = settled(node_blocks(lambda x: problem.node_rows(u.x + x, ())[0], free, dtype))
+            node = settled(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], free, dtype))
+        if model.ties:
+            return NetworkFactor(factor_bodies(problem, u, node, settled(_link_parts(problem, u))), law)
         kind = Stretching if problem.model.line.axial.elastic else Saddle
         return NetworkFactor(kind.of(problem.model.geometry, node, settled(_link_parts(problem, u))), law)
 
@@ -150,7 +122,7 @@ def _link_parts(problem: StepProblem, u: Unknowns) -> LinkParts:
 
 def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:
     """A, and the blocks of the one node-local law, from five directions of forward mode."""
-    (z,) = u.z
+    z = u.z[0]
 
     def rows(x: jax.Array, w: jax.Array) -> tuple[jax.Array, jax.Array]:
         force, (law,) = problem.node_rows(x, (w,))

@@ -21,6 +21,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.model import Ends, Graph, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
 from dropper_jax.solvers import SOLVERS
+from dropper_jax.statics.bodies import rest_with_bodies, settled_with_bodies
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang
 from dropper_jax.statics.laid_out import laid_out
@@ -101,6 +102,8 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) ->
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    if model.ties:
+        return _result(full, *rest_with_bodies(model, loads, t))
     if isinstance(model.geometry, Graph):
         return _by_descent(full, model, loads, t)
     share, message = 1.0, ""
@@ -244,6 +247,9 @@ def settle(model: Model, near: State, loads: jax.Array | None = None) -> State:
     """
     full, model = model, rest(model)
     loads = jnp.zeros_like(near.r) if loads is None else loads
+    if model.ties:
+        found = settled_with_bodies(model, near, loads)
+        return state(full, found.r, tension=found.tension, t=near.t)
     guess = jax.lax.stop_gradient(Unknowns(near.r, near.tension))
     problem = StaticProblem(model, near, loads)
     flat, unravel = ravel_pytree(guess)

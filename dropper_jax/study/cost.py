@@ -82,7 +82,7 @@ def _solver(run: RunSpec, model: Model) -> str:
 
 
 def _variants(model: Model) -> list[tuple[str, Model]]:
-    names = [e.name for e in model.effects]
+    names = [e.name for e in model.effects if e not in model.ties]  # bodies without their ties would be four masses
     found = [(WHOLE, model)]
     found += [(f"without {name}", without(model, [name])) for name in names]
     return [*found, (BARE, without(model, names))]

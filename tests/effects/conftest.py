@@ -6,6 +6,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import dropper_jax as dj
@@ -76,3 +77,58 @@ def in_water():
         return model.kinematics(k.r, k.v, k.t, prepared=model.prepare(k))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def afloat():
+    """`afloat(shapes, mass, ...)`: a rigid body in water and, far below it, a light rope that does not touch it."""
+
+    def afloat(shapes, *, mass, centre, inertia, sea=None, position=(0.0, 0.0, 0.0), run=None, **body):
+        rope = {"length": 2.0, "mass": 1e-3, "diameter": 1e-3, "axial": {"law": "rope", "EA": 1e3}}
+        return {
+            "run": {"dt": 0.02, "duration": 20.0, **(run or {})},
+            "point": [{"name": "a", "position": [0.0, 0.0, -50.0]}, {"name": "b", "position": [1.0, 0.0, -50.0]}],
+            "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+            "body": [
+                {
+                    "name": "float",
+                    "position": list(position),
+                    "mass": mass,
+                    "centre_of_mass": list(centre),
+                    "inertia": list(inertia),
+                    **shapes,
+                    **body,
+                }
+            ],
+            "sea": {"depth": 100.0, **(sea or {})},
+            "effects": {"weight": {}},
+            "start": {"kind": "points"},
+        }
+
+    return afloat
+
+
+@pytest.fixture(scope="session")
+def spar(afloat):
+    """`spar(diameter, height, draught, centre, ...)`: an upright cylinder that floats at its draught."""
+
+    def spar(diameter=1.0, height=9.0, draught=5.0, centre=2.0, *, slices=40, ends="from", coefficients=None, **scene):
+        mass = 1025.0 * np.pi / 4 * diameter**2 * draught
+        turned = mass * height**2 / 12.0
+        cylinder = {
+            "from": [0.0, 0.0, 0.0],
+            "to": [0.0, 0.0, height],
+            "diameter": diameter,
+            "slices": slices,
+            "ends": ends,
+            **(coefficients or {}),
+        }
+        return afloat(
+            {"cylinders": [cylinder]},
+            mass=mass,
+            centre=(0.0, 0.0, centre),
+            inertia=(turned, turned, mass * diameter**2 / 8.0),
+            **{"position": (0.0, 0.0, -draught), **scene},
+        )
+
+    return spar

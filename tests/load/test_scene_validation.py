@@ -238,6 +238,7 @@ EXPECTED = {
     "double-pendulum-chaotic",
     "string",
 }
+EXPECTED |= {*(f"paper-case-{number}-pitching" for number in range(1, 4)), "ballasted-spar"}
 EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "string-in-current"}
 EXPECTED |= {"dropper-north-sea", "dropper-north-sea-thesis"}
 EXPECTED |= {"measured-single-pendulum", "measured-double-pendulum"}

@@ -6,6 +6,7 @@ from typing import Any
 
 from dropper_jax.study.stability import (
     accuracy_cases,
+    body_cases,
     breaking_cases,
     contact_cases,
     damping_cases,
@@ -21,7 +22,7 @@ from dropper_jax.study.stability.watch import moordyn_there, peers
 
 PARTS = (
     *(energy_cases, damping_cases, accuracy_cases, gradient_cases),
-    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases),
+    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases),
 )
 
 

@@ -1,0 +1,160 @@
+"""Buoyancy of rigid bodies up to the surface."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.fields import component, option
+from dropper_jax.base.numerics import upright
+from dropper_jax.base.place import place
+from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_volume
+from dropper_jax.model import Effect, Kinematics, ModelView
+
+#: Gauss-Legendre points and weights over the way of a step.
+POINTS, WEIGHTS = 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+@component
+class Pieces:
+    """Cylinders, or slices of them, and spheres of rigid bodies, each a mixture of its body's corners.
+
+    Attributes:
+        ends: shares of the ends of the axes (c, 2, 4); spheres: of the centres (s, 4).
+        radius, length: of the cylinders (c,) [m]; ball: radii of the spheres (s,) [m].
+        first: number of the first corner among the points; cylinder_of, sphere_of: their bodies.
+    """
+
+    ends: jax.Array
+    spheres: jax.Array
+    radius: jax.Array
+    length: jax.Array
+    ball: jax.Array
+    first: int = option("number of the first corner among the points", type=int, default=0)
+    cylinder_of: tuple[int, ...] = option("body of each cylinder", type=tuple, default=())
+    sphere_of: tuple[int, ...] = option("body of each sphere", type=tuple, default=())
+
+    def corners(self, model: ModelView, of: tuple[int, ...]) -> np.ndarray:
+        """Free nodes (items, 4) of the bodies of cylinders or spheres."""
+        return model.geometry.point_node[self.first + 4 * np.array(of, int)[:, None] + np.arange(4)]
+
+    def axes(self, model: ModelView, nodal: jax.Array) -> jax.Array:
+        """A nodal field (free, 3) at the ends of the axes (c, 2, 3)."""
+        return mixed(self.ends, nodal[self.corners(model, self.cylinder_of)][:, None])
+
+    def centres(self, model: ModelView, nodal: jax.Array) -> jax.Array:
+        """A nodal field at the spheres' centres (s, 3)."""
+        return mixed(self.spheres, nodal[self.corners(model, self.sphere_of)])
+
+    def cut(self, model: ModelView, r: jax.Array, level: jax.Array) -> Cylinders:
+        """The cylinders as the surface at `level` (c + s,) [m] over the pieces sees them."""
+        return Cylinders.of(self.axes(model, r), level[: len(self.cylinder_of)], self.radius, self.length)
+
+    def energy(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+        """Energy over rho g of the displaced water, a scalar [m^4]."""
+        own = jnp.sum(self.cut(model, r, level).energy())
+        if not self.sphere_of:
+            return own
+        balls = sphere_energy(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
+        return own + jnp.sum(balls)
+
+    def wet(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+        """Volumes under water (c + s,) [m^3]."""
+        own = self.cut(model, r, level).volume()
+        return jnp.concatenate([own, self._balls(model, r, level)]) if self.sphere_of else own
+
+    def _balls(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+        return sphere_volume(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
+
+    def push(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+        """Buoyancy over rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
+        free, count = model.free_nodes, len(self.cylinder_of)
+        corners = self.corners(model, self.cylinder_of)
+        ends = self.cut(model, r, level).push()
+        found = jnp.zeros_like(r)
+        if count:
+            found = scattered(np.concatenate([corners, corners]), _both(self.ends), _both(ends), free)
+        if not self.sphere_of:
+            return found
+        lift = upright(self._balls(model, r, level))
+        return found + scattered(self.corners(model, self.sphere_of), self.spheres, lift, free)
+
+    def middles(self, model: ModelView, r: jax.Array) -> jax.Array:
+        """Middles of the cylinders' axes and centres of the spheres (c + s, 3)."""
+        axes = self.axes(model, r)
+        middle = 0.5 * (axes[:, 0] + axes[:, 1])
+        return jnp.concatenate([middle, self.centres(model, r)]) if self.sphere_of else middle
+
+    def spread(self, model: ModelView, force: jax.Array) -> jax.Array:
+        """Forces (c + s, 3) [N] in the middles and centres, on the free nodes (free, 3)."""
+        count = len(self.cylinder_of)
+        share = 0.5 * (self.ends[:, 0] + self.ends[:, 1])
+        found = scattered(self.corners(model, self.cylinder_of), share, force[:count], model.free_nodes)
+        if not self.sphere_of:
+            return found
+        return found + scattered(self.corners(model, self.sphere_of), self.spheres, force[count:], model.free_nodes)
+
+
+def mixed(share: jax.Array, corners: jax.Array) -> jax.Array:
+    """Mixtures (..., 3) of corners (..., 4, 3) by shares (..., 4)."""
+    return jnp.sum(share[..., None] * corners, axis=-2)
+
+
+def scattered(corners: np.ndarray, share: jax.Array, force: jax.Array, free: int) -> jax.Array:
+    """Forces (items, 3) on the free nodes (free, 3): each on its body's corners by its shares (items, 4)."""
+    return place(corners.ravel(), (share[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
+
+
+def _both(of_ends: jax.Array) -> jax.Array:
+    """What belongs to both ends (c, 2, ...), first ends first (2 c, ...)."""
+    return jnp.concatenate([of_ends[:, 0], of_ends[:, 1]])
+
+
+@component
+class BodyBuoyancy(Effect):
+    """Buoyancy `F = -dU/dr` with `U = rho g int max(-z, 0) dV`, in water without waves (`effects.hydrostatics`).
+
+    The waterplane's stiffness and the metacentre are in it, at every tilt. Over a step it is the mean along the
+    straight way of the corners (average vector field; Quispel and McLaren 2008), so that energy is kept.
+    """
+
+    name: ClassVar[str] = "body_buoyancy"
+    bodily: ClassVar[bool] = True
+    pieces: Pieces
+
+    def _level(self, k: Kinematics) -> jax.Array:
+        return jnp.zeros(len(self.pieces.cylinder_of) + len(self.pieces.sphere_of), k.r.dtype)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        model, size = k.model, k.model.sea.density * k.model.sea.gravity
+        push = lambda r: size * self.pieces.push(model, r, self._level(k))  # noqa: E731
+        if k.h is None:
+            return push(k.r)
+        along = jnp.asarray(POINTS, k.r.dtype)[:, None, None] * (k.h * k.v)
+        return jnp.sum(jnp.asarray(WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(push)(k.r + along), axis=0)
+
+    def potential(self, k: Kinematics) -> jax.Array:
+        return k.model.sea.density * k.model.sea.gravity * self.pieces.energy(k.model, k.r, self._level(k))
+
+
+@component
+class BodyBuoyancyInWaves(Effect):
+    """The same of slices under the actual surface over each of them; its work is booked.
+
+    The dynamic pressure of waves is in the `rho V u'` of `body_water` and not added again.
+    """
+
+    name: ClassVar[str] = "body_buoyancy"
+    bodily: ClassVar[bool] = True
+    pieces: Pieces
+
+    def prepare(self, k: Kinematics) -> jax.Array:
+        """Elevation (c + s,) [m] of the surface over the pieces."""
+        return k.model.sea.elevation(self.pieces.middles(k.model, k.r), k.t)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        sea = k.model.sea
+        return sea.density * sea.gravity * self.pieces.push(k.model, k.r, k.prepared(self))

@@ -1,0 +1,148 @@
+"""Drag, added mass and the force of waves on rigid bodies, slice by slice."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.effects.body_buoyancy import Pieces, mixed, scattered
+from dropper_jax.model import Effect, Kinematics, ModelView
+
+#: Part of its radius over which an end enters the water, where it is level.
+EDGE = 0.1
+
+
+class Around(NamedTuple):
+    """The water at the pieces (p,) and at the ends (e,), frozen over a step: level [m], velocity and acceleration."""
+
+    level: jax.Array
+    velocity: jax.Array
+    acceleration: jax.Array
+    end_level: jax.Array
+    end_velocity: jax.Array
+    end_acceleration: jax.Array
+
+
+@component
+class BodyWater(Effect):
+    """Morison's forces on each slice of a body, at the middle of its axis; u relative, V its wet volume.
+
+    - across: `1/2 rho Cdn D L (V/V0) |u_n| u_n` and `rho V Can u'_n`, added mass `rho V Can`;
+    - the undisturbed wave: `rho V u'` (with the buoyancy up to the actual surface in `body_buoyancy`);
+    - on ends: `1/2 rho Cdt A |u_t| u_t` along the axis, added mass Cat of a half sphere's water, `rho 2/3 pi (D/2)^3`;
+    - on spheres: `1/2 rho Cd A (V/V0) |u| u`, `rho V Ca u'`, added mass `rho V Ca`.
+
+    Moments follow from where slices stand. Diffraction and radiation beyond this are not in it: bodies are small
+    against the wave's length.
+    """
+
+    name: ClassVar[str] = "body_water"
+    bodily: ClassVar[bool] = True
+    pieces: Pieces
+    cdn: jax.Array = parameter("drag coefficients across slices, and of spheres", unit="-", shape="table", low=0.0)
+    can: jax.Array = parameter("added mass coefficients of the same", unit="-", shape="table", low=0.0)
+    end: jax.Array = parameter("shares of the ends (e, 4)", unit="-", shape="vectors")
+    outward: jax.Array = parameter("shares of the axes' unit vectors there (e, 4)", unit="-", shape="vectors")
+    end_radius: jax.Array = parameter("radius of the ends", unit="m", shape="table", low=0.0)
+    cdt: jax.Array = parameter("drag coefficients of the ends", unit="-", shape="table", low=0.0)
+    cat: jax.Array = parameter("added mass coefficients of the ends", unit="-", shape="table", low=0.0)
+    end_of: tuple[int, ...] = option("body of each end", type=tuple, default=())
+
+    def _ends(self, model: ModelView, nodal: jax.Array) -> jax.Array:
+        """A nodal field at the ends (e, 3)."""
+        return mixed(self.end, nodal[self.pieces.corners(model, self.end_of)])
+
+    def _axes(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+        """Unit vectors along the slices (c, 3) and at the ends (e, 3)."""
+        ends = self.pieces.axes(k.model, k.r)
+        along = ends[:, 1] - ends[:, 0]
+        out = mixed(self.outward, k.r[self.pieces.corners(k.model, self.end_of)])
+        return along / safe_norm(along)[:, None], out / safe_norm(out)[:, None]
+
+    def _across(self, along: jax.Array, field: jax.Array) -> jax.Array:
+        """What acts across the slices of vectors (p, 3) at the pieces; all of it at spheres."""
+        count = along.shape[0]
+        across = field[:count] - dot(field[:count], along)[:, None] * along
+        return jnp.concatenate([across, field[count:]])
+
+    def prepare(self, k: Kinematics) -> Around:
+        sea = k.model.sea
+        places = self.pieces.middles(k.model, k.r)
+        motion = sea.at(jnp.concatenate([places, self._ends(k.model, k.r)]), k.t)
+        count = places.shape[0]
+        return Around(*(part[at] for at in (slice(None, count), slice(count, None)) for part in motion))
+
+    def _under(self, k: Kinematics, out: jax.Array, level: jax.Array) -> jax.Array:
+        """Wet part of the ends (e,)."""
+        across = jnp.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + EDGE**2)
+        s = 0.5 + 0.5 * (level - self._ends(k.model, k.r)[:, 2]) / (self.end_radius * across)
+        s = jnp.clip(s, 0.0, 1.0)
+        return s * s * (3.0 - 2.0 * s)
+
+    def _end_mass(self, density: jax.Array, under: jax.Array) -> jax.Array:
+        """Added mass of the ends (e,) [kg]."""
+        return density * under * self.cat * 2.0 / 3.0 * jnp.pi * self.end_radius**3
+
+    def _volume(self) -> jax.Array:
+        whole = jnp.pi * self.pieces.radius**2 * self.pieces.length
+        return jnp.concatenate([whole, 4.0 / 3.0 * jnp.pi * self.pieces.ball**3])
+
+    def _frontal(self) -> jax.Array:
+        """Areas (p,) [m^2] that drag works on."""
+        side = 2.0 * self.pieces.radius * self.pieces.length
+        return jnp.concatenate([side, jnp.pi * self.pieces.ball**2])
+
+    def force(self, k: Kinematics) -> jax.Array:
+        model, around, pieces = k.model, k.prepared(self), self.pieces
+        density = model.sea.density
+        along, out, wet, under = self._cut(k)
+        u = self._across(along, around.velocity - pieces.middles(model, k.v))
+        skin = 0.5 * density * self.cdn * self._frontal() * wet / self._volume()
+        drag = (skin * safe_norm(u))[:, None] * u
+        swung = around.acceleration + self.can[:, None] * self._across(along, around.acceleration)
+        total = pieces.spread(model, drag + density * wet[:, None] * swung)
+        if not self.end_of:
+            return total
+        speed = dot(around.end_velocity - self._ends(model, k.v), out)
+        push = 0.5 * density * under * self.cdt * jnp.pi * self.end_radius**2 * jnp.abs(speed) * speed
+        push = push + self._end_mass(density, under) * dot(around.end_acceleration, out)
+        return total + self._at_ends(model, push[:, None] * out)
+
+    def _at_ends(self, model: ModelView, force: jax.Array) -> jax.Array:
+        return scattered(self.pieces.corners(model, self.end_of), self.end, force, model.free_nodes)
+
+    def _cut(self, k: Kinematics, levels: tuple[jax.Array, jax.Array] | None = None) -> tuple[jax.Array, ...]:
+        """Axes of slices and ends, wet volumes of pieces (p,) [m^3] and wet parts of ends (e,).
+
+        Under the surface as it was frozen, or under `levels` over pieces and ends.
+        """
+
+        def look() -> tuple[jax.Array, ...]:
+            level, end_level = (k.prepared(self).level, k.prepared(self).end_level) if levels is None else levels
+            along, out = self._axes(k)
+            return along, out, self.pieces.wet(k.model, k.r, level), self._under(k, out, end_level)
+
+        return k.seen(self.name, look) if levels is None else look()
+
+    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+        density = k.model.sea.density
+        along, out, wet, under = self._cut(k)
+        across = self._across(along, self.pieces.middles(k.model, a))
+        total = self.pieces.spread(k.model, (density * self.can * wet)[:, None] * across)
+        if not self.end_of:
+            return total
+        end_mass = self._end_mass(density, under)
+        return total + self._at_ends(k.model, (end_mass * dot(self._ends(k.model, a), out))[:, None] * out)
+
+    def kinetic(self, k: Kinematics) -> jax.Array:
+        sea, places = k.model.sea, self.pieces.middles(k.model, k.r)
+        levels = sea.elevation(places, k.t), sea.elevation(self._ends(k.model, k.r), k.t)
+        along, out, wet, under = self._cut(k, levels)
+        across = self._across(along, self.pieces.middles(k.model, k.v))
+        mass = sea.density * self.can * wet
+        ends = self._end_mass(sea.density, under) * dot(self._ends(k.model, k.v), out) ** 2
+        return 0.5 * (jnp.sum(mass * dot(across, across)) + jnp.sum(ends))

@@ -1,0 +1,199 @@
+"""Buoyancy's energy of cylinders and spheres that a level surface cuts, exact at every tilt and depth.
+
+Displaced water that is raised to the surface: `U/(rho g) = int max(level - z, 0) dV`, so that `-dU/dz` is the buoyancy,
+its moment includes the waterplane's, and `dU/dlevel/(rho g)` is the wet volume. Of a cylinder of radius a whose axis
+rises by the fraction c of its length, a section whose axis is t deep has (b = a sqrt(1 - c^2) half its height, T = t/b)
+
+    u(t, b) = a^2 (b k(T) | pi t | 0),    k = T asin T + (1 - T^2)^(1/2) + pi T/2 - (1 - T^2)^(3/2)/3
+
+where it is cut (|t| < b), under water, above it. U is the integral along the axis, from that of u:
+
+    w(t, b) = a^2 (b^2 h(T) | pi (t^2/2 + b^2/8) | 0),    h' = k
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+#: Least half height of a section over its radius: an upright cylinder's sections are level.
+LEVEL = 1e-6
+#: Sections whose depths differ by less than this part of their half height along a piece are integrated by points.
+FLAT = 0.25
+#: Gauss-Legendre points and weights on 0 to 1.
+POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(6)[1] / 2.0
+
+
+def _cut(t: jax.Array, b: jax.Array) -> tuple[jax.Array, ...]:
+    """T held between -1 and 1, its arc sine and (1 - T^2)^(1/2)."""
+    ratio = jnp.clip(t / b, -1.0, 1.0)
+    return ratio, jnp.arcsin(ratio), jnp.sqrt(jnp.maximum(1.0 - ratio * ratio, 0.0))
+
+
+def _pieces(t: jax.Array, b: jax.Array, cut: jax.Array, under: jax.Array) -> jax.Array:
+    return jnp.where(t >= b, under, jnp.where(t <= -b, 0.0, cut))
+
+
+def _k(t: jax.Array, b: jax.Array) -> jax.Array:
+    ratio, arc, root = _cut(t, b)
+    return ratio * arc + root + 0.5 * jnp.pi * ratio - root**3 / 3.0
+
+
+def _h(t: jax.Array, b: jax.Array) -> jax.Array:
+    x, arc, root = _cut(t, b)
+    first = 0.5 * x * x * arc - 0.25 * arc + 0.25 * x * root
+    second = 0.5 * (x * root + arc)
+    third = x * root**3 / 12.0 + (x * root + arc) / 8.0
+    return first + second + 0.25 * jnp.pi * x * x - third + jnp.pi / 16.0
+
+
+@jax.custom_jvp
+def _width(t: jax.Array, b: jax.Array) -> jax.Array:
+    """du/dt: the wet part of the section's area."""
+    x, arc, root = _cut(t, b)
+    return _pieces(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
+
+
+@_width.defjvp
+def _width_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    t, b = at
+    x, _, root = _cut(t, b)
+    chord = _pieces(t, b, 2.0 * root / b, jnp.zeros_like(t))
+    return _width(t, b), chord * (dot[0] - x * dot[1])
+
+
+@jax.custom_jvp
+def _tilt(t: jax.Array, b: jax.Array) -> jax.Array:
+    """du/db."""
+    return _pieces(t, b, _k(t, b) - _cut(t, b)[0] * _width(t, b), jnp.zeros_like(t))
+
+
+@_tilt.defjvp
+def _tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    t, b = at
+    x, _, root = _cut(t, b)
+    chord = _pieces(t, b, 2.0 * root / b, jnp.zeros_like(t))
+    return _tilt(t, b), -chord * x * (dot[0] - x * dot[1])
+
+
+@jax.custom_jvp
+def section(t: jax.Array, b: jax.Array) -> jax.Array:
+    """u/a^2 of sections whose axis is t below the surface and whose half height is b."""
+    return _pieces(t, b, b * _k(t, b), jnp.pi * t)
+
+
+@section.defjvp
+def _section_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    return section(*at), _width(*at) * dot[0] + _tilt(*at) * dot[1]
+
+
+@jax.custom_jvp
+def _along(t: jax.Array, b: jax.Array) -> jax.Array:
+    """w/a^2."""
+    return _pieces(t, b, b * b * _h(t, b), jnp.pi * (0.5 * t * t + 0.125 * b * b))
+
+
+@_along.defjvp
+def _along_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    return _along(*at), section(*at) * dot[0] + _along_tilt(*at) * dot[1]
+
+
+@jax.custom_jvp
+def _along_tilt(t: jax.Array, b: jax.Array) -> jax.Array:
+    """dw/db/a^2."""
+    return _pieces(t, b, 2.0 * b * _h(t, b) - t * _k(t, b), 0.25 * jnp.pi * b)
+
+
+@_along_tilt.defjvp
+def _along_tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    t, b = at
+    x = _cut(t, b)[0]
+    turned = _pieces(t, b, 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b), jnp.full_like(t, 0.25 * jnp.pi))
+    return _along_tilt(t, b), _tilt(t, b) * dot[0] + turned * dot[1]
+
+
+class Cylinders(NamedTuple):
+    """Cylinders (n,) as the surface sees them.
+
+    Attributes:
+        first, last: depths of the ends of their axes [m].
+        half: half heights of their sections [m].
+        across: level part of the unit vectors along the axes (n, 2).
+        radius: a [m]; size: a^2 L [m^3].
+        change: last less first, 1 where `flat`.
+        flat: whether sections are integrated by points.
+    """
+
+    first: jax.Array
+    last: jax.Array
+    half: jax.Array
+    across: jax.Array
+    radius: jax.Array
+    size: jax.Array
+    change: jax.Array
+    flat: jax.Array
+
+    @classmethod
+    def of(cls, ends: jax.Array, level: jax.Array, radius: jax.Array, length: jax.Array) -> Cylinders:
+        """From both ends of their axes (n, 2, 3), the level of the surface over each, radius and length (n,) [m]."""
+        across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
+        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + LEVEL**2)
+        first, last = level - ends[:, 0, 2], level - ends[:, 1, 2]
+        flat = jnp.abs(last - first) < FLAT * half
+        change = jnp.where(flat, 1.0, last - first)
+        return cls(first, last, half, across, radius, radius**2 * length, change, flat)
+
+    def at_points(self) -> tuple[jax.Array, jax.Array]:
+        """Depths and half heights of sections (n, points)."""
+        depths = self.first[:, None] + (self.last - self.first)[:, None] * POINTS
+        return depths, jnp.broadcast_to(self.half[:, None], depths.shape)
+
+    def at_ends(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> tuple[jax.Array, jax.Array]:
+        """A function of depth and half height at both ends, each (n,)."""
+        both = of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half]))
+        return both[0], both[1]
+
+    def _rise(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> jax.Array:
+        """Mean slope of a function between the ends (n,)."""
+        first, last = self.at_ends(of)
+        return (last - first) / self.change
+
+    def energy(self) -> jax.Array:
+        """U/(rho g) (n,) [m^4]."""
+        whole = self._rise(_along)
+        return self.size * jnp.where(self.flat, section(*self.at_points()) @ WEIGHTS, whole)
+
+    def volume(self) -> jax.Array:
+        """Wet volume (n,) [m^3]."""
+        whole = self._rise(section)
+        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ WEIGHTS, whole)
+
+    def push(self) -> jax.Array:
+        """Buoyancy over rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
+        points, mean = self.at_points(), self._rise(_along)
+        (first, last), width = self.at_ends(section), _width(*points)
+        by_first = jnp.where(self.flat, width @ (WEIGHTS * (1 - POINTS)), (mean - first) / self.change)
+        by_last = jnp.where(self.flat, width @ (WEIGHTS * POINTS), (last - mean) / self.change)
+        by_half = jnp.where(self.flat, _tilt(*points) @ WEIGHTS, self._rise(_along_tilt))
+        # d half/d across = a^2 across/half, and d across of a move of an end is 1/L: with a^2 L before, a^4 across/half
+        aside = (self.radius**4 / self.half * by_half)[:, None] * self.across
+        up = self.size[:, None, None] * jnp.stack([by_first, by_last], axis=1)[..., None]
+        return jnp.concatenate([jnp.stack([aside, -aside], axis=1), up], axis=-1)
+
+
+def sphere_energy(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
+    """U/(rho g) of spheres (n,) [m^4], with centres (n, 3) [m]."""
+    deep = level - centre[:, 2]
+    d = jnp.clip(deep, -radius, radius)
+    cut = jnp.pi * (0.5 * radius**2 * d**2 - d**4 / 12.0 + 2.0 * radius**3 * d / 3.0 + 0.25 * radius**4)
+    return cut + 4.0 / 3.0 * jnp.pi * radius**3 * jnp.maximum(deep - radius, 0.0)
+
+
+def sphere_volume(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
+    """Wet volume of spheres (n,) [m^3]."""
+    d = jnp.clip(level - centre[:, 2], -radius, radius)
+    return jnp.pi * (radius**2 * d - d**3 / 3.0 + 2.0 / 3.0 * radius**3)

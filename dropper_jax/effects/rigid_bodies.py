@@ -1,0 +1,201 @@
+"""Rigid bodies of six degrees of freedom: mass, inertia, centre of mass, weight, and the lines that sit on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import cross, dot, upright
+from dropper_jax.base.place import place
+from dropper_jax.model import Kinematics, ModelView, Tie
+
+#: Pairs of corners of a body, whose distances stay.
+FIRST, SECOND = np.triu_indices(4, 1)
+#: Part of a body's mass that each node on it carries: one that no line holds must not be without inertia.
+CARRIED = 1e-3
+#: By which parts of a body's size residuals of forces and of gaps are sized: what a step leaves of them is energy,
+#: which tumbling bodies keep to 3e-10 in 6000 steps so (1e-9 with sizes of 1).
+MOVE, GAP = 0.001, 0.1
+#: Pairs of axes of the six moments and products of inertia.
+MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@component
+class RigidBodies(Tie):
+    """Bodies of `[[body]]` as four nodes each, the corners of a tetrahedron whose six edges keep their length.
+
+    Every point s of a body (in its own axes) is a fixed mixture of its corners, `x = sum_i w_i(s) r_i` with
+    `sum w_i = 1`, `sum w_i s_i = s` (natural coordinates; Betsch and Steinmann 2001). The kinetic energy is then
+    `1/2 sum_ij M_ij r_i' . r_j'` with the constant `M_ij = int w_i w_j dm` of mass, centre of mass and inertia: exact
+    for any rigid body, and with the edges' constraints conserved by the energy-momentum step together with the angular
+    momentum. Points where lines sit are nodes of their own with `r = sum_i w_i r_i`.
+    """
+
+    name: ClassVar[str] = "rigid_bodies"
+    mass: jax.Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
+    centre_of_mass: jax.Array = parameter("centre of mass in the body's axes", unit="m", shape="vectors")
+    moments: jax.Array = parameter("Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it", unit="kg m^2", shape="vectors")
+    corner: jax.Array = parameter("corners in the body's axes (bodies, 4, 3)", unit="m", shape="vectors")
+    affine: jax.Array = parameter("[s, 1] @ affine: shares of a place s (bodies, 4, 4)", unit="-", shape="vectors")
+    seat: jax.Array = parameter("places of the seats in their body's axes", unit="m", shape="vectors")
+    velocity: jax.Array = parameter("velocity of the centre of mass at the start", unit="m/s", shape="vectors")
+    spin: jax.Array = parameter("angular velocity at the start, in the body's axes", unit="rad/s", shape="vectors")
+    #: The mass matrix where it is at hand: in the equations of a step, which need it in many places.
+    matrix: jax.Array | None = None
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    first: int = option("number of the first corner among the points", type=int, default=0)
+    points: tuple[int, ...] = option("numbers of the points that are seats", type=tuple, default=())
+    owner: tuple[int, ...] = option("body of each seat", type=tuple, default=())
+    names: tuple[str, ...] = option("names of the bodies", type=list, default=())
+
+    @property
+    def count(self) -> int:
+        return len(self.names)
+
+    def corners(self, model: ModelView) -> np.ndarray:
+        return model.geometry.point_node[self.first + np.arange(4 * self.count)].reshape(-1, 4)
+
+    def seats(self, model: ModelView) -> np.ndarray:
+        return model.geometry.point_node[np.array(self.points, int)]
+
+    def _own_shares(self) -> jax.Array:
+        """Shares of the seats in the corners of their own body (seats, 4)."""
+        return shares(self.affine[np.array(self.owner, int)], self.seat)
+
+    def seat_shares(self) -> jax.Array:
+        one = np.eye(self.count)[np.array(self.owner, int)]
+        return (one[:, :, None] * self._own_shares()[:, None, :]).reshape(len(self.owner), -1)
+
+    def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Reference points (bodies, 3) [m], and the bodies' axes (bodies, 3, 3), of places r (free nodes, 3).
+
+        The same of velocities: those of the reference points, and the axes' rates.
+        """
+        own = jnp.einsum("bki,bic->bck", self.affine, r[self.corners(model)])
+        return own[..., 3], own[..., :3]
+
+    def started(self, model: ModelView, r: jax.Array) -> jax.Array:
+        """Velocities (free nodes, 3) [m/s] of the bodies' corners and seats at the start, at places r."""
+        _, axes = self.pose(model, r)
+
+        def moved(body: np.ndarray, own: jax.Array) -> jax.Array:
+            turning = cross(self.spin[body], own - self.centre_of_mass[body])
+            return self.velocity[body] + jnp.einsum("bck,bk->bc", axes[body], turning)
+
+        corners = moved(np.repeat(np.arange(self.count), 4), self.corner.reshape(-1, 3))
+        found = place(self.corners(model).ravel(), corners, model.free_nodes)
+        return found + place(self.seats(model), moved(np.array(self.owner, int), self.seat), model.free_nodes)
+
+    def lengths(self) -> jax.Array:
+        """Edges (bodies, 6) [m]."""
+        edge = self.corner[:, SECOND] - self.corner[:, FIRST]
+        return jnp.sqrt(dot(edge, edge))
+
+    def rows(self, model: ModelView) -> int:
+        return 6 * self.count + 3 * len(self.owner)
+
+    def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
+        """`(|d|^2 - L^2)/(2 L)` of the edges, and how far seats are from their places (rows,) [m]."""
+        corners, length = r[self.corners(model)], self.lengths()
+        edge = corners[:, SECOND] - corners[:, FIRST]
+        stretch = (dot(edge, edge) - length**2) / (2.0 * length)
+        if not self.owner:
+            return stretch.ravel()
+        own = corners[np.array(self.owner)]
+        off = r[self.seats(model)] - jnp.sum(self._own_shares()[..., None] * own, axis=1)
+        return jnp.concatenate([stretch.ravel(), off.ravel()])
+
+    def gap_size(self, model: ModelView) -> jax.Array:
+        # nothing finer than rounding of places a kilometre away allows
+        return self._per_row(GAP * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
+
+    def pull_size(self, model: ModelView) -> jax.Array:
+        return self._per_row(9.81 * self.mass)
+
+    def _per_row(self, per_body: jax.Array) -> jax.Array:
+        """A value of each body at its gaps (rows,)."""
+        return jnp.concatenate([jnp.repeat(per_body, 6), jnp.repeat(per_body[np.array(self.owner, int)], 3)])
+
+    def mass_matrix(self) -> jax.Array:
+        """M_ij (bodies, 4, 4) [kg], less what the seats carry."""
+        if self.matrix is not None:
+            return self.matrix
+        products = jnp.zeros((self.count, 3, 3), self.mass.dtype)
+        for number, (i, j) in enumerate(MOMENTS):
+            value = self.moments[:, number]
+            products = products.at[:, i, j].set(value)
+            products = products.at[:, j, i].set(value)
+        trace = self.moments[:, 0] + self.moments[:, 1] + self.moments[:, 2]
+        second = 0.5 * trace[:, None, None] * jnp.eye(3, dtype=trace.dtype) - products
+        place = jnp.concatenate([self.centre_of_mass, jnp.ones_like(self.mass)[:, None]], axis=1)
+        moments = self.mass[:, None, None] * place[:, :, None] * place[:, None, :]
+        moments = moments + jnp.pad(second, ((0, 0), (0, 1), (0, 1)))
+        total = jnp.einsum("bji,bjk,bkl->bil", self.affine, moments, self.affine)
+        if not self.owner:
+            return total
+        own = self._own_shares()
+        carried = self._carried()[:, None, None] * own[:, :, None] * own[:, None, :]
+        return total - place_rows(self.owner, carried, self.count)
+
+    def at_hand(self) -> RigidBodies:
+        return replace(self, matrix=self.mass_matrix())
+
+    def _carried(self) -> jax.Array:
+        return CARRIED * self.mass[np.array(self.owner, int)]
+
+    def point_mass(self, model: ModelView) -> jax.Array:
+        own = jnp.diagonal(self.mass_matrix(), axis1=1, axis2=2).ravel()
+        found = place(self.corners(model).ravel(), own, model.free_nodes)
+        return found + place(self.seats(model), self._carried(), model.free_nodes) if self.owner else found
+
+    def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
+        corners = self.corners(model)
+        between = self.mass_matrix() * (1.0 - np.eye(4))
+        force = jnp.sum(between[..., None] * a[corners][:, None, :, :], axis=2)
+        return place(corners.ravel(), force.reshape(-1, 3), model.free_nodes)
+
+    def node_size(self, model: ModelView) -> jax.Array:
+        size = MOVE * jnp.max(self.lengths(), axis=1)
+        found = place(self.corners(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
+        return found + place(self.seats(model), size[np.array(self.owner, int)], model.free_nodes)
+
+    def _weights(self) -> jax.Array:
+        """Weight on each corner (4 bodies,) [N]."""
+        own = shares(self.affine, self.centre_of_mass)
+        return (self.gravity * self.mass[:, None] * own).ravel()
+
+    def force(self, k: Kinematics) -> jax.Array:
+        return place(self.corners(k.model).ravel(), upright(-self._weights()), k.free)
+
+    def potential(self, k: Kinematics) -> jax.Array:
+        return jnp.sum(self._weights() * k.r[self.corners(k.model).ravel(), 2])
+
+
+def shares(affine: jax.Array, s: jax.Array) -> jax.Array:
+    """Shares (..., 4) of places s (..., 3) in a body's axes."""
+    return jnp.sum(s[..., :, None] * affine[..., :3, :], axis=-2) + affine[..., 3, :]
+
+
+def place_rows(where: tuple[int, ...], values: jax.Array, size: int) -> jax.Array:
+    """`place` of values with further axes."""
+    flat = place(np.array(where), values.reshape(len(where), -1), size)
+    return flat.reshape(size, *values.shape[1:])
+
+
+def tetrahedron(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Corners (4, 3) [m] on which four equal masses have this mass, centre of mass and inertia (3, 3) about it.
+
+    With the principal second moments `E_i = (I_j + I_k - I_i)/2` they stand at `sqrt(E_i/m)` along the principal axes,
+    signs (+ + +), (+ - -), (- + -), (- - +). Of a thin body they are kept from lying in a plane.
+    """
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    value, axes = np.linalg.eigh(second)
+    reach = np.sqrt(np.maximum(value, 0.0) / mass)
+    reach = np.maximum(reach, 0.1 * np.max(reach))
+    signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
+    return centre + (signs * reach) @ axes.T

@@ -1,0 +1,86 @@
+"""Points on barges and vessels that move in waves, or by a table, whatever lines do."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.end_motion import interpolated
+from dropper_jax.model import Effect
+from dropper_jax.sea import Sea
+
+
+def displaced(motion: jax.Array, arm: jax.Array, heading: jax.Array) -> jax.Array:
+    """Displacement (3,) [m] of a place `arm` (3,) on a vessel by its motion (6,): moves [m] and turns [rad].
+
+    `x = d + R s - s` with `R = Rz(yaw) Ry(pitch) Rx(roll)`, all in the vessel's axes, then turned by its heading.
+    """
+    sx, sy, sz = jnp.sin(motion[3:])
+    cx, cy, cz = jnp.cos(motion[3:])
+    x, y, z = arm
+    y, z = cx * y - sx * z, sx * y + cx * z
+    x, z = cy * x + sy * z, cy * z - sy * x
+    x, y = cz * x - sz * y, sz * x + cz * y
+    x, y, z = motion[:3] + jnp.stack([x, y, z]) - arm
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    return jnp.stack([c * x - s * y, s * x + c * y, z])
+
+
+@component
+class VesselInWaves(Effect):
+    """First-order motion of a point on a vessel: `q_j = sum_c a_c |H_jc| cos(p_c - phi_jc)`, phi leading.
+
+    p are the phases of the waves at the vessel's mean place (its reference point): it does not drift, and its motion
+    does not depend on the lines.
+    """
+
+    name: ClassVar[str] = "vessel_motion"
+    needs_sea: ClassVar[bool] = True
+    real: jax.Array = parameter("H of each component, in phase (c, 6)", unit="-", shape="vectors")
+    imaginary: jax.Array = parameter("H of each component, a quarter ahead (c, 6)", unit="-", shape="vectors")
+    place: jax.Array = parameter("mean place of the reference point", unit="m", shape="vector")
+    arm: jax.Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
+    heading: jax.Array = parameter("direction of the vessel's x-axis", unit="rad")
+    settled: jax.Array = parameter("when the sea's ramp begins and ends", unit="s", shape="table")
+    point: str = option("name of the point", type=str, default="")
+
+    @property
+    def kinks(self) -> jax.Array | None:
+        return self.settled
+
+    def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
+        """Displacement (3,) [m] at time t [s]."""
+        if sea.waves is None:
+            return jnp.zeros_like(self.place)
+        waves = sea.waves
+        phases = waves.phases(self.place[:1], self.place[1:2], t)[0]
+        size = (waves.rise(t)[0] * waves.amplitude)[:, None]
+        cos, sin = jnp.cos(phases)[:, None], jnp.sin(phases)[:, None]
+        return displaced(jnp.sum(size * (cos * self.real + sin * self.imaginary), axis=0), self.arm, self.heading)
+
+
+@component
+class VesselByTable(Effect):
+    """Motion of a point on a vessel by a table (k, 6) at times (k,), between them quintics as in `end_motion`."""
+
+    name: ClassVar[str] = "vessel_motion"
+    time: jax.Array = parameter("times", unit="s", shape="table")
+    motion: jax.Array = parameter("surge, sway, heave, roll, pitch, yaw (k, 6)", unit="-", shape="vectors")
+    arm: jax.Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
+    heading: jax.Array = parameter("direction of the vessel's x-axis", unit="rad")
+    point: str = option("name of the point", type=str, default="")
+
+    @property
+    def kinks(self) -> jax.Array | None:
+        return self.time[jnp.array([0, -1])]
+
+    @property
+    def corners(self) -> jax.Array | None:
+        return self.time
+
+    def displace(self, t: jax.Array) -> jax.Array:
+        """Displacement (3,) [m] at time t [s]."""
+        return displaced(interpolated(t, self.time, self.motion), self.arm, self.heading)

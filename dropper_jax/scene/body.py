@@ -1,0 +1,222 @@
+"""Rigid bodies of a scene: their mass, shape and attachments."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import (
+    Plain,
+    as_table,
+    check_keys,
+    count,
+    field_keys,
+    read_fields,
+    read_list,
+    read_parameter,
+    read_table,
+    read_text,
+    refuse,
+)
+
+#: How far outside its shape a body's attachments may lie, over the body's extent: shackles and rounding.
+OUTSIDE = 0.05
+PLACE = {"unit": "m", "shape": "vector"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CylinderSpec:
+    """A cylinder of a body, from one end of its axis to the other; stepped buoys are several, one after another."""
+
+    KEYS: ClassVar[dict[str, str]] = {"start": "from", "end": "to"}
+
+    start: np.ndarray = parameter("one end of the axis", unit="m", shape="vector")
+    end: np.ndarray = parameter("the other end", unit="m", shape="vector")
+    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
+    slices: int = count("slices along the axis on which water acts", default=8)
+    cdn: float = parameter("drag coefficient across", unit="-", low=0.0, default=1.0)
+    cdt: float = parameter("drag coefficient of each end", unit="-", low=0.0, default=0.0)
+    can: float = parameter("added mass coefficient across", unit="-", low=0.0, default=1.0)
+    cat: float = parameter("added mass coefficient of each end, of a half sphere", unit="-", low=0.0, default=0.0)
+    ends: str = option("ends that water meets", choices=("both", "from", "to", "none"), default="both")
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> CylinderSpec:
+        cylinder = cls(**read_fields(cls, table, path, {}, cls.KEYS))
+        if np.array_equal(cylinder.start, cylinder.end):
+            raise refuse(f"{path}.to", cylinder.end, "is where it begins", "another place than `from`")
+        return cylinder
+
+    def table(self) -> dict[str, Any]:
+        return as_table(self, self.KEYS)
+
+    @property
+    def length(self) -> float:
+        return float(np.linalg.norm(self.end - self.start))
+
+    def distance(self, place: np.ndarray) -> float:
+        """How far a place (3,) is outside [m]; 0 inside."""
+        along = (self.end - self.start) / self.length
+        s = float(along @ (place - self.start))
+        across = float(np.linalg.norm(place - self.start - s * along))
+        return float(np.hypot(max(-s, s - self.length, 0.0), max(across - 0.5 * self.diameter, 0.0)))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SphereSpec:
+    """A sphere of a body."""
+
+    centre: np.ndarray = parameter("centre", unit="m", shape="vector")
+    diameter: float = parameter("diameter", unit="m", low=0.0, open_low=True)
+    cd: float = parameter("drag coefficient", unit="-", low=0.0, default=0.5)
+    ca: float = parameter("added mass coefficient", unit="-", low=0.0, default=0.5)
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> SphereSpec:
+        return cls(**read_fields(cls, table, path, {}))
+
+    def table(self) -> dict[str, Any]:
+        return as_table(self)
+
+    def distance(self, place: np.ndarray) -> float:
+        """How far a place (3,) is outside [m]; 0 inside."""
+        return max(float(np.linalg.norm(place - self.centre)) - 0.5 * self.diameter, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BodySpec:
+    """`[[body]]`: a rigid body (see `effects.rigid_bodies`); places are in its own axes, from its reference point.
+
+    Attitude is roll, pitch and yaw about x, y and z: `R = Rz(yaw) Ry(pitch) Rx(roll)` turns its axes into the scene's.
+    """
+
+    name: str = option("name", type=str)
+    position: np.ndarray = parameter("position of its reference point", unit="m", shape="vector")
+    mass: float = parameter("mass", unit="kg", low=0.0, open_low=True)
+    centre_of_mass: np.ndarray = parameter("centre of mass", unit="m", shape="vector")
+    inertia: np.ndarray = parameter(
+        "moments of inertia about it: Ixx, Iyy, Izz, or these and Ixy, Ixz, Iyz", unit="kg m^2", shape="table"
+    )
+    attitude: np.ndarray = parameter("roll, pitch and yaw", unit="rad", shape="vector", default=(0.0, 0.0, 0.0))
+    velocity: np.ndarray = parameter(
+        "velocity of the centre of mass at the start", unit="m/s", shape="vector", default=(0.0, 0.0, 0.0)
+    )
+    angular_velocity: np.ndarray = parameter(
+        "angular velocity at the start, in its axes", unit="rad/s", shape="vector", default=(0.0, 0.0, 0.0)
+    )
+    cylinders: tuple[CylinderSpec, ...] = ()
+    spheres: tuple[SphereSpec, ...] = ()
+    attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    SHAPES: ClassVar[tuple[tuple[str, type], ...]] = (("cylinders", CylinderSpec), ("spheres", SphereSpec))
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        return [*field_keys(cls), *(key for key, _ in cls.SHAPES), "attachments"]
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> BodySpec:
+        own = dict(read_table(table, path))
+        check_keys(own, cls.keys(), path)
+        shapes = {
+            key: tuple(
+                kind.read(item, f"{path}.{key}.{i}")
+                for i, item in enumerate(read_list(own.pop(key, []), f"{path}.{key}", None, "a list of tables"))
+            )
+            for key, kind in cls.SHAPES
+        }
+        given = read_table(own.pop("attachments", {}), f"{path}.attachments")
+        attachments = {
+            read_text(name, f"{path}.attachments"): read_parameter(value, f"{path}.attachments.{name}", PLACE, {})
+            for name, value in given.items()
+        }
+        body = cls(**read_fields(cls, own, path, {}), **shapes, attachments=attachments)
+        body = dataclasses.replace(
+            body, **{key: np.array(getattr(body, key), float) for key in ("attitude", "velocity", "angular_velocity")}
+        )
+        body._check(path)
+        return body
+
+    def _check(self, path: str) -> None:
+        if len(self.inertia) not in (3, 6):
+            raise refuse(
+                f"{path}.inertia", self.inertia, f"has {len(self.inertia)} entries", "3 moments, or 3 and 3 products"
+            )
+        moments = np.linalg.eigvalsh(self.inertia_matrix)
+        if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
+            told = ", ".join(f"{value:.4g}" for value in moments)
+            raise SceneError(
+                f"{path}.inertia: principal moments {told} kg m^2 are of no body; allowed: > 0, none above the sum of "
+                "the other two"
+            )
+        for name, place in self.attachments.items():
+            away = self.distance(place)
+            if away > OUTSIDE * self.extent:
+                raise SceneError(
+                    f"{path}.attachments.{name}: {place.tolist()} is {away:.3g} m outside the body; allowed: in its "
+                    f"cylinders and spheres, or up to {OUTSIDE * self.extent:.3g} m beside them"
+                )
+
+    @property
+    def inertia_matrix(self) -> np.ndarray:
+        """Inertia about the centre of mass (3, 3) [kg m^2]."""
+        xx, yy, zz, xy, xz, yz = [*self.inertia, 0.0, 0.0, 0.0][:6]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def shapes(self) -> tuple[CylinderSpec | SphereSpec, ...]:
+        return (*self.cylinders, *self.spheres)
+
+    @property
+    def extent(self) -> float:
+        """Longest side of the box around its shapes [m]."""
+        places = [p for c in self.cylinders for p in (c.start, c.end)]
+        places += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
+        wide = max((s.diameter for s in self.shapes), default=0.0)
+        return max(float(np.max(np.ptp(places, axis=0))), wide) if places else 0.0
+
+    def distance(self, place: np.ndarray) -> float:
+        """How far a place (3,) is outside its shapes [m]; 0 for a body without."""
+        return min((shape.distance(place) for shape in self.shapes), default=0.0)
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Its axes in the scene's (3, 3)."""
+        return rotation(self.attitude)
+
+    def world(self, place: np.ndarray) -> np.ndarray:
+        """Places (..., 3) of its own in the scene, at the start."""
+        return self.position + place @ self.rotation.T
+
+    def table(self) -> dict[str, Any]:
+        found = as_table(self)
+        for key in ("attitude", "velocity", "angular_velocity"):
+            if not np.any(getattr(self, key)):
+                del found[key]
+        for key, _ in self.SHAPES:
+            if getattr(self, key):
+                found[key] = [shape.table() for shape in getattr(self, key)]
+        if self.attachments:
+            found["attachments"] = {name: place.tolist() for name, place in self.attachments.items()}
+        return found
+
+
+def rotation(attitude: np.ndarray) -> np.ndarray:
+    """`Rz(yaw) Ry(pitch) Rx(roll)` (3, 3)."""
+    (sx, sy, sz), (cx, cy, cz) = np.sin(attitude), np.cos(attitude)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x
+
+
+def attitude(turned: np.ndarray) -> np.ndarray:
+    """Roll, pitch and yaw (..., 3) [rad] of rotations (..., 3, 3)."""
+    roll = np.arctan2(turned[..., 2, 1], turned[..., 2, 2])
+    pitch = np.arcsin(np.clip(-turned[..., 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(turned[..., 1, 0], turned[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)

@@ -1,0 +1,172 @@
+"""Barges and vessels of a scene, moved by response amplitude operators or by a table."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import (
+    Plain,
+    as_table,
+    check_keys,
+    field_keys,
+    read_fields,
+    read_parameter,
+    read_table,
+    refuse,
+)
+
+#: Motions of a vessel in its own axes: moves of the reference point, then turns.
+MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+PLACE = {"unit": "m", "shape": "vector"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RaoSpec:
+    """`vessel.rao`: motion over the elevation at the reference point, by frequency and relative heading of the waves.
+
+    Attributes:
+        amplitude, phase: (headings, frequencies, 6), by `MOTIONS`; what is not given is zero.
+    """
+
+    frequency: np.ndarray = parameter("angular frequencies, rising", unit="rad/s", shape="table", low=0.0)
+    headings: np.ndarray = parameter(
+        "directions of the waves' travel from the vessel's x towards its y, rising", unit="rad", shape="table"
+    )
+    phases: str = option("sign of the phases: of a motion ahead of the elevation, or behind", choices=("lead", "lag"))
+    amplitude: np.ndarray | None = None
+    phase: np.ndarray | None = None
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> RaoSpec:
+        own = dict(read_table(table, path))
+        tables = [*MOTIONS, *(f"{name}_phase" for name in MOTIONS)]
+        check_keys(own, [*field_keys(cls), *tables], path)
+        given = {key: own.pop(key) for key in tables if key in own}
+        spec = cls(**read_fields(cls, own, path, {}))
+        for key in ("frequency", "headings"):
+            if np.any(np.diff(getattr(spec, key)) <= 0) or not len(getattr(spec, key)):
+                raise refuse(f"{path}.{key}", getattr(spec, key), "does not rise", "one or more rising numbers")
+        if not any(name in given for name in MOTIONS):
+            raise SceneError(f"{path}: has no motion; allowed: one or more of {', '.join(MOTIONS)}")
+        for name in MOTIONS:
+            if f"{name}_phase" in given and name not in given:
+                raise SceneError(f"{path}.{name}_phase: is given without `{name}`; allowed: both or neither")
+        amplitude, phase = (np.stack([spec._rows(given, name + end, path) for name in MOTIONS], -1) for end in _ENDS)
+        return dataclasses.replace(spec, amplitude=amplitude, phase=phase)
+
+    def _rows(self, given: dict[str, Any], key: str, path: str) -> np.ndarray:
+        """One motion's values (headings, frequencies)."""
+        count, wanted = len(self.headings), len(self.frequency)
+        if key not in given:
+            return np.zeros((count, wanted))
+        rows = given[key] if isinstance(given[key], list | np.ndarray) else [given[key]]
+        rows = rows if len(rows) and np.ndim(rows[0]) else [rows]
+        if len(rows) != count:
+            raise SceneError(f"{path}.{key}: has {len(rows)} rows; allowed: {count}, one for each of `headings`")
+        unit = {"unit": "-", "shape": "table", **({} if key.endswith("_phase") else {"low": 0.0})}
+        found = [read_parameter(row, f"{path}.{key}", unit, {}) for row in rows]
+        for row in found:
+            if len(row) != wanted:
+                raise SceneError(f"{path}.{key}: has {len(row)} entries; allowed: {wanted}, one for each `frequency`")
+        return np.array(found)
+
+    def table(self) -> dict[str, Any]:
+        found = as_table(self)
+        for i, name in enumerate(MOTIONS):
+            if np.any(self.amplitude[..., i]):
+                found[name] = self.amplitude[..., i].tolist()
+                found[f"{name}_phase"] = self.phase[..., i].tolist()
+        return found
+
+    def response(self, omega: np.ndarray, heading: np.ndarray) -> np.ndarray:
+        """Complex motions (c, 6) over the elevation of components, phases leading; linear between the entries."""
+        sign = 1.0 if self.phases == "lead" else -1.0
+        values = self.amplitude * np.exp(1j * sign * self.phase)
+        each = [[np.interp(omega, self.frequency, row[:, i]) for i in range(6)] for row in values]  # (headings, 6, c)
+        rows = np.moveaxis(np.array(each), -1, 0)
+        if len(self.headings) == 1:
+            return rows[:, 0]
+        at = np.clip(np.searchsorted(self.headings, heading) - 1, 0, len(self.headings) - 2)
+        share = np.clip((heading - self.headings[at]) / np.diff(self.headings)[at], 0.0, 1.0)[:, None]
+        each = np.arange(len(omega))
+        return (1.0 - share) * rows[each, at] + share * rows[each, at + 1]
+
+
+_ENDS = ("", "_phase")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class VesselSpec:
+    """`[[vessel]]`: something large that lines do not move; places are in its axes, from its reference point."""
+
+    name: str = option("name", type=str)
+    position: np.ndarray = parameter("mean position of its reference point", unit="m", shape="vector")
+    heading: float = parameter("direction of its x-axis from x towards y", unit="rad", default=0.0)
+    time: np.ndarray | None = parameter("times of a table of its motion", unit="s", shape="table", optional=True)
+    motion: np.ndarray | None = None
+    rao: RaoSpec | None = None
+    attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    OWN: ClassVar[tuple[str, ...]] = ("motion", "rao", "attachments")
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        return [*field_keys(cls), *cls.OWN]
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> VesselSpec:
+        own = dict(read_table(table, path))
+        check_keys(own, cls.keys(), path)
+        more = {key: own.pop(key) for key in cls.OWN if key in own}
+        given = read_table(more.get("attachments", {}), f"{path}.attachments")
+        if not given:
+            raise SceneError(f"{path}.attachments: missing; needed: names of points with their places on the vessel")
+        vessel = cls(
+            **read_fields(cls, own, path, {}),
+            rao=RaoSpec.read(more["rao"], f"{path}.rao") if "rao" in more else None,
+            motion=_motion(more["motion"], f"{path}.motion") if "motion" in more else None,
+            attachments={
+                str(name): read_parameter(place, f"{path}.attachments.{name}", PLACE, {})
+                for name, place in given.items()
+            },
+        )
+        if (vessel.rao is None) == (vessel.motion is None) or (vessel.time is None) != (vessel.motion is None):
+            raise SceneError(f"{path}: give either `rao`, or `time` and `motion`")
+        if vessel.time is not None and (
+            len(vessel.time) != len(vessel.motion) or len(vessel.time) < 2 or np.any(np.diff(vessel.time) <= 0)
+        ):
+            raise SceneError(f"{path}.time: needs at least 2 increasing times, one for each row of `motion`")
+        return vessel
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Its axes in the scene's (3, 3), in its mean place."""
+        c, s = np.cos(self.heading), np.sin(self.heading)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def world(self, place: np.ndarray) -> np.ndarray:
+        """A place (3,) of its own in the scene, on average."""
+        return self.position + self.rotation @ place
+
+    def table(self) -> dict[str, Any]:
+        found = as_table(self)
+        if self.rao is not None:
+            found["rao"] = self.rao.table()
+        if self.motion is not None:
+            found["motion"] = self.motion.tolist()
+        return {**found, "attachments": {name: place.tolist() for name, place in self.attachments.items()}}
+
+
+def _motion(value: Plain, path: str) -> np.ndarray:
+    """Rows of surge, sway, heave [m], roll, pitch and yaw [rad] (k, 6)."""
+    unit = {"unit": "-", "shape": "table"}
+    rows = [read_parameter(row, f"{path}.{i}", unit, {}) for i, row in enumerate(value)]
+    for i, row in enumerate(rows):
+        if len(row) != len(MOTIONS):
+            raise SceneError(f"{path}.{i}: has {len(row)} entries; allowed: 6, {', '.join(MOTIONS)}")
+    return np.array(rows)

@@ -1,0 +1,48 @@
+"""Elimination of a system of lines all of whose links stretch: their tensions go first, then all nodes by rounds."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.model import Graph
+from dropper_jax.solvers.elimination import Elimination, eliminate, solve
+from dropper_jax.solvers.order import Order, elimination_order
+from dropper_jax.solvers.saddle import LinkParts
+
+
+class Stretching(NamedTuple):
+    """The factored matrix where all links stretch: their tensions go first."""
+
+    graph: Graph
+    links: LinkParts
+    nodes: Elimination
+
+    @classmethod
+    def of(cls, graph: Graph, node: jax.Array, links: LinkParts) -> Stretching:
+        """From A = `node` (free, 3, 3)."""
+        ratio = links.pull / links.compliance[:, None]
+        stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
+        diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
+        blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
+        return cls(graph, links, eliminate(_node_order(graph), blocks))
+
+    def transposed(self) -> Stretching:
+        return self._replace(links=self.links.transposed(), nodes=self.nodes.transposed())
+
+    def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
+        graph, (_, pull, gradient, compliance) = self.graph, self.links
+        x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * pull))
+        return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
+
+
+@lru_cache(maxsize=64)
+def _node_order(graph: Graph) -> Order:
+    """For the blocks of the free nodes, of links by their first and last nodes, and the other way round."""
+    own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
+    pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
+    return elimination_order(graph.free, pairs)

@@ -1,0 +1,166 @@
+"""Rigid bodies: free rotation against Euler's equations, an arm against a compound pendulum, what scenes refuse."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.spatial.transform import Rotation
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.build import build
+from dropper_jax.stepping.choose import make_stepper
+
+INERTIA, RATES = (1.0, 2.0, 3.0), (0.3, 1.0, 0.2)
+
+
+def stone(dt=0.01, duration=60.0, **changed):
+    """A body that nothing touches, beside a rope."""
+    body = {
+        "name": "stone",
+        "position": [0.0, 0.0, 0.0],
+        "mass": 10.0,
+        "centre_of_mass": [0.1, 0.2, -0.3],
+        "inertia": list(INERTIA),
+        "angular_velocity": list(RATES),
+        "velocity": [0.1, 0.0, 0.0],
+    }
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    return {
+        "run": {"dt": dt, "duration": duration, "save_every": round(0.5 / dt)},
+        "point": [{"name": "a", "position": [0.0, 0.0, -5.0]}, {"name": "b", "position": [3.0, 0.0, -5.0]}],
+        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+        "body": [{**body, **changed}],
+        "effects": {"weight": {"gravity": 0.0}},
+        "start": {"kind": "points"},
+    }
+
+
+def euler(times):
+    """Attitude by Euler's equations `I w' = (I w) x w` and the quaternion's rate."""
+    inertia = np.array(INERTIA)
+
+    def rates(_, y):
+        w, v, s = y[:3], y[3:6], y[6]
+        turned = np.concatenate([0.5 * (s * w + np.cross(v, w)), [-0.5 * v @ w]])
+        return np.concatenate([np.cross(inertia * w, w) / inertia, turned])
+
+    start = np.concatenate([RATES, [0.0, 0.0, 0.0, 1.0]])
+    y = solve_ivp(rates, (0.0, times[-1]), start, method="DOP853", rtol=1e-12, atol=1e-13, t_eval=times).y
+    return Rotation.from_quat(y[3:].T)
+
+
+def attitude_error(solution):
+    found = Rotation.from_euler("ZYX", solution.body("stone")["body_attitude"][:, ::-1])
+    return np.max((found.inv() * euler(solution.t)).magnitude())
+
+
+@pytest.fixture(scope="module")
+def tumbling():
+    return dj.simulate(stone())
+
+
+def test_free_body_tumbles_as_eulers_equations_say_and_keeps_its_energy(tumbling):
+    assert tumbling.status == "ok"
+    assert tumbling.energy_drift < 1e-9 * tumbling.kinetic[0]
+    assert tumbling.kinetic[0] == pytest.approx(0.5 * np.dot(INERTIA, np.square(RATES)) + 0.5 * 10.0 * 0.1**2)
+    assert attitude_error(tumbling) < 2e-3
+
+
+def test_attitude_converges_with_second_order(tumbling):
+    halved = dj.simulate(stone(dt=0.02))
+    assert np.log2(attitude_error(halved) / attitude_error(tumbling)) == pytest.approx(2.0, abs=0.05)
+
+
+def test_momentum_of_a_free_body_stays(tumbling):
+    moved = tumbling.body("stone")
+    axes = Rotation.from_euler("ZYX", moved["body_attitude"][:, ::-1])
+    own = axes.inv().apply(moved["body_rates"])
+    turning = axes.apply(np.array(INERTIA) * own)
+    np.testing.assert_allclose(turning, turning[:1] * np.ones_like(turning), atol=3e-4)
+    arm = axes.apply([0.1, 0.2, -0.3])
+    drift = moved["body_position"] + arm - tumbling.t[:, None] * np.array([0.1, 0.0, 0.0])
+    np.testing.assert_allclose(drift, drift[:1] * np.ones_like(drift), atol=1e-8)
+
+
+def test_arm_on_a_short_rope_swings_as_a_compound_pendulum():
+    """On a rope of 1e-3 of the arm's length the arm turns about its end: `T = 4 K(sin(a/2)) sqrt(J/(m g l))`."""
+    arm, mass, moment, angle = 2.0, 5.0, 3.0, 0.6
+    scene = stone(
+        dt=0.005,
+        duration=12.0,
+        position=[0.0, 0.0, -0.002],
+        attitude=[0.0, angle, 0.0],
+        mass=mass,
+        centre_of_mass=[0.0, 0.0, -arm],
+        inertia=[moment, moment, 0.1],
+        angular_velocity=[0.0, 0.0, 0.0],
+        velocity=[0.0, 0.0, 0.0],
+        attachments={"top": [0.0, 0.0, 0.0]},
+    )
+    rope = {"length": 0.002, "mass": 1e-3, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    scene |= {
+        "run": {"dt": 0.005, "duration": 12.0},
+        "point": [{"name": "hook", "position": [0.0, 0.0, 0.0]}],
+        "line": [{"name": "rope", "from": "hook", "to": "top", "links": 1, **rope}],
+        "effects": {"weight": {}},
+    }
+    solution = dj.simulate(scene)
+    pitch = solution.body("stone")["body_attitude"][:, 1]
+    falls = np.flatnonzero((pitch[:-1] > 0) & (pitch[1:] <= 0))
+    crossings = solution.t[falls] + pitch[falls] / (pitch[falls] - pitch[falls + 1]) * np.diff(solution.t)[falls]
+    k = np.sin(angle / 2)
+    quarter = quad(lambda u: 1.0 / np.sqrt(1.0 - (k * np.sin(u)) ** 2), 0.0, np.pi / 2)[0]
+    expected = 4.0 * quarter * np.sqrt((moment + mass * arm**2) / (mass * 9.81 * arm))
+    assert solution.status == "ok"
+    assert np.mean(np.diff(crossings)) == pytest.approx(expected, rel=3e-3)
+    assert solution.energy_drift < 1e-6 * solution.energy_scale
+
+
+def test_gradient_of_a_tumbling_body_against_differences():
+    model, start = build(stone(duration=0.5))
+    stepper = make_stepper(model).plain
+    bodies = model.effect("rigid_bodies")
+
+    def turned(mass, moments):
+        changed = tuple(replace(e, mass=mass, moments=moments) if e.name == bodies.name else e for e in model.effects)
+        _, run = dj.integrate(stepper, replace(model, effects=changed), start, dt=0.02, steps=20)
+        return jnp.sum(run.r[-1] * jnp.arange(run.r[-1].size).reshape(run.r[-1].shape))
+
+    given = bodies.mass, bodies.moments
+    way = 0.3 * given[0], 0.1 * jnp.arange(6.0)[None] * given[1] + 0.01
+    slope = sum(jnp.sum(g * w) for g, w in zip(jax.grad(turned, (0, 1))(*given), way, strict=True))
+    forward = jax.jvp(turned, given, way)[1]
+    step = 1e-4
+    ends = [turned(*(g + s * step * w for g, w in zip(given, way, strict=True))) for s in (-1.0, 1.0)]
+    difference = (ends[1] - ends[0]) / (2 * step)
+    assert slope == pytest.approx(float(difference), rel=1e-6)
+    assert forward == pytest.approx(float(slope), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"mass": None}, "body.0.mass: missing"),
+        ({"mass": -1.0}, "body.0.mass: -1.0 is out of range"),
+        ({"inertia": [1.0, 2.0, 4.0]}, "of no body"),
+        ({"inertia": [1.0, 2.0]}, "has 2 entries"),
+        (
+            {
+                "spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0}],
+                "attachments": {"hook": [0.0, 0.0, -2.0]},
+            },
+            "outside the body",
+        ),
+        ({"attachments": {"a": [0.0, 0.0, 0.0]}}, "used twice"),
+        ({"masss": 1.0}, "unknown key"),
+    ],
+)
+def test_scene_refuses(changed, told):
+    scene = stone(**changed)
+    scene["body"][0] = {key: value for key, value in scene["body"][0].items() if value is not None}
+    with pytest.raises(SceneError, match=told):
+        dj.load_scene(scene)

@@ -1,0 +1,107 @@
+"""Vessels: points moved by response amplitude operators and by tables, against sums written out, and refusals."""
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.build import build_model
+
+OMEGA, AMPLITUDE, HEADING = 2 * np.pi / 8.0, 1.5, 0.4
+ARM, PLACE = np.array([10.0, -3.0, 2.0]), np.array([5.0, 7.0, 0.0])
+
+
+def moored(**vessel):
+    """A rope from the bed to a vessel."""
+    rope = {"length": 45.0, "mass": 20.0, "diameter": 0.05, "axial": {"law": "rope", "EA": 1e6}}
+    return {
+        "run": {"dt": 0.05, "duration": 20.0},
+        "point": [{"name": "anchor", "position": [0.0, 0.0, -30.0]}],
+        "line": [{"name": "rope", "from": "anchor", "to": "fairlead", "links": 4, "nodes": "shared", **rope}],
+        "vessel": [
+            {
+                "name": "barge",
+                "position": PLACE.tolist(),
+                "heading": HEADING,
+                "attachments": {"fairlead": ARM.tolist()},
+                **vessel,
+            }
+        ],
+        "sea": {
+            "depth": 30.0,
+            "ramp": 10.0,
+            "waves": {"kind": "regular", "amplitude": AMPLITUDE, "period": 8.0, "direction": HEADING},
+        },
+        "effects": {"weight": {}},
+    }
+
+
+RAO = {
+    "frequency": [0.4, OMEGA, 1.2],
+    "headings": [-0.5, 0.5],
+    "phases": "lead",
+    "surge": [[0.9, 0.8, 0.3]] * 2,
+    "surge_phase": [[1.5, 1.4, 1.0]] * 2,
+    "heave": [[1.0, 0.7, 0.2]] * 2,
+    "heave_phase": [[0.0, 0.2, 0.4]] * 2,
+    "pitch": [[0.01, 0.03, 0.01]] * 2,
+    "pitch_phase": [[-1.5, -1.2, -1.0]] * 2,
+}
+
+
+def expected(t, sign):
+    """At the reference point eta = a cos(k x - w t) with x along the waves; a motion that leads is ahead in time."""
+    k = 0.5 * (OMEGA**2 / 9.81)
+    for _ in range(100):
+        k = OMEGA**2 / 9.81 / np.tanh(k * 30.0)
+    along = k * (PLACE[0] * np.cos(HEADING) + PLACE[1] * np.sin(HEADING))
+    move = lambda size, phase: AMPLITUDE * size * np.cos(OMEGA * t - along + sign * phase)  # noqa: E731
+    surge, heave, pitch = move(0.8, 1.4), move(0.7, 0.2), move(0.03, -1.2)
+    own = np.stack(
+        [
+            surge + np.cos(pitch) * ARM[0] + np.sin(pitch) * ARM[2],
+            np.full_like(t, ARM[1]),
+            heave + np.cos(pitch) * ARM[2] - np.sin(pitch) * ARM[0],
+        ],
+        axis=-1,
+    )
+    c, s = np.cos(HEADING), np.sin(HEADING)
+    return PLACE + own @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(("phases", "sign"), [("lead", 1.0), ("lag", -1.0)])
+def test_point_of_a_vessel_moves_by_its_operators(phases, sign):
+    model = build_model(dj.load_scene(moored(rao={**RAO, "phases": phases})))
+    times = np.linspace(10.0, 40.0, 61)
+    found = np.array([model.ends(t).places[1] for t in times])
+    np.testing.assert_allclose(found, expected(times, sign), atol=1e-6)
+
+
+def test_point_of_a_vessel_follows_its_table_and_tightens_the_rope():
+    table = {"time": [0.0, 1.0, 6.0, 7.0], "motion": [[0.0] * 6] * 2 + [[2.0, 0.0, 1.0, 0.0, 0.1, 0.0]] * 2}
+    scene = moored(**table)
+    solution = dj.simulate(scene)
+    own = np.array([2.0, 0.0, 1.0]) + [np.cos(0.1) * 10 + np.sin(0.1) * 2, -3.0, np.cos(0.1) * 2 - np.sin(0.1) * 10]
+    c, s = np.cos(HEADING), np.sin(HEADING)
+    end = PLACE + [c * own[0] - s * own[1], s * own[0] + c * own[1], own[2]]
+    assert solution.status == "ok"
+    np.testing.assert_allclose(solution.point_path("fairlead")[-1], end, atol=1e-9)
+    assert solution.work_names[-1] == "moving_ends"
+    assert dj.load_scene(dj.load_scene(scene).to_dict()) == dj.load_scene(scene)
+
+
+@pytest.mark.parametrize(
+    ("vessel", "told"),
+    [
+        ({"rao": {**RAO, "heave": [[1.0, 0.7]] * 2}}, r"vessel.0.rao.heave: has 2 entries; allowed: 3"),
+        ({"rao": {**RAO, "heave": [[1.0, 0.7, 0.2]]}}, r"vessel.0.rao.heave: has 1 rows; allowed: 2"),
+        ({"rao": {key: value for key, value in RAO.items() if key != "phases"}}, "vessel.0.rao.phases: missing"),
+        ({"rao": {**RAO, "headings": [1.0, 2.0]}}, "vessel.0.rao.headings: waves come at"),
+        ({"rao": {**RAO, "frequency": [0.1, 0.2, 0.3]}}, "vessel.0.rao.frequency: .* leave out 100%"),
+        ({}, "give either `rao`, or `time` and `motion`"),
+        ({"time": [0.0, 1.0], "motion": [[0.0] * 6]}, "vessel.0.time"),
+    ],
+)
+def test_scene_refuses(vessel, told):
+    with pytest.raises(SceneError, match=told):
+        build_model(dj.load_scene(moored(**vessel)))

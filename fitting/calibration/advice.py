@@ -1,35 +1,37 @@
 """What spoils a fit, by name: score tests of numbers that were taken for known.
 
 A candidate c (lengths, the places of held points, the camera's roll, a marker, the clock, inertias) is looked at where
-the fit ended. With Q the derivatives of the residuals r by a number, those by the windows' starts and by the free
-parameters taken out of them, freeing c would to first order change its numbers by d and gain in log likelihood
+the fit ended. With S the information of all numbers together and g the gradient, the windows' starts eliminated (the
+gaps of joined windows, priors and poses at rest are in both), and f the free numbers, freeing c would to first order
+change its numbers by d and gain in log likelihood
 
-    d = -S^-1 u,    gain = u' S^-1 u / 2,    S = Q' Q + prior,    u = Q' r
+    d = -A^-1 u,    gain = u' A^-1 u / 2,    A = S_cc - S_cf S_ff^-1 S_fc,    u = g_c - S_cf S_ff^-1 g_f
 
 in units of the noise that the fit found, over its memory (Rao 1948). One more program is compiled, none is fitted.
-Candidates are compared with Holm's correction for their number. Those that the traces cannot tell from what is free
-already (the clock from an inertia that is free, of one link) are not tested, and said to be so.
+Candidates of unlike many numbers are compared by their gain less `log(N)/2` of each number (Schwarz 1978), and tested
+with Holm's correction for how many there are. Those that the traces cannot tell from what is free already (the clock
+from an inertia that is free, of one link) are not tested, and said to be so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.normal_equations import prior_of, solve_spd
 from fitting.estimate.problem import Solution
+from fitting.estimate.release import TIME, Release
+from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.whitening import whitened
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.place import CAMERA, CLOCK, MARKER
+from fitting.parameters.place import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 from fitting.parameters.priors import rig_priors
 
 #: Gain in log likelihood below which nothing is advised.
@@ -37,7 +39,11 @@ WORTH = 6.0
 #: Probability, over all candidates, below which one is named.
 NAMED = 0.01
 #: Share of a candidate's information that must be left beside what is free.
-LEFT = 1e-6
+LEFT = 1e-7
+#: Lost stretches of frames that programs have places for.
+PLACES = 2
+#: Parameters whose derivatives are taken with those of the starts at one go, and windows that programs have room for.
+BESIDE, ROOM = 4, 2
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,9 @@ class Candidate:
         errors: their standard errors.
         gain: in log likelihood.
         p: probability of such a gain where nothing is wrong, over all candidates.
+        worth: gain less what its numbers would gain by chance (Schwarz 1978); the largest is named first.
+        alike: candidates that the traces cannot tell from it.
+        doubt: how far candidates that cannot be told from it would move what was free before, one after another.
     """
 
     name: str
@@ -59,6 +68,9 @@ class Candidate:
     errors: dict[str, float]
     gain: float
     p: float
+    worth: float = 0.0
+    doubt: tuple[np.ndarray, ...] = ()
+    alike: tuple[str, ...] = ()
 
     @property
     def named(self) -> bool:
@@ -72,12 +84,17 @@ class Candidate:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        return {key: getattr(self, key) for key in ("name", "free", "changes", "errors", "gain", "p", "named", "told")}
+        keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike", "named", "told")
+        return {key: getattr(self, key) for key in keys}
 
     def __str__(self) -> str:
+        if not self.changes:
+            return f"{self.name}: gains {self.gain:.0f} in log likelihood"
         largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
         change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
-        return f"{self.name}: --free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
+        alike = "".join(f" or {name}" for name in self.alike)
+        free = ",".join(self.free)
+        return f"{self.name}{alike}: --free ...,{free} would gain {self.gain:.0f} in log likelihood ({change})"
 
 
 def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
@@ -91,7 +108,11 @@ def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
     if line.links > 1:
         for j in range(line.links):
             yield f"marker of link {j}", [f"{MARKER}.{j}"]
+        for i in range(line.links + (1 if model.end_held else 0)):
+            yield f"marker of node {i}", [f"{NODE}.{i}"]
     yield "rate of the clock", [CLOCK]
+    yield "scale of the rig", [SCALE]
+    yield "gravity", ["effects.weight.gravity"]
     if line.compound:
         yield "centres of mass", ["line.0.centre_of_mass"]
         yield "moments of inertia", ["line.0.inertia"]
@@ -99,80 +120,107 @@ def kinds(model: Model) -> Iterator[tuple[str, list[str]]]:
         yield "masses", ["line.0.mass"]
 
 
-def advise(prepared: Prepared, solution: Solution) -> list[Candidate]:
-    """Candidates by their gain, the largest first."""
-    problem, model = solution.problem, prepared.simulator.model
-    free = {p.name for p in problem.parameters}
-    asked: list[tuple[str, list[str], list[Parameter]]] = []
-    for name, paths in kinds(model):
+def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
+    """What they are called, which paths free them, and the numbers that these are."""
+    found = []
+    more = [] if release is None else [(f"start of run {i}", [f"{TIME}.{i}"]) for i in range(release.runs)]
+    for name, paths in [*kinds(model), *more]:
         try:
-            found = [p for p in resolve(model, paths) if p.name not in free]
+            found.append((name, paths, list(resolve(model, paths, release=release))))
         except SceneError:
             continue  # a scene that has no such number
+    return found
+
+
+def wide(prepared: Prepared) -> Simulator:
+    """A simulator whose programs know the free parameters, those of all candidates, and places for lost frames."""
+    own = prepared.simulator
+    model, names = own.model, {p.name for p in prepared.parameters}
+    more = [p for _, _, found in candidates(model, own.release) for p in found if p.name not in names]
+    lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(PLACES)]
+    if own.knows([*prepared.parameters, *more]):
+        return own
+    release = None if own.release is None else replace(own.release)  # its poses are of one list of parameters
+    every = [p for p in prepared.parameters if not isinstance(p.where, LostPlace)]
+    simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
+    simulator.room = ROOM * prepared.windows.steps, ROOM * prepared.windows.theta.shape[1]
+    return simulator
+
+
+def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
+    """Candidates by their worth, the largest first; `simulator` is one that knows their numbers."""
+    problem, model = solution.problem, prepared.simulator.model
+    simulator = simulator or wide(prepared)
+    free = {p.name for p in problem.parameters}
+    asked = []
+    for name, paths, every in candidates(model, prepared.simulator.release):
+        found = [p for p in every if p.name not in free]
         if found and not any(known.startswith(tuple(paths)) for known in free):
             asked.append((name, paths, found))
-    more = [p for _, _, found in asked for p in found]
-    known, _ = rig_priors(prepared.scene, model, more)
-    own = problem.simulator
-    simulator = Simulator(model, [*own.parameters, *known], own.stepper, own.release)
-    values = np.concatenate([solution.values, [p.value for p in more]])
-    e = whitened(solution.windows, simulator(values, solution.starts, solution.windows))
-    columns, residual = _projected(e.jacobian, e.residual, solution, len(more))
-    tests, untold, at = [], [], 0
+    S, g, data = _all(prepared, solution, simulator, [p for _, _, found in asked for p in found])
+    k, tests, untold = len(problem.parameters), [], []
+    at, places = k, {}
+    free_rows = np.flatnonzero(~problem.held)
     for name, paths, found in asked:
-        mine = slice(at, at + len(found))
+        mine = np.arange(at, at + len(found))
         at += len(found)
-        test = _tested(columns[:, mine], residual, known[mine], problem.memory)
+        places[name] = mine
+        test = tested(S, g, data, free_rows, mine)
         if test is None:
             untold.append(Candidate(name, tuple(paths), {}, {}, 0.0, 1.0))
         else:
             tests.append((name, paths, found, *test))
     order = sorted(tests, key=lambda t: t[-1])  # by p, for Holm
+    price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     rows = []
     worst = 0.0
     for i, (name, paths, found, change, error, gain, p) in enumerate(order):
         worst = max(worst, min(1.0, p * (len(order) - i)))
         names = [parameter.name for parameter in found]
         changes, errors = (dict(zip(names, map(float, x), strict=True)) for x in (change, error))
-        rows.append(Candidate(name, tuple(paths), changes, errors, gain, worst))
-    return sorted(rows, key=lambda row: -row.gain) + untold
+        row = Candidate(name, tuple(paths), changes, errors, gain, worst, gain - price * len(found))
+        if row.named:
+            mine = places[name]
+            beside = np.concatenate([free_rows, mine])
+            others = [other for other, rows_of in places.items() if other != name and len(rows_of) == len(mine)]
+            row = replace(row, alike=tuple(o for o in others if tested(S, g, data, beside, places[o]) is None))
+        rows.append(row)
+    # those that are alike keep their order
+    return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
 
 
-def _projected(
-    jacobian: np.ndarray, residual: np.ndarray, solution: Solution, more: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (N, more) by the candidates and residuals (N,), without what starts and free parameters explain."""
-    m2 = solution.problem.freedoms
-    root = np.sqrt(solution.weights)
-    count = len(residual)
-    J = (root[..., None] * jacobian).reshape(count, -1, jacobian.shape[-1])
-    r = (root * residual).reshape(count, -1)
-    Z, P = J[..., :m2], J[..., m2:]
-    square = np.einsum("kai,kaj->kij", Z, Z)
-    held = ~Z.any(axis=1)
-    square += (held + 1e-12 * np.maximum(np.einsum("kii->ki", square), 1e-300))[:, :, None] * np.eye(m2)
-    both = np.concatenate([P, r[..., None]], axis=2)
-    both = both - Z @ np.linalg.solve(square, np.einsum("kai,kaj->kij", Z, both))
-    flat = both.reshape(-1, both.shape[-1])
-    taken, left = flat[:, : -more - 1][:, ~solution.problem.held], flat[:, -more - 1 :]
-    if taken.shape[1]:
-        size = np.maximum(np.sqrt(np.sum(taken**2, axis=0)), 1e-300)
-        left = left - (taken / size) @ np.linalg.lstsq(taken / size, left, rcond=1e-10)[0]
-    before = np.sqrt(np.sum(flat[:, -more - 1 : -1] ** 2, axis=0))
-    after = np.sqrt(np.sum(left[:, :-1] ** 2, axis=0))
-    return np.where(after > LEFT * before, left[:, :-1], 0.0), left[:, -1]
+def _all(
+    prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information and gradient of the free parameters and of more, and the part of the information by measurements."""
+    problem = solution.problem
+    every, known = rig_priors(prepared.scene, prepared.simulator.model, [*problem.parameters, *more])
+    values = np.concatenate([solution.values, [p.value for p in more]])
+    extended = replace(problem, simulator=simulator.viewed(every), parameters=every, frozen=None, known=known)
+    evaluation = extended.evaluate(values, solution.starts)
+    level = level_of(extended, solution.gap_weight)
+    nowhere = np.zeros(len(values))
+    step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
+    prior = prior_of(every, values, known.common)
+    data, slope = step.information - prior.curvature, step.gradient - prior.gradient
+    return data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data
 
 
-def _tested(
-    columns: np.ndarray, residual: np.ndarray, parameters: tuple[Parameter, ...], memory: float
+def tested(
+    S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float, float] | None:
     """Changes, their errors, gain and probability; None where the traces tell nothing of it."""
-    if not columns.any(axis=0).all():
+    size = np.diag(data)[mine]
+    if not (size > 0).all():
         return None
-    prior = block_diag(*[[[0.0 if p.prior is None else p.prior[1] ** -2]] for p in parameters])
-    S = columns.T @ columns / memory + prior
-    u = columns.T @ residual / memory
-    change = -solve_spd(S, u)
+    A, u = S[np.ix_(mine, mine)], g[mine]
+    if len(free):
+        inner = solve_spd(S[np.ix_(free, free)], np.column_stack([S[np.ix_(free, mine)], g[free]]))
+        A, u = A - S[np.ix_(mine, free)] @ inner[:, :-1], u - S[np.ix_(mine, free)] @ inner[:, -1]
+    scale = 1 / np.sqrt(np.diag(S)[mine])
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEFT:
+        return None
+    change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
-    error = np.sqrt(np.diag(solve_spd(S, np.eye(len(S)))))
-    return change, error, gain, float(chi2.sf(2 * gain, len(S)))
+    error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
+    return change, error, gain, float(chi2.sf(2 * gain, len(A)))

@@ -27,6 +27,7 @@ from fitting.calibration.decision import decide
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS, contains
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
+from fitting.calibration.unseen import taken, unseen
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
@@ -101,7 +102,7 @@ def compare(
     kinds = (blocks(windows.run), last_third(windows.begin, windows.run), other_runs(windows.run))
     folds, ahead, beside = (fair(each, windows.released) for each in kinds)
     scores = [score(one, folds) for one in found.values()]
-    rows = []
+    rows, per_unit = [], {dry: taken(prepared, one.simulator, one.owner) for dry, one in families.items()}
     for (law, one), scored in zip(found.items(), scores, strict=True):
         rows.append(
             replace(
@@ -111,6 +112,7 @@ def compare(
                 extrapolated=score(one, ahead).rms if ahead else np.nan,
                 other_run=score(one, beside).rms if beside else np.nan,
                 equals=_equals(law, same, laws),
+                unseen=unseen(one, families["dry" in LADDER[law]].owner, per_unit["dry" in LADDER[law]]),
             )
         )
     rows = with_bic(rows, [one.evaluation.residual for one in found.values()], windows)

@@ -1,7 +1,8 @@
 """Which laws the traces leave possible.
 
 A law that another contains is refuted where what it lacks is asked for, and a law that contains a possible one is
-needless where what it has more is not. Both are tests of coefficients on their bound of zero: twice the difference of
+needless where what it has more is not, and where the traces exclude that any of it takes a tenth of the energy: what
+they could not have shown stays possible. Both are tests of coefficients on their bound of zero: twice the difference of
 the log likelihoods of q coefficients follows the mixture
 
     sum_i binom(q, i) 2^-q chi^2_i
@@ -21,7 +22,7 @@ from scipy.stats import chi2
 
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law import Law
-from fitting.calibration.laws import contains
+from fitting.calibration.laws import LADDER, contains
 
 #: Probability below which a lack counts as shown, and above which an addition counts as needless.
 LACKS, NEEDLESS = 0.01, 0.03
@@ -72,7 +73,8 @@ def _refuted(rows: list[Law], logs: np.ndarray) -> list[Law]:
         for i in alive:
             if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
                 p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
-                if p > NEEDLESS:
+                more = set(LADDER[rows[j].name]) - set(LADDER[rows[i].name])
+                if p > NEEDLESS and not more & set(rows[j].unseen):
                     reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
     for i in alive:
         for j in alive:

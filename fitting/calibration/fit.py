@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
-
-import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
+from fitting.calibration.estimating import estimate
+from fitting.calibration.freeing import doubts, free_by_advice
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
-from fitting.estimate.gauss_newton import continue_windows, fit_windows
-from fitting.estimate.gradient import fit_gradient
-from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with, loss_of
+from fitting.estimate.loss import loss_of
 from fitting.estimate.nuts import nuts
-from fitting.estimate.own_noise import posed, with_own_noise
 from fitting.estimate.posterior import importance
-from fitting.estimate.problem import Solution
 from fitting.estimate.profile import profile as profiled
-from fitting.estimate.refinement import finer_step, refine
-from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
 from fitting.estimate.uncertainty import bootstrap as resampled
 from fitting.parameters.naming import full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues
@@ -36,8 +29,8 @@ from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
 SAMPLERS = {"importance": importance, "nuts": nuts}
-#: Candidates freed one after another at most, and those that are named in the warnings.
-MOST_FREED, NAMED_CANDIDATES = 6, 3
+#: Candidates that are named in the warnings.
+NAMED_CANDIDATES = 3
 
 
 def fit(
@@ -51,6 +44,7 @@ def fit(
     priors: Priors | None = None,
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
+    rest: Sequence[tuple[float, float]] = (),
     window: float | None = None,
     dt: float | None = None,
     zero: str | None = None,
@@ -84,6 +78,8 @@ def fit(
             (`[fit]` of the scene) hold what is given none here.
         until: samples from this time [s] on are not fitted.
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
+        rest: (low, high) [s] in which the line hangs at rest, before it is moved or after it has stopped: their poses
+            are fitted with the motion.
         window: length [s]; default from the Lyapunov exponent.
         dt: time step [s], at most the samples' interval; a shorter one that divides it is taken. Default: 1/75 of the
             shortest link's period, or 1/200 for second order.
@@ -119,37 +115,39 @@ def fit(
         raise SceneError(f"sampler: {sampler!r} is unknown; {nearest(sampler, SAMPLERS)}")
     progress = progress or silent
     begun = time.perf_counter()
-    names, freed, before = free, [], None
-    while True:
-        prepared = prepare(
-            traces,
-            scene,
-            names,
-            start=start,
-            bounds=bounds,
-            priors=priors,
-            until=until,
-            held_out=held_out,
-            window=window,
-            dt=dt,
-            asked=convention(zero, sign, unit),
-            static_start=static_start,
-            integrator=integrator,
-            progress=progress,
-        )
-        asked = profile_names(prepared, profile)
-        solution = estimate(prepared, method, loss_of(huber, student), continuity, iterations, progress, settings)
-        if solution.status != "ok" and before is not None:
-            prepared, solution, found = before  # what was freed last is more than the traces tell
-            freed.pop()
-            break
-        found = advise(prepared, solution) if (advice or auto_free) and solution.status == "ok" else []
-        best = next((candidate for candidate in found if candidate.named), None)
-        if not auto_free or best is None or len(freed) == MOST_FREED:
-            break
-        freed.append(best)
-        names, before = [*(p.name for p in prepared.parameters), *best.free], (prepared, solution, found)
-    prepared = replace(prepared, begun=begun)
+    prepared = prepare(
+        traces,
+        scene,
+        free,
+        start=start,
+        bounds=bounds,
+        priors=priors,
+        until=until,
+        held_out=held_out,
+        rest=rest,
+        window=window,
+        dt=dt,
+        asked=convention(zero, sign, unit),
+        static_start=static_start,
+        integrator=integrator,
+        progress=progress,
+    )
+    asked = profile_names(prepared, profile)
+    loss = loss_of(huber, student)
+    if auto_free:
+        again = lambda prepared, method, loss: estimate(prepared, method, loss, continuity, iterations, progress)  # noqa: E731
+        at = free_by_advice(prepared, again, "windows" if method == "gradient" else method, loss, progress=progress)
+        prepared, solution, found, freed = at.prepared, at.solution, at.found, at.names
+        if method == "gradient":
+            solution = estimate(prepared, method, at.loss, settings=settings, progress=progress)
+    else:
+        solution = estimate(prepared, method, loss, continuity, iterations, progress, settings)
+        found = advise(prepared, solution) if advice and solution.status == "ok" else []
+        freed = []
+    prepared = replace(
+        prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, len(prepared.parameters)))
+    )
+    solution.problem = replace(solution.problem, known=prepared.known)
     result = summarise(prepared, method, solution)
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
@@ -185,46 +183,3 @@ def profile_names(prepared: Prepared, wanted: Sequence[str] | bool) -> list[str]
             raise SceneError(f"profile: {name!r} is not a free parameter; {nearest(name, known)}")
         found += mine
     return list(dict.fromkeys(found))
-
-
-def estimate(
-    prepared: Prepared,
-    method: str = "shooting",
-    loss: Loss = LEAST_SQUARES,
-    continuity: str = "estimate",
-    iterations: int = 40,
-    progress: Progress = silent,
-    settings: Mapping[str, Any] | None = None,
-    frozen: np.ndarray | None = None,
-) -> Solution:
-    """Run an estimator; arguments as in `fit`."""
-    problem = prepared.problem(loss, frozen)
-    if method == "gradient":
-        return fit_gradient(problem, prepared.values, prepared.starts, progress=progress, **(settings or {}))
-    share = 0.5 if method == "shooting" else 0.9
-    solution = fit_windows(
-        prepared.problem(begun_with(loss), frozen),
-        prepared.values,
-        prepared.starts,
-        iterations=iterations,
-        progress=lambda fraction, text: progress(0.05 + share * fraction, text),
-    )
-    if solution.status != "ok":
-        return solution
-    own_noise = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
-    refined = partial(refine, progress=lambda _, text: progress(0.95, text))
-    solution = own_noise(solution, again=continue_windows)
-    if solution.problem.loss != loss:
-        there = replace(solution.problem, loss=loss)
-        solution = own_noise(continue_windows(posed(solution, there, solution.evaluation)), again=continue_windows)
-    if method == "windows":
-        return refined(solution)
-    joined = fit_shooting(
-        solution,
-        continuity=continuity,
-        finer=finer_step,
-        progress=lambda fraction, text: progress(0.55 + 0.4 * fraction, text),
-    )
-    if joined.status != "ok":
-        return joined
-    return settled(refined(own_noise(joined, again=continue_shooting)))

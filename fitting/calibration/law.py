@@ -24,6 +24,7 @@ class Law:
         other_run: the same of every run, predicted from the others; NaN where there is one.
         share: weight of the law among all, by its log scores.
         equals: laws that give the same motion, left out.
+        unseen: parts of it that may take a tenth of the energy for all that the traces tell, shown or not.
         refuted: why the law was left behind, or "".
         chosen: the simplest law that nothing speaks against; alone where the traces decide.
     """
@@ -44,6 +45,7 @@ class Law:
     other_run: float = np.nan
     share: float = np.nan
     equals: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
     refuted: str = ""
     chosen: bool = False
 
@@ -71,6 +73,7 @@ class Law:
             "other_run",
             "share",
             "equals",
+            "unseen",
             "refuted",
             "possible",
         )

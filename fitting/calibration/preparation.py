@@ -17,10 +17,12 @@ from fitting.calibration.prepared import SMOOTH_PART, STEPS_PER_PERIOD, Prepared
 from fitting.calibration.spans import check_spans, fitted_spans, only
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
+from fitting.estimate.rest import rests
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import Starts, Windows, check_step, cut, first_starts, time_step
 from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
+from fitting.parameters.place import LostPlace
 from fitting.parameters.priors import rig_priors
 from fitting.traces.conventions import settle_convention
 from fitting.traces.planar import check_planar
@@ -43,6 +45,7 @@ def prepare(
     priors: Priors | None = None,
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
+    rest: Sequence[tuple[float, float]] = (),
     window: float | None = None,
     dt: float | None = None,
     asked: Convention = Convention(),  # noqa: B008 - frozen
@@ -72,18 +75,24 @@ def prepare(
     by_path = [
         {full_names(scene, [name], which)[0]: value for name, value in (one or {}).items()} for which, one in given
     ]
-    parameters = resolve(model, names, *by_path, release=release)
+    parameters = at_frames(resolve(model, names, *by_path, release=release), runs)
     parameters, known = rig_priors(scene, model, parameters)
     held_out = check_spans(runs, held_out)
-    spans = fitted_spans(runs, until, held_out)
+    rest = check_spans(runs, rest, "rest")
+    spans = fitted_spans(runs, until, sorted([*held_out, *rest]))
     span = max(high - low for _, low, high in spans)
     period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
-    simulator = simulator or Simulator(model, parameters, choose_stepper(model, integrator), release)
-    simulator.parameters = parameters
+    if simulator is None:
+        simulator = Simulator(model, parameters, choose_stepper(model, integrator), release)
+    elif [p.name for p in simulator.compiled] == [p.name for p in parameters]:
+        simulator.parameters = simulator.compiled = parameters
+    else:
+        simulator = simulator.viewed(parameters)
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     # what is held out touches nothing, not even the noise or the first guess of a start
     seen = [only(trace, [(low, high) for run, low, high in spans if run == i]) for i, trace in enumerate(runs)]
     sigma = [noise(trace) for trace in seen]
+    poses = rests(runs, sigma, rest)
     length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
@@ -124,7 +133,27 @@ def prepare(
         begun=begun,
         compiled_before=compiled_before,
         known=known,
+        rest=poses,
     )
+
+
+def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
+    """The parameters with the times of the frames that they name.
+
+    Raises:
+        SceneError: no such run, or a frame that nothing stands before.
+    """
+    found = []
+    for p in parameters:
+        if isinstance(p.where, LostPlace):
+            if p.where.run >= len(traces):
+                raise SceneError(f"free: {p.name!r} has no such run; allowed: 0 to {len(traces) - 1}")
+            t = traces[p.where.run].t
+            if not 0 < p.where.frame < len(t):
+                raise SceneError(f"free: {p.name!r} has no such frame; allowed: 1 to {len(t) - 1}")
+            p = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
+        found.append(p)
+    return tuple(found)
 
 
 def _as_traces(traces: TracesLike, links: int) -> list[Trace]:

@@ -11,6 +11,7 @@ from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Problem
+from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows, cut
 from fitting.parameters.parameter import Parameter
@@ -45,10 +46,14 @@ class Prepared:
     compiled_before: float = 0.0
     noise: Noise | None = None
     known: Known = Known()
+    rest: Rest | None = None
+    begin: np.ndarray | None = None
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
-        return Problem(self.simulator, self.windows, self.parameters, loss, frozen, self.noise, known=self.known)
+        return Problem(
+            self.simulator, self.windows, self.parameters, loss, frozen, self.noise, known=self.known, rest=self.rest
+        )
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""
@@ -84,5 +89,5 @@ class Prepared:
 
     @property
     def values(self) -> np.ndarray:
-        """Start values (k,)."""
-        return np.array([p.value for p in self.parameters])
+        """Where the parameters begin (k,): their start values, or where an earlier fit ended."""
+        return self.begin if self.begin is not None else np.array([p.value for p in self.parameters])

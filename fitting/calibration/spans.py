@@ -11,15 +11,17 @@ from dropper_jax.base.errors import SceneError
 from fitting.traces.trace import Trace
 
 
-def check_spans(traces: Sequence[Trace], spans: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Sorted held-out spans.
+def check_spans(
+    traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
+) -> tuple[tuple[float, float], ...]:
+    """Sorted spans, called after the option that they come from.
 
     Raises:
         SceneError: a span that is empty, overlaps another or lies outside every trace.
     """
     found = sorted((float(low), float(high)) for low, high in spans)
     for i, (low, high) in enumerate(found):
-        text = f"held-out: {low:g}:{high:g}"
+        text = f"{option}: {low:g}:{high:g}"
         if not low < high:
             raise SceneError(f"{text} is empty; allowed: lo < hi")
         if i and low < found[i - 1][1] - 1e-9:

@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")
+    parser.add_argument(
+        "--rest", metavar="LO:HI,...", help="stretches [s] in which the line hangs at rest: their poses are fitted too"
+    )
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
     parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
     parser.add_argument(
@@ -112,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
         sampler=args.sampler,
         until=args.until,
         held_out=spans,
+        rest=held_out_spans(args.rest, "--rest"),
         window=args.window,
         dt=args.dt,
         zero=args.zero,
@@ -138,14 +142,14 @@ def run(args: argparse.Namespace) -> int:
     return OK if result.status == "ok" else FAILED
 
 
-def held_out_spans(text: str | None) -> list[tuple[float, float]]:
+def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
     """Spans [s] of `lo:hi,lo:hi`."""
     found = []
     for part in filter(None, (text or "").split(",")):
         try:
             low, high = (float(x) for x in part.split(":"))
         except ValueError:
-            raise SceneError(f"--held-out: {part!r} is not lo:hi; allowed: spans in s such as 40:45,45:50") from None
+            raise SceneError(f"{option}: {part!r} is not lo:hi; allowed: spans in s such as 40:45,45:50") from None
         found.append((low, high))
     return found
 

@@ -22,6 +22,9 @@ class Loss(Protocol):
     def weights(self, residual: np.ndarray) -> np.ndarray:
         """Slope over r, of the residuals' shape: weights with which least squares has the same slope."""
 
+    def curvature(self, residual: np.ndarray) -> np.ndarray:
+        """Derivative of the slope, of the residuals' shape."""
+
 
 class LeastSquares:
     """`r^2/2`: for normal noise."""
@@ -33,6 +36,8 @@ class LeastSquares:
 
     def weights(self, residual: np.ndarray) -> np.ndarray:
         return np.ones_like(residual)
+
+    curvature = weights
 
 
 LEAST_SQUARES = LeastSquares()
@@ -56,6 +61,9 @@ class Huber:
     def weights(self, residual: np.ndarray) -> np.ndarray:
         return np.minimum(1.0, self.threshold / np.maximum(np.abs(residual), 1e-300))
 
+    def curvature(self, residual: np.ndarray) -> np.ndarray:
+        return (np.abs(residual) <= self.threshold).astype(float)
+
 
 @dataclass(frozen=True)
 class StudentT:
@@ -76,6 +84,10 @@ class StudentT:
 
     def weights(self, residual: np.ndarray) -> np.ndarray:
         return 1 / (1 + residual**2 / self.freedom)
+
+    def curvature(self, residual: np.ndarray) -> np.ndarray:
+        share = residual**2 / self.freedom
+        return (1 - share) / (1 + share) ** 2
 
 
 #: Threshold of Huber's loss from which one of Student's begins.

@@ -172,7 +172,12 @@ class Density:
         self.basis = jnp.asarray(chart(simulator.model_at(solution.values), solution.starts.theta))
         self.follows = np.flatnonzero(windows.follows & (solution.gap_weight is not None))
         self.scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
-        self.seen = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
+        seen = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows))
+        self.seen = tuple(jnp.asarray(a) for a in seen)
+        # the programs may know more parameters than these
+        self.known, self.where = simulator.whole(solution.values)
+        columns = np.concatenate([np.arange(simulator.freedoms), simulator.freedoms + self.where])
+        self.seeds = jnp.asarray(np.eye(simulator.freedoms + len(self.known))[columns])
         self.counts = jnp.int32(windows.substeps), jnp.int32(windows.steps)
         on_grid = not windows.fraction.any()
         settings = {"stepper": simulator.stepper.plain, "dt": windows.dt, "room": windows.steps, "on_grid": on_grid}
@@ -196,7 +201,8 @@ class Density:
         values = jnp.asarray(self.values).at[self.free].add(dp)
         turned = (jnp.einsum("kij,kj->ki", self.basis, part) for part in (z[:, :m], z[:, m:]))
         starts = tuple(a + b for a, b in zip(self.start, turned, strict=True))
-        run = lambda window: self.window(values, *self.counts, *window)  # noqa: E731
+        known = jnp.asarray(self.known).at[self.where].set(values)
+        run = lambda window: self.window(known, self.seeds, *self.counts, *window)  # noqa: E731
         found = jax.lax.map(run, (*starts, self.basis, *self.seen), batch_size=TOGETHER)
         _, residual, jacobian, start, end, js, je, failed = found
         cost, slope = 0.5 * jnp.sum(residual**2), jnp.einsum("ksni,ksn->ki", jacobian, residual)

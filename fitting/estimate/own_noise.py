@@ -77,7 +77,10 @@ class Told:
             windows.weight > 0, windows.weight / np.where(windows.weight > 0, self.claimed.weight, 1.0), 0.0
         )
         e = self.raw._replace(residual=self.raw.residual * ratio, jacobian=self.raw.jacobian * ratio[..., None])
-        return posed(self.solution, replace(self.solution.problem, windows=windows, noise=noise), whitened(windows, e))
+        problem = replace(self.solution.problem, windows=windows, noise=noise)
+        if problem.rest is not None:
+            problem = replace(problem, rest=problem.rest.weighed(noise, problem.simulator, self.solution.values))
+        return posed(self.solution, problem, whitened(windows, e))
 
     def settled(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
         """The noise with its sizes at their fixed point, or near it."""

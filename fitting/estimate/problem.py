@@ -10,6 +10,7 @@ import numpy as np
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
+from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Evaluation, Simulator
 from fitting.estimate.whitening import whitened
 from fitting.estimate.windows import Starts, Windows
@@ -35,6 +36,7 @@ class Problem:
         memory: samples that tell as much as one whose error has nothing to do with its neighbours'; a fit is converged
             when what is left to go is little against errors that are as much larger.
         known: what is known of several parameters together, or of none that is free.
+        rest: what poses at rest tell (`rest.Rest`).
         noise: what the windows' weights are made of, where it was estimated (`noise.Noise`).
     """
 
@@ -46,6 +48,7 @@ class Problem:
     noise: Noise | None = None
     memory: float = 1.0
     known: Known = Known()
+    rest: Rest | None = None
 
     @property
     def freedoms(self) -> int:
@@ -74,8 +77,11 @@ class Problem:
         return whitened(self.windows, self.simulator(values, starts, self.windows))
 
     def prior(self, values: np.ndarray) -> Prior:
-        """What the priors add."""
-        return prior_of(self.parameters, values, self.known.common)
+        """What the priors and the poses at rest add."""
+        found = prior_of(self.parameters, values, self.known.common)
+        if self.rest is None:
+            return found
+        return Prior(*(a + b for a, b in zip(found, self.rest.prior(self.simulator, values), strict=True)))
 
     def data_cost(self, evaluation: Evaluation) -> float:
         """The loss of the measured angles; infinite where the motion is not finite."""

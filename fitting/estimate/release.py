@@ -100,25 +100,9 @@ class Release:
             found = found.at[run].set(values[i])
         return found
 
-    def clock(
-        self,
-        parameters: Sequence[Parameter],
-        p: jax.Array,
-        begun: Begun,
-        position: jax.Array,
-        dt: float,
-        steps: jax.Array,
-    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        """A window's step [s] and the place of its samples, in steps from the release: whole and rest.
-
-        Args:
-            position: of the samples (S,), in steps of dt from the window's beginning.
-        """
-        late = jnp.where(begun.released, self.times(parameters, p)[begun.run] - begun.begin, 0.0)
-        h = dt * jnp.maximum(1 - late / (steps * dt), LEAST_STRETCH)
-        place = jnp.clip((position * dt - late) / h, 0.0, steps)  # before the release: at rest
-        index = jnp.minimum(jnp.floor(jax.lax.stop_gradient(place)), steps - 1)
-        return h, (index.astype(jnp.int32), place - index)
+    def late(self, parameters: Sequence[Parameter], p: jax.Array, begun: Begun) -> jax.Array:
+        """How long after its beginning a window is let go [s]; 0 of those that are not."""
+        return jnp.where(begun.released, self.times(parameters, p)[begun.run] - begun.begin, 0.0)
 
     def place(
         self,

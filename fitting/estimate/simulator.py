@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import time
 from collections.abc import Sequence
@@ -15,16 +16,15 @@ import numpy as np
 
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.integrators.rattle_4 import Rattle4
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model
 from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.stepping.controlled import advance_controlled, start_controlled
-from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.integrate import failed as unsolved
-from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper
-from fitting.estimate.release import Begun, Release
-from fitting.estimate.windows import Starts, Windows
-from fitting.parameters.parameter import Parameter, apply, camera_offset, clock_rate
+from fitting.estimate.marching import at_samples, march
+from fitting.estimate.release import LEAST_STRETCH, Begun, Release
+from fitting.estimate.windows import ON_GRID, Starts, Windows
+from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.place import LostPlace
+from fitting.parameters.seeing import clock_rate, losses, seen
 from fitting.traces import planar
 
 #: Windows run side by side in one program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all
@@ -32,14 +32,13 @@ from fitting.traces import planar
 CHUNK = 8
 #: Newton iterations of a rattle_4 stage: its Jacobian is exact, three leave rounding at 1/60 s (residual 8e-16).
 ITERATIONS = 3
-#: Error of a step over the shortest link that schemes which hold their own allow: on the lab dropper angles are then
-#: within 5e-5 rad after 3 s, a hundredth of the noise.
-ERROR = 1e-4
 #: Times the median over windows beyond which a window's derivative is taken for none. A joint that is just about to
 #: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
 WILD = 1e4
 
 
+#: Place of a jump of the clock that a window does not have [steps].
+NEVER = 1e9
 #: Part of a program's windows that its first, plain steps may leave unsolved before they are given up for good.
 UNSOLVED = 0.5
 
@@ -115,9 +114,16 @@ class Simulator:
     the time (two rods with dry joints: 13 s of 22), and only those with unsolved steps run again. Measured pendulums
     have none.
 
+    Its programs may know more parameters than are asked of it: `viewed` gives the same programs for some of them, the
+    others at their own values, so that what is freed later is not compiled again. Derivatives are taken along
+    `tangents` directions at a time, which are told to the program as numbers.
+
     Attributes:
+        parameters: those of the values and derivatives asked for.
+        compiled: those that programs know.
         release: how released windows begin; None where every window has a start of its own.
         room: steps and sample slots that programs are compiled for at least.
+        others: programs of the same model that others keep here.
         compile_s: time spent compiling [s].
         evaluations: calls so far.
     """
@@ -128,28 +134,74 @@ class Simulator:
         parameters: Sequence[Parameter],
         stepper: Stepper | None = None,
         release: Release | None = None,
+        tangents: int | None = None,
     ) -> None:
         self.model, self.parameters, self.release = model, tuple(parameters), release
+        self.compiled = self.parameters
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
+        self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
         self.compile_s, self.evaluations = 0.0, 0
         self.room = 0, 0
         self._plain = self.stepper.plain != self.stepper
         self._programs: dict[Key, jax.stages.Compiled] = {}
+        self.others: dict[str, Any] = {}
         self._model: tuple[np.ndarray, Model] | None = None
         # a fit begins where its preparation looked last
         self._last: tuple[tuple[np.ndarray, Starts, Windows] | None, Evaluation | None] = None, None
 
+    def viewed(self, parameters: Sequence[Parameter]) -> Simulator:
+        """The same programs for some of the parameters that they know, or other lost frames in the place of theirs."""
+        view = copy.copy(self)
+        view.parameters, view._model, view._last = tuple(parameters), None, (None, None)
+        view._where()  # a name that is not known stops here
+        return view
+
+    def knows(self, parameters: Sequence[Parameter]) -> bool:
+        """Whether its programs know all of these."""
+        lost = sum(isinstance(p.where, LostPlace) for p in parameters)
+        names = {p.name for p in self.compiled}
+        rest = (p for p in parameters if not isinstance(p.where, LostPlace))
+        return lost <= len(losses(self.compiled)) and all(p.name in names for p in rest)
+
+    def _where(self) -> np.ndarray:
+        """Numbers (k,) of the parameters among the compiled ones; lost frames take the places of any."""
+        place = {p.name: i for i, p in enumerate(self.compiled)}
+        lost = iter(losses(self.compiled))
+        return np.array([next(lost) if isinstance(p.where, LostPlace) else place[p.name] for p in self.parameters], int)
+
+    def whole(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values of all parameters that programs know, and which of them are these (k,)."""
+        where, found = self._where(), np.array([p.value for p in self.compiled], float)
+        found[losses(self.compiled)] = 0.0
+        found[where] = values
+        return found, where
+
+    def jumps(self, windows: Windows) -> np.ndarray:
+        """Where in every window, in steps, each lost time of the programs comes in (K, q); `NEVER` where it does not.
+
+        One that comes in at the end of a window, before the next one's first frame, is part of it.
+        """
+        found = np.full((windows.count, len(losses(self.compiled))), NEVER)
+        for slot, i in enumerate(losses(self.parameters)):
+            where = self.parameters[i].where
+            place = (where.time - windows.begin) / windows.dt - ON_GRID
+            inside = (windows.run == where.run) & (place > 0) & (place <= windows.steps)
+            found[inside, slot] = place[inside]
+        return found
+
     def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
         """Evaluate at parameter values (k,) and window starts; every window has its own line in the answer."""
         values = np.asarray(values, float)
-        asked = self._last[0]
-        if asked and asked[1] is starts and asked[2] is windows and np.array_equal(asked[0], values):
+        last = self._last[0]
+        if last and last[1] is starts and last[2] is windows and np.array_equal(last[0], values):
             return self._last[1]
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
+        asked, (values, _) = values, self.whole(values)
+        inputs = (*inputs, self.jumps(windows))
         if self.release:
-            inputs = self.release.place(self.model, self.parameters, values, inputs, windows)
+            inputs = self.release.place(self.model, self.compiled, values, inputs, windows)
         self.evaluations += 1
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
@@ -158,7 +210,7 @@ class Simulator:
             better = self._run(values, tuple(a[again] for a in inputs), windows, False)
             for old, new in zip(found, better, strict=True):
                 old[again] = new
-        self._last = (values.copy(), starts, windows), trusted(found)
+        self._last = (asked.copy(), starts, windows), trusted(found)
         return self._last[1]
 
     def _run(self, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows, plain: bool) -> Evaluation:
@@ -173,13 +225,29 @@ class Simulator:
         order = np.minimum(np.arange(-(-count // key.size) * key.size), count - 1).reshape(-1, key.size)
         chunks = [tuple(a[rows] for a in inputs) for rows in order]
         taken = np.int32(windows.substeps), np.int32(windows.steps)
-        run = lambda chunk: [np.asarray(a) for a in program(values, *taken, *chunk)]  # noqa: E731
+        run = lambda job: [np.asarray(a) for a in program(values, job[0], *taken, *job[1])]  # noqa: E731
+        seeds = self._seeds()
+        jobs = [(some, chunk) for some in seeds for chunk in chunks]
         # the compiled program leaves the interpreter, so that two threads use two cores
-        with ThreadPoolExecutor(min(len(chunks), os.cpu_count() or 1)) as pool:
-            parts = list(pool.map(run, chunks))
-        whole = Evaluation(*(np.concatenate(column)[:count] for column in zip(*parts, strict=True)))
+        with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
+            parts = list(pool.map(run, jobs))
+        by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
+        joined = [[np.concatenate(column)[:count] for column in zip(*some, strict=True)] for some in by_seed]
+        whole = Evaluation(*joined[0])
+        wanted = self.freedoms + len(self.parameters)
+        for field in ("jacobian", "start_jacobian", "end_jacobian"):
+            i = Evaluation._fields.index(field)
+            whole = whole._replace(**{field: np.concatenate([some[i] for some in joined], axis=-1)[..., :wanted]})
         seen = {f: getattr(whole, f)[:, :slots] for f in ("theta", "residual", "jacobian")}
         return whole._replace(**seen)
+
+    def _seeds(self) -> list[np.ndarray]:
+        """Directions (tangents, m2 + compiled) of the derivatives, as many blocks as starts and parameters need."""
+        columns = np.concatenate([np.arange(self.freedoms), self.freedoms + self._where()])
+        blocks = -(-len(columns) // self.tangents)
+        seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
+        seeds[np.arange(len(columns)), columns] = 1.0
+        return list(seeds.reshape(blocks, self.tangents, -1))
 
     def model_at(self, values: np.ndarray) -> Model:
         """The model with these parameter values (k,)."""
@@ -206,7 +274,7 @@ class Simulator:
         )
 
     def _on_grid(self, windows: Windows) -> bool:
-        return self.release is None and not windows.fraction.any()
+        return self.release is None and not losses(self.compiled) and not windows.fraction.any()
 
     def _program(
         self, wanted: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
@@ -221,19 +289,21 @@ class Simulator:
             key = wanted._replace(steps=max(wanted.steps, self.room[0]), slots=max(wanted.slots, self.room[1]))
         stepper = self.stepper.plain if key.plain else self.stepper
         one = partial(self.window, stepper=stepper, dt=key.dt, room=key.steps, on_grid=key.on_grid)
-        batched = jax.vmap(one, in_axes=(None, None, None, *(0 for _ in inputs)))
+        batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))
         if key.size == 1:  # a batch of one is a batch, and would take both sides of every choice too
-            batched = lambda v, n, m, *each: [a[None] for a in one(v, n, m, *(a[0] for a in each))]  # noqa: E731
+            batched = lambda v, d, n, m, *each: [a[None] for a in one(v, d, n, m, *(a[0] for a in each))]  # noqa: E731
         shape = lambda i, a: (key.size, key.slots, *a.shape[2:]) if 3 <= i <= 6 else (key.size, *a.shape[1:])  # noqa: E731
         like = [jax.ShapeDtypeStruct(shape(i, a), jnp.asarray(a[:0]).dtype) for i, a in enumerate(inputs)]
         count = jax.ShapeDtypeStruct((), jnp.int32)
-        self._programs[key] = jax.jit(batched).lower(values, count, count, *like).compile()
+        seeds = jax.ShapeDtypeStruct((self.tangents, self.freedoms + len(self.compiled)), jnp.asarray(values).dtype)
+        self._programs[key] = jax.jit(batched).lower(values, seeds, count, count, *like).compile()
         self.compile_s += time.perf_counter() - begun
         return key, self._programs[key]
 
     def window(
         self,
         values: jax.Array,
+        seeds: jax.Array,
         substeps: jax.Array,
         steps: jax.Array,
         *inputs: jax.Array,
@@ -242,92 +312,47 @@ class Simulator:
         room: int,
         on_grid: bool,
     ) -> tuple[jax.Array, ...]:
-        """Value and Jacobian of one window of `steps` steps, at most `room`, all tangents in one batch."""
-        theta0, omega0, basis, measured, weight, index, fraction, *more = inputs
+        """Value and derivatives along `seeds` of one window of `steps` steps, at most `room`, in one batch."""
+        theta0, omega0, basis, measured, weight, index, fraction, jumps, *more = inputs
         m = basis.shape[1]
         point = jnp.concatenate([jnp.zeros(2 * m), values])
 
         def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
             z, p = x[: 2 * m], x[2 * m :]
-            model = apply(self.model, self.parameters, p)
+            model = apply(self.model, self.compiled, p)
             theta, h, place = theta0 + basis @ z[:m], dt, (index, fraction)
-            if self.release:
-                begun = Begun(*more)
+            begun = Begun(*more) if self.release else None
+            if begun is not None:
                 theta = theta + begun.slope @ (p - values)
-                h, place = self.release.clock(self.parameters, p, begun, index + fraction, dt, steps)
-            rate = clock_rate(self.parameters, p)
+            if begun is not None or losses(self.compiled):
+                h, place = self._clock(p, begun, index + fraction, jumps, dt, steps)
+            rate = clock_rate(self.compiled, p)
             h = h if rate is None else h * rate
             start = planar.closed(model, theta, omega0 + basis @ z[m:])
             angles, rates, failed = march(stepper, model, planar.to_state(model, *start), h, room, substeps, steps)
-            seen = _at_samples(start, angles, rates, *place, h, on_grid)
-            seen = seen + camera_offset(self.parameters, p, seen.shape[1])
-            residual = planar.wrap(seen - measured) * weight
+            angle = seen(model, self.compiled, p, at_samples(start, angles, rates, *place, h, on_grid))
+            residual = planar.wrap(angle - measured) * weight
             end = jnp.concatenate([angles[steps - 1], rates[steps - 1]])
-            return (residual, jnp.concatenate(start), end), (seen, failed)
+            return (residual, jnp.concatenate(start), end), (angle, failed)
 
         push = lambda d: jax.jvp(outputs, (point,), (d,), has_aux=True)  # noqa: E731
-        (residual, start, end), (jr, js, je), (seen, failed) = jax.vmap(push, out_axes=(None, -1, None))(
-            jnp.eye(len(point))
-        )
-        return seen, residual, jr, start, end, js, je, failed
+        (residual, start, end), (jr, js, je), (angle, failed) = jax.vmap(push, out_axes=(None, -1, None))(seeds)
+        return angle, residual, jr, start, end, js, je, failed
 
+    def _clock(
+        self, p: jax.Array, begun: Begun | None, position: jax.Array, jumps: jax.Array, dt: float, steps: jax.Array
+    ) -> tuple[jax.Array | float, tuple[jax.Array, jax.Array]]:
+        """A window's step [s] and the place of its samples in steps, whole and rest, by a clock of its own.
 
-def march(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, room: int, substeps: jax.Array, steps: jax.Array | int
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Angles and rates (room, n) after every step of dt, and how many (sub)steps failed; of no use beyond `steps`.
-
-    Each step is taken in `substeps` parts. Both numbers are traced, so that one program serves every fineness and
-    windows of any length. Schemes that hold their own error are as much more exact, and dt is the interval of what is
-    seen of them.
-    """
-    if isinstance(stepper.integrator, ProjectedRungeKutta):
-        return _held(stepper, model, s, dt, room, substeps)
-
-    def part(_: int, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-        s, bad = carry
-        s, report = step(stepper, model, s, dt / substeps, bad == 0)
-        return s, bad + unsolved(stepper, model, s, report.residual)
-
-    put = jax.lax.dynamic_update_index_in_dim
-
-    def whole(i: int, carry: tuple[tuple[State, jax.Array], jax.Array, jax.Array]) -> tuple[Any, ...]:
-        carry, r, v = carry
-        carry = jax.lax.fori_loop(0, substeps, part, carry)
-        return carry, put(r, carry[0].r, i, 0), put(v, carry[0].v, i, 0)
-
-    first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
-    # what is not reached stays at the first pose: a link of no length would have no angle, nor a finite derivative
-    shelf = lambda a: jnp.broadcast_to(a, (room, *a.shape))  # noqa: E731
-    (_, bad), r, v = jax.lax.fori_loop(0, steps, whole, (first, shelf(first[0].r), shelf(first[0].v)))
-    return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
-
-
-def _held(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, steps: int, substeps: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
-    allowed = jax.lax.stop_gradient(ERROR * jnp.min(model.line.length) * finer)
-    carry = start_controlled(stepper, model, s, allowed)
-    carry, (found, _) = advance_controlled(stepper, model, carry, dt, allowed, steps)
-    return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), carry.bad
-
-
-def _at_samples(
-    start: tuple[jax.Array, jax.Array],
-    angles: jax.Array,
-    rates: jax.Array,
-    index: jax.Array,
-    fraction: jax.Array,
-    dt: jax.Array | float,
-    on_grid: bool,
-) -> jax.Array:
-    """Angles (S, n) at the sample times: cubic Hermite between steps, whose error is below the scheme's own."""
-    angles = jnp.concatenate([start[0][None], angles])
-    if on_grid:
-        return angles[index]
-    rates = jnp.concatenate([start[1][None], rates])
-    a, ra, rb = angles[index], rates[index], rates[index + 1]
-    turn = planar.wrap(angles[index + 1] - a)
-    s = fraction[:, None]
-    return a + turn * (3 * s**2 - 2 * s**3) + dt * ((s - 2 * s**2 + s**3) * ra + (s**3 - s**2) * rb)
+        The steps are stretched so that the last one ends with the window, however much time is missing in it.
+        """
+        lost = losses(self.compiled)
+        elapsed, total = position * dt, steps * dt
+        for slot, i in enumerate(lost):
+            elapsed = elapsed + jnp.where(position >= jumps[slot], p[i], 0.0)
+            total = total + jnp.where(jumps[slot] < NEVER, p[i], 0.0)
+        late = 0.0 if begun is None else self.release.late(self.compiled, p, begun)
+        h = jnp.maximum((total - late) / steps, LEAST_STRETCH * dt)
+        place = jnp.clip((elapsed - late) / h, 0.0, steps)  # before the release: at rest
+        whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(place)), steps - 1)
+        return h, (whole.astype(jnp.int32), place - whole)

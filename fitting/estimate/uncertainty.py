@@ -68,6 +68,22 @@ def degrees_of_freedom(solution: Solution) -> int:
     return max(1, windows.samples - starts * problem.freedoms - int((~problem.held).sum()))
 
 
+def variance(solution: Solution) -> float:
+    """Variance of the noise, in units of the assumed one, by which the inverse information is the covariance.
+
+    With psi the slope of the loss and w its weights, means over the residuals,
+
+        <psi^2> <w> / <psi'>^2
+
+    and chi-square per degree of freedom for least squares (Huber 1973).
+    """
+    known, residual, loss = solution.windows.weight > 0, solution.evaluation.residual, solution.problem.loss
+    count = max(int(known.sum()), 1)
+    square = float(np.sum((solution.weights * residual) ** 2)) / degrees_of_freedom(solution)
+    weight, slope = float(np.mean(solution.weights[known])), float(np.sum(loss.curvature(residual)[known])) / count
+    return square * weight / max(slope, 1e-3) ** 2
+
+
 def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
     """Correlation of neighbouring residuals (K, S, n) and its standard error for white noise."""
     both = known[:, 1:] & known[:, :-1]
@@ -80,7 +96,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
     """Errors at a solution; the larger of the noise's and of the blocks' scatter where noise is not all there is."""
     problem, windows, k = solution.problem, solution.windows, len(solution.values)
     free = np.flatnonzero(~problem.held)
-    noise2 = solution.chi2 / degrees_of_freedom(solution)
+    noise2 = variance(solution)
     white = noise2 * _inverse(solution.information[np.ix_(free, free)])
     correlation, error = lag_one(solution.weights * solution.evaluation.residual, windows.weight > 0)
     covariance, inflation, blocks = white, 1.0, 0

@@ -18,7 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces import planar
-from fitting.traces.trace import Trace, local_polynomial
+from fitting.traces.trace import Trace, local_polynomial, without_spikes
 
 #: Departure from whole steps [steps] below which samples count as lying on the time grid.
 ON_GRID = 1e-6
@@ -202,6 +202,7 @@ class Starts(NamedTuple):
 
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, smooth: float) -> Starts:
     """Starts from the traces, smoothed over `smooth` [s] on either side of a window's first instant."""
+    traces = [without_spikes(trace) for trace in traces]
     value = np.array(
         [
             [local_polynomial(traces[i].t, column, t0, smooth) for column in traces[i].theta.T]

@@ -49,7 +49,8 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
 
 
 def _is_full(name: str) -> bool:
-    return name.count(".") >= 2 or name.startswith(("camera.", "clock.", "marker.", "parameters.", "release."))
+    known = ("camera.", "clock.", "marker.", "parameters.", "release.", "rig.")
+    return name.count(".") >= 2 or name.startswith(known)
 
 
 def _full(name: str, known: Sequence[str], option: str) -> str:

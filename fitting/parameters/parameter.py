@@ -1,10 +1,17 @@
 """Free parameters: numbers of a model's pytree by path, with bounds taken from the fields' declarations.
 
 Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
-`camera.offset`, a rotation of the camera that adds to every measured angle, `marker.offset`, one of each link's marker
-or encoder against the link, that adds to its own (`marker.offset.1` of the second link), `clock.rate`, by which the
-traces' time is stretched, `release.time` and `release.force` (see `release`). A field with one value per link frees one
-parameter per entry. Bounds stay in raw parameters (no exponential), so that a damping of exactly 0 is reachable.
+
+    camera.offset           a rotation of the camera, which adds to every measured angle
+    marker.offset[.J]       one of a link's marker or encoder against the link, which adds to its own
+    marker.node[.I[.0]]     how far a node's marker is beside it, along (.0) and across (.1) the link that ends there
+    rig.scale               by which all lengths and places are larger together
+    clock.rate              by which the traces' time is stretched
+    clock.lost.RUN.FRAME    time that is missing before a frame
+    release.time, .force    see `release`
+
+A field with one value per link frees one parameter per entry. Bounds stay in raw parameters (no exponential), so that a
+damping of exactly 0 is reachable.
 """
 
 from __future__ import annotations
@@ -20,7 +27,22 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Line, Model, Point
-from fitting.parameters.place import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, Direction, ModelPlace, Place
+from fitting.parameters.place import (
+    CAMERA,
+    CLOCK,
+    LOST,
+    MARKER,
+    NODE,
+    SCALE,
+    CameraPlace,
+    ClockPlace,
+    Direction,
+    LostPlace,
+    ModelPlace,
+    NodeMarkerPlace,
+    Place,
+    scaled,
+)
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
 StartValues = Mapping[str, float]
@@ -31,8 +53,11 @@ Priors = Mapping[str, tuple[float, float]]
 OPEN_BOUND = 1e-3
 #: Least and largest rate of a clock [s/s].
 CLOCK_RANGE = 0.5, 2.0
+#: Least and largest size of a rig over the scene's [m/m].
+SCALE_RANGE = 0.5, 2.0
 #: Size of a step of a parameter that starts at zero [its own unit], where nothing else sizes it.
 SMALL = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
+SMALL |= {NODE: 1e-3, LOST: 1e-2}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,7 +161,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) ->
 
 def paths(model: Model) -> list[str]:
     """Every path of the model that can be free."""
-    found = [CAMERA, MARKER, CLOCK]
+    found = [CAMERA, MARKER, NODE, SCALE, CLOCK, f"{LOST}.RUN.FRAME"]
     for section, items in (("point", model.points), ("line", model.lines), ("effects", model.effects)):
         for i, item in enumerate(items):
             labels = [item.name] if section == "effects" else [str(i), item.name]
@@ -157,8 +182,14 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
         return [Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")]
     if name == CLOCK:
         return [Parameter(CLOCK, ClockPlace(), 1.0, *CLOCK_RANGE, unit="s/s")]
+    if name == SCALE:
+        return [Parameter(SCALE, scaled(model), 1.0, *SCALE_RANGE, unit="m/m")]
     if name == MARKER or name.startswith(MARKER + "."):
         return _markers(model, name, option)
+    if name == NODE or name.startswith(NODE + "."):
+        return _node_markers(model, name, option)
+    if name == LOST or name.startswith(LOST + "."):
+        return [_lost(name, option)]
     section, index, field, entry = _locate(model, name, option)
     item = getattr(model, section)[index]
     value = np.asarray(getattr(item, field.name))
@@ -180,6 +211,22 @@ def _markers(model: Model, name: str, option: str) -> list[Parameter]:
         raise SceneError(f"{option}: {name!r} has no such link; allowed: {MARKER}.0 to {MARKER}.{links - 1}")
     each = [int(entry)] if entry else range(links)
     return [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in each]
+
+
+def _node_markers(model: Model, name: str, option: str) -> list[Parameter]:
+    nodes = range(0, model.line.links + (1 if model.end_held else 0))
+    every = [Parameter(f"{NODE}.{i}.{axis}", NodeMarkerPlace(i, axis), 0.0, unit="m") for i in nodes for axis in (0, 1)]
+    found = [p for p in every if p.name == name] or [p for p in every if p.name.startswith(name + ".")]
+    if not found:
+        raise SceneError(f"{option}: {name!r} has no such node; allowed: {NODE}.0 to {NODE}.{nodes[-1]}, each .0 or .1")
+    return found
+
+
+def _lost(name: str, option: str) -> Parameter:
+    words = name.removeprefix(LOST).lstrip(".").split(".")
+    if len(words) != 2 or not all(word.isdecimal() for word in words):
+        raise SceneError(f"{option}: {name!r} names no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
+    return Parameter(name, LostPlace(*map(int, words)), 0.0, unit="s")
 
 
 def _used(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
@@ -218,21 +265,6 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
             if isinstance(p.where, kind):
                 model = p.where.put(model, values[i])
     return model
-
-
-def camera_offset(parameters: Sequence[Parameter], values: jax.Array, links: int) -> jax.Array | float:
-    """Rotation of the camera and of the links' markers, of each link (n,) [rad]; 0 where none is free."""
-    total: jax.Array | float = 0.0
-    for i, p in enumerate(parameters):
-        if isinstance(p.where, CameraPlace):
-            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
-            total = total + values[i] * share
-    return total
-
-
-def clock_rate(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | None:
-    """Time of the motion per time of the traces' clock, scalar [s/s]; None where it is not free."""
-    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
 
 
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:

@@ -11,7 +11,9 @@ import numpy as np
 
 from dropper_jax.model import Model
 
-CAMERA, MARKER, CLOCK = "camera.offset", "marker.offset", "clock.rate"
+CAMERA, MARKER, NODE = "camera.offset", "marker.offset", "marker.node"
+CLOCK, LOST = "clock.rate", "clock.lost"
+SCALE = "rig.scale"
 
 
 @dataclass(frozen=True)
@@ -63,12 +65,47 @@ class Direction:
         return jax.tree.unflatten(tree, leaves)
 
 
+def scaled(model: Model) -> Direction:
+    """All lengths, places of points and centres of mass larger by one share, moments of inertia by its square."""
+
+    def grown(share: jax.Array) -> Model:
+        line = model.line
+        lengths = {"length": line.length * share}
+        if line.compound:
+            lengths |= {"centre_of_mass": line.centre_of_mass * share, "inertia": line.inertia * share**2}
+        points = tuple(replace(p, position=p.position * share) for p in model.points)
+        return replace(model, lines=(replace(line, **lengths), *model.lines[1:]), points=points)
+
+    slopes = [np.asarray(leaf) for leaf in jax.tree.leaves(jax.jacfwd(grown)(jnp.ones(())))]
+    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, 1.0, False)
+
+
 @dataclass(frozen=True)
 class CameraPlace:
     """The rotation of the camera; of one link: how far its marker, or its encoder's zero, is turned against it."""
 
     link: int | None = None
     field: ClassVar[str] = CAMERA
+
+
+@dataclass(frozen=True)
+class NodeMarkerPlace:
+    """How far the marker of a node is beside it: along (0) or across (1) the link that ends there; of a held end, in x
+    (0) or z (1)."""
+
+    node: int
+    axis: int
+    field: ClassVar[str] = NODE
+
+
+@dataclass(frozen=True)
+class LostPlace:
+    """How much later the motion of a run is than its clock says, from one of its frames on, and that frame's time."""
+
+    run: int
+    frame: int
+    time: float = 0.0
+    field: ClassVar[str] = LOST
 
 
 @dataclass(frozen=True)
@@ -87,4 +124,4 @@ class ReleasePlace:
     entry: int | None = None
 
 
-Place = ModelPlace | Direction | CameraPlace | ClockPlace | ReleasePlace
+Place = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace

@@ -37,18 +37,21 @@ class Known:
         common: priors of several of them.
         carried: standard deviation of the scale of mass, which no trace of angles tells.
         massive: power of mass in every parameter's unit (k,).
+        doubt: moves of the parameters (k,) by what could not be told apart, each one standard deviation.
     """
 
     common: tuple[Common, ...] = ()
     carried: float = 0.0
     massive: np.ndarray | None = None
+    doubt: tuple[np.ndarray, ...] = ()
 
     def carried_covariance(self, values: np.ndarray) -> np.ndarray:
         """Covariance (k, k) of the parameters by what is carried."""
-        if self.massive is None or not self.carried:
-            return np.zeros((len(values), len(values)))
-        move = self.carried * self.massive * values
-        return np.outer(move, move)
+        found = np.zeros((len(values), len(values)))
+        if self.massive is not None and self.carried:
+            move = self.carried * self.massive * values
+            found += np.outer(move, move)
+        return found + sum(np.outer(move, move) for move in self.doubt)
 
 
 def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], Known]:

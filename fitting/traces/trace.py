@@ -224,6 +224,24 @@ def local_polynomial(t: np.ndarray, y: np.ndarray, at: float, reach: float, degr
     return float(coefficients[0]), float(coefficients[1] / reach) if degree else 0.0
 
 
+#: Deviations, by all samples' own measure, that a spike is off the mean of its neighbours.
+SPIKE = 10.0
+
+
+def without_spikes(trace: Trace) -> Trace:
+    """The trace with single samples missing that lie far off both their neighbours: they are no part of a motion."""
+    theta = trace.theta.copy()
+    for column in theta.T:
+        off = np.abs(column[1:-1] - 0.5 * (column[:-2] + column[2:]))
+        if not np.isfinite(off).any():
+            continue
+        beside = np.maximum(np.r_[0.0, np.nan_to_num(off[:-1])], np.r_[np.nan_to_num(off[1:]), 0.0])
+        # the neighbours of a spike are half as far off
+        spike = (off > SPIKE * np.nanmedian(off) / 0.6745) & (off > 1.5 * beside)
+        column[1:-1][spike] = np.nan
+    return replace(trace, theta=theta)
+
+
 #: Orders of differences tried for the noise; high ones see through faster motions.
 ORDERS = (3, 4, 5, 6)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
@@ -10,6 +13,8 @@ from fitting.calibration.cross_validation import Scores, _one, blocks, last_thir
 from fitting.calibration.decision import chance, decide, shares, verdict
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, PARTS, contains
+from fitting.calibration.unseen import unseen
+from fitting.estimate.normal_equations import Prior
 
 
 def test_every_subset_of_the_parts_is_a_law_that_stands_after_those_it_contains():
@@ -99,6 +104,27 @@ def test_what_the_traces_leave_possible(costs, logs, words):
     assert sum(row.chosen for row in rows) == 1
     assert all(row.possible for row in rows if row.chosen)
     assert all(row.name != "none" or "lacks what" in row.refuted for row in rows)
+
+
+def test_a_part_that_no_trace_could_have_shown_keeps_its_law_possible():
+    names = ("none", "linear", "quadratic", "linear + quadratic")
+    rows = [law(n, c) for n, c in zip(names, (50.0, 20.0, 25.0, 19.8), strict=True)]
+    rows[3] = replace(rows[3], unseen=("quadratic",))
+    logs = scores(-60.0, -30.0, -36.0, -30.5)
+    assert verdict(decide(rows, logs)) == "undecided {linear, linear + quadratic}"
+    rows[3] = replace(rows[3], unseen=("linear",))  # what the simpler law has as well
+    assert verdict(decide(rows, logs)) == "linear"
+
+
+@pytest.mark.parametrize(("deviation", "left_open"), [(0.05, False), (0.2, True)])
+def test_a_part_is_excluded_where_its_upper_limit_takes_less_than_a_tenth(deviation, left_open):
+    """Coefficients 1.0 and -0.05 +- deviation, which take 3 and 2 J each per unit: a tenth of 3 J is 0.15 of it."""
+    information = np.diag([1e6, deviation**-2])
+    gradient = information @ [0.0, 0.05]
+    none = Prior(0.0, np.zeros(2), np.zeros((2, 2)))
+    problem = SimpleNamespace(held=np.zeros(2, bool), memory=1.0, prior=lambda values: none)
+    solution = SimpleNamespace(problem=problem, values=np.array([1.0, 0.0]), information=information, gradient=gradient)
+    assert ("quadratic" in unseen(solution, ("linear", "quadratic"), np.array([3.0, 2.0]))) == left_open
 
 
 def test_shares_follow_the_scores_and_sum_to_one():

@@ -1,10 +1,13 @@
 """Losses: their weights give the slope that their cost has, and outliers pull no more than they should."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
 from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT, begun_with, loss_of
+from fitting.estimate.uncertainty import variance
 
 RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])
 
@@ -13,6 +16,35 @@ RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])
 def test_weighted_residuals_are_the_slope_of_the_cost(loss):
     slope = [(loss.cost(np.array([r + 1e-6])) - loss.cost(np.array([r - 1e-6]))) / 2e-6 for r in RESIDUALS]
     np.testing.assert_allclose(loss.weights(RESIDUALS) * RESIDUALS, slope, atol=1e-6)
+
+
+@pytest.mark.parametrize("loss", [LEAST_SQUARES, Huber(2.0), StudentT()])
+def test_curvature_is_the_derivative_of_the_slope(loss):
+    pull = lambda r: loss.weights(r) * r  # noqa: E731
+    difference = (pull(RESIDUALS + 1e-6) - pull(RESIDUALS - 1e-6)) / 2e-6
+    np.testing.assert_allclose(loss.curvature(RESIDUALS), difference, atol=1e-5)
+
+
+@pytest.mark.parametrize("loss", [Huber(1.5), StudentT()])
+def test_the_variance_of_a_robust_mean_is_the_scatter_of_draws(loss):
+    """Means of 200 normal samples, one in twenty of them 5 times as wide: by Newton, against their own spread."""
+    rng = np.random.default_rng(0)
+    samples = rng.standard_normal((2000, 200)) * np.where(rng.random((2000, 200)) < 0.05, 5.0, 1.0)
+    mean = np.zeros((2000, 1))
+    for _ in range(50):
+        weight = loss.weights(samples - mean)
+        mean = np.sum(weight * samples, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
+    told = []
+    for x in (samples - mean)[:200]:
+        r = x.reshape(1, 200, 1)
+        problem = SimpleNamespace(loss=loss, held=np.zeros(1, bool), freedoms=0)
+        windows = SimpleNamespace(weight=np.ones_like(r), samples=200, count=1, released=np.zeros(1, bool))
+        point = SimpleNamespace(
+            problem=problem, windows=windows, weights=loss.weights(r), gap_weight=None,
+            evaluation=SimpleNamespace(residual=r),
+        )  # fmt: skip
+        told.append(variance(point) / loss.weights(r).sum())
+    assert np.mean(told) == pytest.approx(mean.var(), rel=0.1)
 
 
 def test_huber_is_least_squares_within_its_threshold_and_straight_beyond():

@@ -8,8 +8,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.naming import default_free
-from fitting.parameters.parameter import camera_offset, resolve
+from fitting.parameters.parameter import resolve
 from fitting.parameters.priors import power_of_mass, rig_priors
+from fitting.parameters.seeing import camera_offset
 
 NAME = "measured-double-pendulum"
 

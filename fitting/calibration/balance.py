@@ -1,0 +1,84 @@
+"""Energy of a measured motion and what damping takes from it, without any simulation."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import toeplitz
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from dropper_jax.effects.joint_friction import JointFriction
+from dropper_jax.model import Model
+from dropper_jax.model.slots import Potential
+from fitting.parameters.naming import DAMPING
+from fitting.traces import planar
+from fitting.traces.trace import Trace
+
+#: Fewest samples of a run.
+FEWEST = 120
+
+
+def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Energy [J] of a pose with rates, and the power [W] that the damping takes from it."""
+    s = planar.to_state(model, theta, omega)
+    k = model.instant(s.r, s.v, s.t, model.ends(s.t))
+    taken = jnp.zeros(())
+    for effect in model.effects:
+        if effect.name not in DAMPING or isinstance(effect, Potential):
+            continue
+        force = effect.force(k)
+        if force is not None:
+            taken = taken - jnp.sum(force * k.v)
+        if isinstance(effect, JointFriction) and effect.dry is not None:
+            rate = jnp.sum(jnp.abs(effect.relative_rates(k)), axis=1)
+            taken = taken + jnp.sum(jnp.broadcast_to(effect.dry, (model.line.links + 1,))[: len(rate)] * rate)
+    return model.kinetic_energy(k) + model.potential_energy(k), taken
+
+
+def measured(trace: Trace, span: tuple[float, float], reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Even times (k,) and smoothed angles and rates (k, n) of a stretch of a trace; None where it is too short."""
+    part = trace.between(*span)
+    if len(part.t) < FEWEST:
+        return None
+    step = part.interval
+    t = np.arange(part.t[0], part.t[-1] + 0.5 * step, step)
+    width = _width(part, reach)
+    theta, omega = np.zeros((2, len(t), trace.links))
+    for j, column in enumerate(part.theta.T):
+        known = np.isfinite(column)
+        even = np.interp(t, part.t[known], column[known])
+        theta[:, j] = savgol_filter(even, width, 3)
+        omega[:, j] = savgol_filter(even, width, 3, deriv=1, delta=step)
+    return t, theta, omega
+
+
+def left(trace: Trace, reach: float, kept: float) -> tuple[float, float]:
+    """Deviation that smoothing leaves of noise of deviation 1 and memory `kept`, in angles and in rates [1/s]."""
+    width = _width(trace, reach)
+    memory = toeplitz(kept ** np.arange(width))
+    weights = savgol_coeffs(width, 3), savgol_coeffs(width, 3, deriv=1, delta=trace.interval)
+    return tuple(float(np.sqrt(w @ memory @ w)) for w in weights)
+
+
+def without_noise(
+    model: Model, theta: jax.Array, omega: jax.Array, angle: jax.Array, rate: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """`balance` of a measured pose, less what noise of these deviations (n,) [rad], [rad/s] adds to it on average.
+
+    A function f of noisy numbers is on average f + 1/2 sum s_j^2 f_jj: both are at least quadratic in the rates. The
+    second differences are taken as far apart as the noise is, so that |rate| of dry joints counts as well.
+    """
+    n = theta.shape[0]
+    move = jnp.concatenate([jnp.diag(angle), jnp.zeros((n, n))]), jnp.concatenate([jnp.zeros((n, n)), jnp.diag(rate)])
+    at = lambda sign: jax.vmap(  # noqa: E731
+        lambda a, w: jnp.stack(balance(model, *planar.closed(model, theta + sign * a, omega + sign * w)))
+    )(*move)
+    plain = jnp.stack(balance(model, *planar.closed(model, theta, omega)))
+    found = plain - 0.5 * jnp.sum(at(1.0) + at(-1.0) - 2 * plain, axis=0)
+    return found[0], found[1]
+
+
+def _width(trace: Trace, reach: float) -> int:
+    """Frames that the smoother takes."""
+    return 2 * max(2, round(reach / trace.interval)) + 1

@@ -1,0 +1,63 @@
+"""One fit by one of the estimators, with the noise that its own residuals tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.progress import Progress, silent
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.gauss_newton import continue_windows, fit_windows
+from fitting.estimate.gradient import fit_gradient
+from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with
+from fitting.estimate.own_noise import posed, with_own_noise
+from fitting.estimate.problem import Solution
+from fitting.estimate.refinement import finer_step, refine
+from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
+
+
+def estimate(
+    prepared: Prepared,
+    method: str = "shooting",
+    loss: Loss = LEAST_SQUARES,
+    continuity: str = "estimate",
+    iterations: int = 40,
+    progress: Progress = silent,
+    settings: Mapping[str, Any] | None = None,
+    frozen: np.ndarray | None = None,
+) -> Solution:
+    """Run an estimator; arguments as in `fit`."""
+    problem = prepared.problem(loss, frozen)
+    if method == "gradient":
+        return fit_gradient(problem, prepared.values, prepared.starts, progress=progress, **(settings or {}))
+    share = 0.5 if method == "shooting" else 0.9
+    solution = fit_windows(
+        prepared.problem(begun_with(loss), frozen),
+        prepared.values,
+        prepared.starts,
+        iterations=iterations,
+        progress=lambda fraction, text: progress(0.05 + share * fraction, text),
+    )
+    if solution.status != "ok":
+        return solution
+    own_noise = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    refined = partial(refine, progress=lambda _, text: progress(0.95, text))
+    solution = own_noise(solution, again=continue_windows)
+    if solution.problem.loss != loss:
+        there = replace(solution.problem, loss=loss)
+        solution = own_noise(continue_windows(posed(solution, there, solution.evaluation)), again=continue_windows)
+    if method == "windows":
+        return refined(solution)
+    joined = fit_shooting(
+        solution,
+        continuity=continuity,
+        finer=finer_step,
+        progress=lambda fraction, text: progress(0.55 + 0.4 * fraction, text),
+    )
+    if joined.status != "ok":
+        return joined
+    return settled(refined(own_noise(joined, again=continue_shooting)))

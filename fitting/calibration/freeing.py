@@ -1,0 +1,279 @@
+"""Freeing what spoils a fit, one candidate at a time, as long as the log likelihood gains by it.
+
+First over separate windows, which any misfit leaves solvable: samples that stand out alone bring in Student's loss,
+frames that are missing a jump of the clock, and what the score tests (`advice`) name is tried. Where several candidates
+promise much, each is fitted, and the likelihoods (each with the noise that it leaves, less `log(N)/2` for every number)
+decide. Those that the likelihoods leave within `APART` of the best cannot be told apart: they are named together, the
+one of fewest numbers is freed, and how far the others would move the estimates is carried into the errors. Then by the
+method that was asked for, whose joined windows see smaller faults, in the same way by the score tests alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dropper_jax.base.progress import Progress, silent
+from fitting.calibration.advice import WORTH, Candidate, advise, wide
+from fitting.calibration.jumps import SEVERAL, alone, far_off, lost_frames
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
+from fitting.estimate.problem import Solution
+from fitting.estimate.simulator import Simulator
+from fitting.estimate.whitening import log_volume
+from fitting.estimate.windows import Starts
+from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.place import LOST, LostPlace
+from fitting.parameters.priors import rig_priors
+
+#: Candidates freed one after another at most, and how many of them are fitted before one is chosen.
+MOST_FREED, TRIED = 6, 4
+#: Part of the best candidate's gain that another one must promise to be tried too.
+PROMISING = 0.3
+#: Log likelihoods this near cannot be told apart.
+APART = 3.0
+#: Log of the number of jumps that are looked for, which one gains by chance, and the least of one in frames: less is a
+#: misfit of another kind.
+CHANCE, LEAST_LOST = 9.0, 0.7
+
+#: Fits what is prepared by a method with a loss.
+Fit = Callable[[Prepared, str, Loss], Solution]
+
+
+@dataclass
+class Freed:
+    """Where freeing ended.
+
+    Attributes:
+        prepared: with all that was freed.
+        solution: of it.
+        loss: that it was fitted with.
+        names: what was freed, in its order.
+        found: what the score tests say of the rest.
+    """
+
+    prepared: Prepared
+    solution: Solution
+    loss: Loss
+    names: list[Candidate] = field(default_factory=list)
+    found: list[Candidate] = field(default_factory=list)
+
+
+def with_freed(
+    prepared: Prepared,
+    paths: Sequence[str],
+    solution: Solution | None,
+    simulator: Simulator,
+    value: float | None = None,
+) -> Prepared:
+    """The same with more parameters free, beginning where a solution of fewer ended."""
+    model, release = prepared.simulator.model, prepared.simulator.release
+    old = {p.name for p in prepared.parameters}
+    more = [p for p in resolve(model, paths, release=release) if p.name not in old]
+    more = [_in_time(p, prepared) for p in more]
+    parameters, known = rig_priors(prepared.scene, model, [*prepared.parameters, *more])
+    values = prepared.values if solution is None else solution.values
+    begin = np.concatenate([values, [p.value if value is None else value for p in more]])
+    return replace(
+        prepared,
+        parameters=parameters,
+        known=known,
+        simulator=simulator.viewed(parameters),
+        begin=begin,
+        starts=prepared.starts if solution is None else solution.starts,
+    )
+
+
+def _in_time(p: Parameter, prepared: Prepared) -> Parameter:
+    """A lost stretch with the time of its frame."""
+    if not isinstance(p.where, LostPlace):
+        return p
+    return replace(p, where=replace(p.where, time=float(prepared.traces[p.where.run].t[p.where.frame])))
+
+
+def free_by_advice(
+    prepared: Prepared,
+    fit: Fit,
+    method: str,
+    loss: Loss = LEAST_SQUARES,
+    simulator: Simulator | None = None,
+    progress: Progress = silent,
+) -> Freed:
+    """The fit with all that gains freed.
+
+    Args:
+        fit: an estimator.
+        method: by which the last fits are made.
+        simulator: one that knows the numbers of all candidates, such as of an earlier call on the same scene.
+    """
+    simulator = simulator or wide(prepared)
+    at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
+    at.prepared = prepared
+    _jumps(at, fit, simulator)
+    _outliers(at, fit)
+    refused: set[str] = set()
+    while at.solution.status == "ok" and len(at.names) < MOST_FREED:
+        progress(0.5, f"what may be wrong, {len(at.names)} freed")
+        at.found = advise(at.prepared, at.solution, simulator)
+        named = [c for c in at.found if c.named and c.name not in refused]
+        if not named:
+            break
+        best = max(c.worth for c in named)
+        tries = [c for c in named if c.worth > PROMISING * best][:TRIED]
+        _choose(at, fit, simulator, tries, refused)
+        _outliers(at, fit)
+    for candidate in list(at.names):
+        at = _reconsidered(at, candidate, fit, simulator)
+    if method == "windows":
+        return at
+    return _joined(at, fit, simulator, method, refused, progress)
+
+
+def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
+    """The same without one of several that were freed, or with another in its place, where that is likelier.
+
+    What was named first of two faults had to answer for both.
+    """
+    mine = [p.name for p in at.prepared.parameters if p.name.startswith(candidate.free)]
+    rest = [c for c in at.names if c is not candidate]
+    if not mine or candidate not in at.names or not any(c.changes for c in rest):
+        return at
+    keep = [i for i, p in enumerate(at.prepared.parameters) if p.name not in mine]
+    parameters, known = rig_priors(at.prepared.scene, simulator.model, [at.prepared.parameters[i] for i in keep])
+    prepared = replace(
+        at.prepared,
+        parameters=parameters,
+        known=known,
+        simulator=simulator.viewed(parameters),
+        begin=at.solution.values[keep],
+        starts=at.solution.starts,
+    )
+    without = Freed(prepared, fit(prepared, "windows", at.loss), at.loss, rest)
+    if without.solution.status != "ok":
+        return at
+    if _score(without) > _score(at):
+        return without
+    found = [c for c in advise(prepared, without.solution, simulator) if c.named and c.name not in candidate.name]
+    if not found:
+        return at
+    _choose(without, fit, simulator, found[:TRIED], set())
+    return without if _score(without) > _score(at) else at
+
+
+def _score(at: Freed) -> float:
+    """Log likelihood less the price of the parameters (Schwarz 1978)."""
+    return likelihood(at.solution) - 0.5 * np.log(max(at.solution.windows.samples, 2)) * len(at.prepared.parameters)
+
+
+def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set[str], progress: Progress) -> Freed:
+    """Goes on by another method, whose fits see more."""
+    begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
+    at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
+    while at.solution.status == "ok":
+        progress(0.9, f"what may be wrong, {len(at.names)} freed")
+        at.found = advise(at.prepared, at.solution, simulator)
+        best = next((c for c in at.found if c.named and c.name not in refused), None)
+        if best is None or len(at.names) >= MOST_FREED:
+            break
+        prepared = with_freed(at.prepared, best.free, at.solution, simulator)
+        solution = fit(prepared, method, at.loss)
+        if solution.status != "ok":
+            refused.add(best.name)
+            continue
+        at = replace(at, prepared=prepared, solution=solution, names=[*at.names, best])
+    return at
+
+
+def doubts(names: Sequence[Candidate], count: int) -> tuple[np.ndarray, ...]:
+    """By how much candidates that were not told apart from those freed would move the parameters, each (count,)."""
+    return tuple(np.pad(d, (0, count - len(d))) for candidate in names for d in candidate.doubt)
+
+
+def likelihood(solution: Solution) -> float:
+    """Log likelihood of separate windows, with the noise that their fit told, over its memory."""
+    return -(solution.cost + 0.5 * log_volume(solution.windows)) / solution.problem.memory
+
+
+def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate], refused: set[str]) -> None:
+    """Free the best of some candidates, by fits."""
+    price = 0.5 * np.log(max(at.solution.windows.samples, 2))
+    before, fits = likelihood(at.solution), []
+    for candidate in tries:
+        prepared = with_freed(at.prepared, candidate.free, at.solution, simulator)
+        solution = fit(prepared, "windows", at.loss)
+        gain = likelihood(solution) - before
+        if solution.status != "ok" or gain < WORTH:
+            refused.add(candidate.name)
+            continue
+        numbers = len(prepared.parameters) - len(at.prepared.parameters)
+        fits.append((gain - price * numbers, numbers, replace(candidate, gain=gain), prepared, solution))
+    if not fits:
+        return
+    most = max(row[0] for row in fits)
+    # those that are alike keep their order
+    near = sorted((row for row in fits if row[0] > most - APART), key=lambda row: (row[1], -round(row[0])))
+    _, _, candidate, at.prepared, at.solution = near[0]
+    if len(near) > 1:
+        k = len(at.solution.values) - near[0][1]
+        doubt = [row[4].values[:k] - at.solution.values[:k] for row in near[1:]]
+        candidate = replace(candidate, name=" or ".join(row[2].name for row in near), doubt=tuple(doubt))
+        refused.update(row[2].name for row in near[1:])
+    at.names.append(candidate)
+
+
+def _outliers(at: Freed, fit: Fit) -> None:
+    """Student's loss where samples stand out alone."""
+    if at.loss != LEAST_SQUARES or alone(at.solution) < SEVERAL:
+        return
+    prepared = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
+    solution = fit(prepared, "windows", StudentT())
+    if solution.status != "ok":
+        return
+    count = alone(at.solution)
+    at.loss, at.prepared, at.solution = StudentT(), prepared, solution
+    at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
+
+
+def _without_far_off(at: Freed, fit: Fit) -> Solution:
+    """A fit without the windows that a jump spoils: their misfit would be taken for damping, and for noise."""
+    off = far_off(at.solution)
+    if not off.any():
+        return at.solution
+    windows = at.prepared.windows
+    fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
+    prepared = replace(at.prepared, windows=fewer)
+    solution = fit(prepared, "windows", at.loss)
+    return solution if solution.status == "ok" else at.solution
+
+
+def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
+    """Jumps of the clock where frames are missing."""
+    while sum(isinstance(p.where, LostPlace) for p in at.prepared.parameters) < 2:
+        clean = _without_far_off(at, fit)
+        lost = lost_frames(at.prepared, clean)
+        if lost is None:
+            return
+        name = f"{LOST}.{lost.run}.{lost.frame}"
+        trace = at.prepared.traces[lost.run]
+        # the window with the jump begins where the one before it ends
+        after = np.flatnonzero(
+            (at.prepared.windows.begin <= trace.t[lost.frame]) & (at.prepared.windows.run == lost.run)
+        )
+        starts, n = Starts(*(part.copy() for part in clean.starts)), trace.links
+        if len(after) and after[-1]:
+            ends = clean.evaluation.end[after[-1] - 1]
+            starts.theta[after[-1]], starts.omega[after[-1]] = ends[:n], ends[n:]
+        clean = replace(clean, starts=starts)
+        prepared = with_freed(at.prepared, [name], clean, simulator, lost.frames * trace.interval)
+        solution = fit(prepared, "windows", at.loss)
+        gain = likelihood(solution) - likelihood(at.solution)
+        k, seconds = len(solution.values) - 1, float(solution.values[-1])
+        if solution.status != "ok" or gain < WORTH + CHANCE or abs(seconds) < LEAST_LOST * trace.interval:
+            return
+        error = float(solution.information[k, k]) ** -0.5
+        words = f"{seconds / trace.interval:.1f} lost frames before frame {lost.frame} of {trace.name}"
+        words += f" ({trace.t[lost.frame]:.3f} s)"
+        at.prepared, at.solution = prepared, solution
+        at.names.append(Candidate(words, (name,), {name: seconds}, {name: error}, gain, 0.0))

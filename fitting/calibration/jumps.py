@@ -1,0 +1,135 @@
+"""Faults of single frames: samples that stand out alone, and frames that are missing without a mark.
+
+Where frames are missing the traces jump along the flow: a window that was fitted, simulated on through the next one,
+meets its samples again so many frames later. The frame f and the number of lost frames k are those that maximise
+
+    sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
+
+by which the samples after f fit better (rho is bounded, so that no single sample decides).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.problem import Solution, wrapped
+from fitting.estimate.windows import Starts, Windows
+
+#: Lost frames looked for; less than none are frames that are there twice.
+LAGS = tuple(k for k in range(-20, 61) if k)
+#: Frames after a jump that are needed to tell it.
+AFTER = 6
+#: Bound of rho, and gain per unit of the misfit that is left, from which on a jump is tried.
+BOUND, SEEN = 50.0, 40.0
+#: Mean square of a window over the median at which it is left out of a first fit, and how many may be.
+FAR, FEW = 4.0, 1 / 3
+#: Deviations of a sample from the mean of its neighbours' beyond which it is one of its own, and how many make a kind
+#: of noise.
+ALONE, SEVERAL = 6.0, 3
+
+
+class Lost(NamedTuple):
+    """So many frames are missing before a frame of a run."""
+
+    run: int
+    frame: int
+    frames: int
+
+
+def alone(solution: Solution) -> int:
+    """How many samples stand out from the residuals on both sides of them: no smooth misfit does that."""
+    windows, count = solution.windows, 0
+    residual = solution.errors * windows.weight
+    known = windows.weight > 0
+    inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
+    off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
+    for j in range(residual.shape[2]):
+        size = off[..., j][inner[..., j]]
+        if not len(size):
+            continue
+        out = np.where(inner[..., j], off[..., j], 0.0) > ALONE * max(np.median(size) / 0.6745, 1e-300)
+        # a neighbour of an outlier is half as far off
+        before = np.concatenate([np.zeros_like(out[:, :1]), out[:, :-1]], axis=1)
+        count += int((out & ~before).sum())
+    return count
+
+
+def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
+    """The jump that explains most, by windows simulated on through the next ones; None where there is none."""
+    # as the traces claim their noise: what a jump leaves would be taken for noise
+    windows = replace(prepared.windows, substeps=solution.windows.substeps)
+    right = np.flatnonzero(windows.follows)
+    if not len(right):
+        return None
+    both = _doubled(windows, right)
+    starts = Starts(*(part[right - 1] for part in solution.starts))
+    found = solution.problem.simulator(solution.values, starts, both).theta
+    if not np.isfinite(found).all():
+        return None
+    best, where = SEEN, None
+    times = both.times()
+    for pair in range(len(right)):
+        slots = np.flatnonzero(np.r_[True, np.diff(times[pair]) > 0] & (np.arange(times.shape[1]) >= 0))
+        slots = slots[np.argsort(times[pair, slots])]
+        angle, measured, weight = found[pair, slots], both.theta[pair, slots], both.weight[pair, slots]
+        gain, at, lag = _best_jump(
+            angle, measured, weight, (windows.weight[right[pair] - 1] > 0).any(axis=1).sum() // 2
+        )
+        if gain > best:
+            run = int(both.run[pair])
+            t = prepared.traces[run].t
+            best, where = gain, Lost(run, int(np.argmin(np.abs(t - times[pair, slots[at]]))), lag)
+    return where
+
+
+def far_off(solution: Solution) -> np.ndarray:
+    """Windows (K,) whose residuals are far larger than those of most; none where these are many."""
+    known = solution.windows.weight > 0
+    size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    off = size > FAR * np.median(size)
+    return off if off.mean() <= FEW else np.zeros_like(off)
+
+
+def _doubled(windows: Windows, right: np.ndarray) -> Windows:
+    """Windows that go on through those that follow, by the numbers of the latter."""
+    left = right - 1
+    join = lambda a, b: np.concatenate([a[left], b[right]], axis=1)  # noqa: E731
+    real = (windows.index + windows.fraction > 0) | (np.arange(windows.index.shape[1]) == 0)
+    whole = np.where(real, windows.index, windows.steps - 1).astype(windows.index.dtype)
+    more = {name: getattr(windows, name)[left] for name in ("begin", "run", "released")}
+    return replace(
+        windows,
+        **more,
+        follows=np.zeros(len(left), bool),
+        theta=join(windows.theta, windows.theta),
+        weight=join(windows.weight, windows.weight),
+        index=join(whole, whole + windows.steps),
+        fraction=join(windows.fraction, windows.fraction),
+        steps=2 * windows.steps,
+        decay=None,
+        jitter=None,
+    )
+
+
+def _best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
+    """Gain, first frame after it and lost frames of the best jump from slot `first` on; angles (S, n)."""
+    rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
+    plain, count, best = rho(wrapped(angle - measured) * weight), len(angle), (0.0, 0, 0)
+    known = (weight > 0).sum(axis=1)
+    for lag in LAGS:
+        low, high = max(0, -lag), min(count, count - lag)
+        if high - max(low, first) < AFTER:
+            continue
+        later = rho(wrapped(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
+        better = np.cumsum((plain[low:high] - later)[::-1])[::-1]
+        left = np.cumsum(later[::-1])[::-1] / np.maximum(np.cumsum(known[low:high][::-1])[::-1], 1)
+        gain = better / np.maximum(2 * left, 1.0)
+        begin = max(first - low, 0)
+        at = begin + int(np.argmax(gain[begin : high - low - AFTER + 1]))
+        if gain[at] > best[0]:
+            best = float(gain[at]), low + at, lag
+    return best

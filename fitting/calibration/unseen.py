@@ -1,0 +1,78 @@
+"""Parts of a damping law that the traces could not have shown.
+
+With w_i what a unit of coefficient i would take from the measured motion (its power over the whole trace, without any
+simulation), a part of a law takes w . c of its coefficients c. A share of `SHARE` of all that is lost is excluded where
+
+    w . c + z sqrt(w' C w) < SHARE W,       C: covariance of c given all else that the law has
+
+at the optimum without bounds. A part that is not shown and not excluded is left open: the motion was not damped by it
+enough to tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import norm
+
+from fitting.calibration.balance import balance, measured
+from fitting.calibration.prepared import SMOOTH_PART, Prepared
+from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.problem import Solution
+from fitting.estimate.simulator import Simulator
+from fitting.parameters.parameter import apply
+from fitting.traces import planar
+
+#: Share of the lost energy that a part must be able to show, and quantile of the normal law of its upper limit.
+SHARE, LIMIT = 0.1, float(norm.ppf(0.95))
+
+
+def taken(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
+    """What a unit of every coefficient takes from the measured motions (k,) [J per its unit]; 0 of other parameters."""
+    found = np.zeros(len(owner))
+    whole = np.array([p.value for p in simulator.parameters])
+    mine = [i for i, part in enumerate(owner) if part is not None]
+
+    @jax.jit
+    def power(values: jax.Array, theta: jax.Array, omega: jax.Array) -> jax.Array:
+        model = apply(simulator.model, simulator.parameters, values)
+        return jax.vmap(lambda a, w: balance(model, *planar.closed(model, a, w))[1])(theta, omega)
+
+    for run, trace in enumerate(prepared.traces):
+        begin = prepared.windows.begin[prepared.windows.run == run]
+        if not len(begin):
+            continue
+        span = float(begin.min()), float(begin.max()) + prepared.windows.length
+        motion = measured(trace, span, 0.5 * SMOOTH_PART * prepared.period)
+        if motion is None:
+            continue
+        t, theta, omega = motion
+        for i in mine:
+            values = np.where([part is None for part in owner], whole, 0.0)
+            values[i] = 1.0
+            found[i] += float(np.mean(power(jnp.asarray(values), theta, omega))) * float(t[-1] - t[0])
+    return found
+
+
+def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> tuple[str, ...]:
+    """Parts of a law of which the traces do not exclude that they take `SHARE` of the energy."""
+    free = np.flatnonzero(~law.problem.held)
+    if not len(free) or not per_unit.any():
+        return ()
+    prior = law.problem.prior(law.values).curvature
+    memory = law.problem.memory
+    information = ((law.information - prior) / memory + prior)[np.ix_(free, free)]
+    covariance = solve_spd(information, np.eye(len(free)))
+    centre = law.values[free] - covariance @ law.gradient[free] / memory
+    lost = float(per_unit @ law.values)
+    open_parts = []
+    for part in dict.fromkeys(owner[i] for i in free):
+        if part is None:
+            continue
+        w = np.where([owner[i] == part for i in free], per_unit[free], 0.0)
+        if float(w @ centre) + LIMIT * np.sqrt(w @ covariance @ w) >= SHARE * lost:
+            open_parts.append(part)
+    return tuple(open_parts)

@@ -1,0 +1,78 @@
+"""What camera, markers and clock make of a motion: angles that are turned, frames that are missing.
+
+Markers sit beside what they mark. One of a link is turned against it, which adds to its angle. One of a node at
+p_i is seen at p_i + e_i and moves two links: with d_j = p_{j+1} - p_j, u_j its direction and n_j across it (towards
+larger angles), link j is seen turned by
+
+    atan2(n_j . x_j, L_j + u_j . x_j),      x_j = e_{j+1} - e_j
+
+e_i of a node between links is glued to the link that ends there, e_i = a u_{i-1} + b n_{i-1}; of a held end it stands
+still, e_i = (a, b) in x and z. At a free end it turns the last link alone, as that one's marker does.
+
+Frames that are missing without a mark let the motion go on while the traces' clock stands still: after the frame the
+motion is `lost` later than the clock says, besides what a wrong rate makes of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.model import Model
+from fitting.parameters.place import CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, Place
+from fitting.traces.planar import directions
+
+
+class Placed(Protocol):
+    """A free number with a place."""
+
+    @property
+    def where(self) -> Place: ...
+
+
+def seen(model: Model, parameters: Sequence[Placed], values: jax.Array, theta: jax.Array) -> jax.Array:
+    """Angles (..., n) that the camera sees of links at theta (..., n) [rad]; differentiable."""
+    turned = theta + node_markers(model, parameters, values, theta)
+    return turned + camera_offset(parameters, values, theta.shape[-1])
+
+
+def camera_offset(parameters: Sequence[Placed], values: jax.Array, links: int) -> jax.Array | float:
+    """Rotation of the camera and of the links' markers, of each link (n,) [rad]; 0 where none is free."""
+    total: jax.Array | float = 0.0
+    for i, p in enumerate(parameters):
+        if isinstance(p.where, CameraPlace):
+            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
+            total = total + values[i] * share
+    return total
+
+
+def node_markers(model: Model, parameters: Sequence[Placed], values: jax.Array, theta: jax.Array) -> jax.Array | float:
+    """By how much markers of nodes turn each link (..., n) [rad]; 0 where none is free."""
+    mine = [(i, p.where) for i, p in enumerate(parameters) if isinstance(p.where, NodeMarkerPlace)]
+    if not mine:
+        return 0.0
+    along, across = directions(theta)
+    links = theta.shape[-1]
+    moved = jnp.zeros((*theta.shape[:-1], links + 1, 2))
+    for i, where in mine:
+        if 0 < where.node < links:
+            way = (along, across)[where.axis][..., where.node - 1, :]
+        else:
+            way = jnp.asarray(np.eye(2)[where.axis])
+        moved = moved.at[..., where.node, :].add(values[i] * way)
+    apart = moved[..., 1:, :] - moved[..., :-1, :]
+    return jnp.arctan2(jnp.sum(across * apart, -1), model.line.length + jnp.sum(along * apart, -1))
+
+
+def clock_rate(parameters: Sequence[Placed], values: jax.Array) -> jax.Array | None:
+    """Time of the motion per time of the traces' clock, scalar [s/s]; None where it is not free."""
+    return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
+
+
+def losses(parameters: Sequence[Placed]) -> list[int]:
+    """Which parameters are times that were lost, in their order."""
+    return [i for i, p in enumerate(parameters) if isinstance(p.where, LostPlace)]

@@ -1,0 +1,175 @@
+"""What spoils traces of another simulator (`conftest`), told by its name: noises, clocks, markers, outliers, frames."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from fitting.calibration.advice import advise, wide
+from fitting.calibration.fit import estimate, fit, prepare, summarise
+from fitting.estimate.loss import StudentT
+from fitting.traces.trace import Convention, Trace
+
+
+@pytest.fixture(scope="module")
+def everything():
+    """`everything(prepared)`: one simulator that knows the numbers of all candidates."""
+    found = []
+
+    def make(prepared):
+        found[:] = found or [wide(prepared)]
+        return found[0]
+
+    return make
+
+
+def spoiled(two, motion, seed, how):
+    """The motion seen with noise of another kind: links of unlike noise, noise with memory, frames late or early."""
+    t, phi = motion
+    rng = np.random.default_rng(seed)
+    white = two.NOISE * rng.standard_normal(phi.shape)
+    if how == "unlike":
+        return Trace("rods", t, phi + white * [1.0, 3.0], convention=Convention("down", 1, "rad"))
+    if how == "jitter":
+        phi = CubicSpline(t, phi)(t + 0.004 * rng.standard_normal(len(t)))
+    if how == "memory":
+        for i in range(1, len(white)):
+            white[i] = 0.9 * white[i - 1] + np.sqrt(1 - 0.9**2) * white[i]
+    return Trace("rods", t, phi + white, convention=Convention("down", 1, "rad"))
+
+
+@pytest.mark.parametrize(
+    ("how", "kind", "wider"), [("unlike", "white", 3.0), ("memory", "correlated", 3.0), ("jitter", "jitter", 1.6)]
+)
+def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, ready, motion, ten, how, kind, wider):
+    """Two draws of each: their errors cover, and are little larger than those of clean traces."""
+    clean = np.median([result.uncertainty.std_error for result in ten], axis=0)
+    for seed in (30, 31):
+        prepared = ready(spoiled(two, motion, seed, how))
+        result = summarise(prepared, "windows", estimate(prepared, "windows"))
+        noise = result.noise_table()
+        assert result.status == "ok"
+        assert noise["kind"] == kind
+        assert not any("does not explain" in w for w in result.warnings)
+        assert any("late or early" in w for w in result.warnings) == (how == "jitter")
+        assert any("noise is correlated" in w for w in result.warnings) == (how == "memory")
+        assert np.all(np.abs(result.values - two.TRUTH) < 3.5 * result.uncertainty.std_error)
+        assert np.all(result.uncertainty.std_error < wider * clean)
+        size = noise["sigma_rad"][0] / two.NOISE
+        np.testing.assert_allclose(size, [1, 3] if how == "unlike" else [1, 1], rtol=0.3 if how == "memory" else 0.12)
+        if how == "memory":
+            np.testing.assert_allclose(noise["kept"], 0.9, atol=0.08)
+        if how == "jitter":
+            np.testing.assert_allclose(noise["delay_s"], 0.004, rtol=0.25)
+
+
+def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(two, ready, motion):
+    """Without its quadratic part the law is wrong: misfits are smooth, the noise stays white, blocks tell the error."""
+    trace = two.seen(motion, 0, two.NOISE / 5)
+    prepared = ready(trace)
+    solution = estimate(prepared, "windows", frozen=np.array([False, True]))
+    result = summarise(prepared, "windows", solution)
+    white = np.sqrt(1 / solution.information[0, 0])
+    assert result.noise_table()["kind"] == "white"
+    assert result.uncertainty.blocks > 0
+    assert result.uncertainty.std_error[0] > 2 * white
+    assert any("residuals are not noise" in w for w in result.warnings)
+
+
+def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
+    """Frames 0.5 % further apart than the trace tells; lengths and gravity are known."""
+    trace = two.seen(motion, 4)
+    late = replace(trace, t=trace.t / 1.005)
+    prepared = prepare(late, rods, [*two.FREE, "clock.rate"], window=two.WINDOW, priors={"clock.rate": (1.0, 0.02)})
+    result = summarise(prepared, "windows", estimate(prepared, "windows"))
+    assert result.status == "ok"
+    error = result.uncertainty.std_error
+    assert np.all(np.abs(result.values - [*two.TRUTH, 1.005]) < 3 * error)
+    assert error[2] < 5e-4
+    # its derivative against a difference
+    simulator, values = prepared.simulator, result.values
+    starts, windows = result.solution.starts, result.windows
+    moved = [simulator(values + [0, 0, d], starts, windows).residual for d in (1e-5, -1e-5)]
+    exact = simulator(values, starts, windows).jacobian[..., -1]
+    np.testing.assert_allclose((moved[0] - moved[1]) / 2e-5, exact, rtol=1e-5, atol=1e-5 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    ("spoil", "name"),
+    [
+        (lambda trace: trace, None),
+        (lambda trace: replace(trace, t=trace.t / 1.005), "rate of the clock"),
+        (lambda trace: replace(trace, theta=trace.theta + [0.0, np.deg2rad(1.0)]), "marker of link 1"),
+        (lambda trace: replace(trace, theta=trace.theta + np.deg2rad(2.0)), "roll of the camera"),
+    ],
+)
+def test_what_spoils_a_trace_is_named_first(two, ready, motion, everything, spoil, name):
+    prepared = ready(spoil(two.seen(motion, 6)))
+    found = advise(prepared, estimate(prepared, "windows"), everything(prepared))
+    assert all(candidate.told for candidate in found)
+    if name is None:
+        assert not any(candidate.named for candidate in found)
+        return
+    assert found[0].name == name
+    assert found[0].named
+    if name.startswith("rate"):  # angles of a chain that hangs freely hold no length and no force
+        assert found[0].alike == ("scale of the rig", "gravity")
+    if name.startswith("marker"):
+        change, error = found[0].changes["marker.offset.1"], found[0].errors["marker.offset.1"]
+        assert abs(change) == pytest.approx(np.deg2rad(1.0), abs=4 * error)
+
+
+@pytest.mark.check
+def test_frames_that_are_missing_are_found_and_named(two, rods, motion):
+    """Twelve frames left out at 5.2 s, the times of the others closed up: 0.4 s that the clock does not tell."""
+    trace = two.seen(motion, 6)
+    gone = 156
+    theta = np.delete(trace.theta, slice(gone, gone + 12), axis=0)
+    short = replace(trace, t=trace.t[: len(theta)], theta=theta)
+    result = fit(short, rods, two.FREE, window=two.WINDOW, method="windows", auto_free=True)
+    (candidate,) = result.freed
+    assert candidate.free == (f"clock.lost.0.{gone}",)
+    assert candidate.name.startswith("12.0 lost frames")
+    error = result.uncertainty.std_error
+    assert result[f"clock.lost.0.{gone}"] == pytest.approx(12 / two.RATE, abs=3 * error[2])
+    assert np.all(np.abs(result.values[:2] - two.TRUTH) < 3 * error[:2])
+    # its derivative against a difference
+    simulator, values = result.solution.problem.simulator, result.values
+    starts, windows = result.solution.starts, result.windows
+    moved = [simulator(values + [0, 0, d], starts, windows) for d in (1e-5, -1e-5)]
+    exact = simulator(values, starts, windows)
+    for field, slope in (("residual", "jacobian"), ("end", "end_jacobian")):
+        difference = (getattr(moved[0], field) - getattr(moved[1], field)) / 2e-5
+        expected = getattr(exact, slope)[..., -1]
+        np.testing.assert_allclose(difference, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.check
+def test_what_spoils_a_trace_is_freed_until_nothing_gains(two, rods, motion):
+    trace = two.seen(motion, 6)
+    late = replace(trace, t=trace.t / 1.005, theta=trace.theta + [0.0, np.deg2rad(1.0)])
+    result = fit(late, rods, two.FREE, window=two.WINDOW, method="windows", auto_free=True)
+    assert {candidate.name.split(" or ")[0] for candidate in result.freed} == {"rate of the clock", "marker of link 1"}
+    assert result["clock.rate"] == pytest.approx(1.005, abs=5e-4)
+    assert np.all(np.abs(result.values[:2] - two.TRUTH) < 3 * result.uncertainty.std_error[:2])
+
+
+def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, motion):
+    """One sample in fifty is 0.1 to 0.3 rad off."""
+    trace = two.seen(motion, 3)
+    rng = np.random.default_rng(5)
+    off = rng.random(trace.theta.shape) < 0.02
+    theta = trace.theta + np.where(off, rng.uniform(0.1, 0.3, off.shape) * rng.choice([-1, 1], off.shape), 0.0)
+    prepared = ready(replace(trace, theta=theta))
+    plain = summarise(prepared, "windows", estimate(prepared, "windows"))
+    robust = summarise(prepared, "windows", estimate(prepared, "windows", StudentT()))
+    assert robust.status == "ok"
+    error = robust.uncertainty.std_error
+    assert np.all(np.abs(robust.values - two.TRUTH) < 3 * error)
+    assert np.all(error < 0.5 * plain.uncertainty.std_error)
+    (line,) = (line for line in robust.warnings if "stand out" in line)
+    assert int(line.split()[0]) == pytest.approx(off.sum(), rel=0.2)
+    named = re.search(r"link (\d) at ([\d.]+) s", line)
+    assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1])]

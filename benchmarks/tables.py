@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import channel_tables
 import moordyn_tables
 import table7_tables
 
@@ -262,6 +263,7 @@ TABLES = {
     "one_kernel": ("one_kernel", one_kernel),
     "convergence": ("convergence", convergence),
     "films": ("films", films),
+    "channels": ("channels", lambda found: markdown(channel_tables.channels(found))),
 }
 
 

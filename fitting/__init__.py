@@ -1,7 +1,7 @@
 """Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round.
 
 Rooms, each importing only those before it: `traces`, `tracking` (needs traces alone), `parameters`, `sweep` and
-`sensitivity` (need parameters alone), `estimate`, `calibration`, `report`, `cli`.
+`sensitivity` (need parameters alone), `estimate`, `calibration` and `channels` (need not each other), `report`, `cli`.
 """
 
 from importlib import import_module
@@ -11,11 +11,14 @@ import dropper_jax  # noqa: F401 - turns on float64 before anything is traced
 
 #: Where each public name lives. They load on demand: `dropper --help` needs none of them.
 PUBLIC = {
+    "ChannelFit": "channels.result",
     "Convention": "traces.trace",
     "FitResult": "calibration.result",
     "Trace": "traces.trace",
     "fit": "calibration.fit",
+    "fit_channels": "channels.fit",
     "prepare": "calibration.preparation",
+    "read_data": "channels.data",
     "read_trace": "traces.trace",
     "write_trace": "traces.trace",
 }

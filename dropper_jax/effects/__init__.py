@@ -13,6 +13,7 @@ from dropper_jax.effects.morison_drag import MorisonDrag
 from dropper_jax.effects.morison_inertia import MorisonInertia
 from dropper_jax.effects.nodal_force import NodalForce
 from dropper_jax.effects.quadratic_damping import QuadraticDamping
+from dropper_jax.effects.recorded_motion import RecordedMotion
 from dropper_jax.effects.sea_following_end import SeaFollowingEnd
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.effects.seabed_friction import SeabedFriction
@@ -30,6 +31,7 @@ EFFECTS: dict[str, type[Effect]] = {
         JointFriction,
         NodalForce,
         EndMotion,
+        RecordedMotion,
         Buoyancy,
         MorisonDrag,
         MorisonInertia,
@@ -88,6 +90,7 @@ __all__ = [
     "MorisonInertia",
     "NodalForce",
     "QuadraticDamping",
+    "RecordedMotion",
     "SeaFollowingEnd",
     "Seabed",
     "SeabedFriction",

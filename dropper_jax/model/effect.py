@@ -69,6 +69,10 @@ class Effect:
         """Whether `displace` moves the held point of that name: that of the option `point`."""
         return name == getattr(self, "point", None)
 
+    def of(self, name: str) -> Effect:
+        """What moves the held point of that name: of several that move apart, the one for it."""
+        return self
+
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         """Raise `SceneError` for combinations of values that single-field ranges cannot express."""

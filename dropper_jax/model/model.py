@@ -127,7 +127,7 @@ class Model:
 
     def _position(self, index: int, t: jax.Array) -> jax.Array:
         point = self.points[index]
-        moving = [e for e in self.having(Displacement) if e.moves(point.name)]
+        moving = [e.of(point.name) for e in self.having(Displacement) if e.moves(point.name)]
         shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 

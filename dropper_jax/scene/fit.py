@@ -46,6 +46,9 @@ UNITS: dict[str, tuple[str, float]] = {
     "ms": ("s", 1e-3),
     "m/s^2": ("m/s^2", 1.0),
     "N": ("N", 1.0),
+    "kN": ("N", 1e3),
+    "px": ("px", 1.0),
+    "m/s": ("m/s", 1.0),
     "kg/s": ("kg/s", 1.0),
     "kg/m": ("kg/m", 1.0),
     "kg m^2": ("kg m^2", 1.0),
@@ -53,7 +56,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "N m s/rad": ("N m s/rad", 1.0),
 }
 #: What a sensor may measure, and in which unit.
-CHANNELS = {"angle": "rad"}
+CHANNELS = {"angle": "rad", "position": "m", "pixel": "px", "tension": "N", "depth": "m"}
 
 
 def in_si(value: float, unit: str) -> tuple[float, str]:

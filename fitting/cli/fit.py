@@ -1,4 +1,4 @@
-"""`dropper fit TRACES.csv... --scene SCENE`: calibrate a scene to measured angles."""
+"""`dropper fit TRACES.csv... --scene SCENE`: calibrate a scene to measured angles; `DATA.toml`: to any channels."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ from dropper_jax.cli.options import add_json, add_quiet, add_set, number, output
 from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress, table
 
 if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
 
 name = "fit"
-help = "calibrate a scene to measured angle traces"
+help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
 METHODS = ("windows", "shooting", "gradient")
 SAMPLERS = ("importance", "nuts")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("traces", nargs="+", metavar="TRACES.csv", help="one CSV per run: t, theta_1..n")
+    parser.add_argument(
+        "traces", nargs="+", metavar="DATA", help="one CSV per run: t, theta_1..n; or one TOML file that names channels"
+    )
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
     add_set(parser)
     parser.add_argument(
@@ -42,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=MEAN+-SD",
         help="what is known of a free parameter beforehand, such as line.0.inertia=1.1e-4+-1e-6",
+    )
+    parser.add_argument(
+        "--own", metavar="NAMES", help="of channels: parameters that each run has for itself; tells mean and spread"
     )
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s], do not fit them")
@@ -98,6 +104,10 @@ def run(args: argparse.Namespace) -> int:
     bounds = {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)}
     priors = {key: _prior(key, text) for key, text in _pairs("prior", args.prior)}
     scene = read_scene(args)
+    if any(name.lower().endswith(".toml") for name in args.traces):
+        return fit_to_channels(args, scene, free, start, bounds, priors)
+    if args.own is not None:
+        raise SceneError("--own: is for channels named in a TOML file; allowed: without it for traces of angles")
 
     from fitting.calibration.fit import fit
 
@@ -137,6 +147,60 @@ def run(args: argparse.Namespace) -> int:
         write_report(result, folder)
     print_warnings(result.warnings)
     print_result(args.json, result.to_json(), text(result))
+    if result.status != "ok":
+        print_line(f"error: {result.status}: {result.message}")
+    return OK if result.status == "ok" else FAILED
+
+
+#: Options that mean nothing in a fit to channels, and their values where they are not given.
+OF_TRACES = {
+    **dict.fromkeys(
+        ("until", "held_out", "window", "zero", "sign", "unit", "profile", "bootstrap", "rest", "posterior")
+    ),
+    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models"), False),
+    "method": "shooting",
+}
+
+
+def fit_to_channels(
+    args: argparse.Namespace,
+    scene: Scene,
+    free: list[str] | None,
+    start: dict[str, float],
+    bounds: dict[str, tuple[float | None, float | None]],
+    priors: dict[str, tuple[float, float]],
+) -> int:
+    """Fit to the channels that a TOML file names."""
+    for key, default in OF_TRACES.items():
+        if getattr(args, key) != default:
+            raise SceneError(f"--{key.replace('_', '-')}: is for traces of angles; allowed: without it for channels")
+    if len(args.traces) > 1:
+        raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which names its runs")
+
+    from fitting.channels.fit import fit_channels
+    from fitting.report.channels import between_rows, channel_rows, parameter_rows, summary, write_channel_report
+
+    result = fit_channels(
+        args.traces[0],
+        scene,
+        free,
+        own=[] if args.own is None else args.own.split(","),
+        start=start,
+        bounds=bounds,
+        priors=priors,
+        dt=args.dt,
+        integrator=args.integrator,
+        huber=args.huber,
+        student=args.student,
+        iterations=args.iterations,
+        progress=progress(args.quiet),
+    )
+    if args.report:
+        write_channel_report(result, args.report)
+    print_warnings(result.warnings)
+    tables = [parameter_rows(result), *([between_rows(result)] if result.between else []), channel_rows(result)]
+    parts = [*(table(rows) for rows in tables), listing(summary(result)), result.outcome]
+    print_result(args.json, result.to_json(), "\n\n".join(parts))
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
     return OK if result.status == "ok" else FAILED

@@ -102,7 +102,12 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
 
 def together(solution: Solution, parts: Pieces, free: np.ndarray) -> int:
     """Pieces to a block: two correlation times of the parameters' scores, as far as `FEWEST` blocks are left."""
-    influence = solve_spd(solution.information[np.ix_(free, free)], parts.gradient.T).T
+    return block_of(parts, solution.information[np.ix_(free, free)])
+
+
+def block_of(parts: Pieces, information: np.ndarray) -> int:
+    """The same of pieces whose whole has this information (k, k)."""
+    influence = solve_spd(information, parts.gradient.T).T
     longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
 
@@ -110,11 +115,16 @@ def together(solution: Solution, parts: Pieces, free: np.ndarray) -> int:
 def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
     parts = pieces(solution, free)
+    prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
+    return jackknife(parts, solution.information[np.ix_(free, free)], prior)
+
+
+def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scatter | None:
+    """The same from pieces of time, the whole information (k, k) and the priors' part of it."""
     count = len(parts.gradient)
-    if count < FEWEST or not len(free):
+    if count < FEWEST or not len(information):
         return None
-    information = solution.information[np.ix_(free, free)]
-    length = together(solution, parts, free)
+    length = block_of(parts, information)
     # a run's last block takes what is left over
     last = lambda n: max(n // length - 1, 0)  # noqa: E731
     place = np.concatenate([np.minimum(np.arange(n) // length, last(n)) for n in np.bincount(parts.run)])
@@ -128,8 +138,7 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
         rest = information - parts.information[mine].sum(0)
         moved.append(solve_spd(_positive(rest, information), parts.gradient[mine].sum(0)))
     moved = np.array(moved) - np.mean(moved, axis=0)
-    inner = solve_spd(information, np.eye(len(free)))
-    prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
+    inner = solve_spd(information, np.eye(len(information)))
     covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
     own, drift = np.diag(covariance), _apart(parts, information) ** 2
     # what independent blocks explain is four times the variance

@@ -20,6 +20,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.scene import BuoySpec, PointSpec
+from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, resolve
 from fitting.parameters.place import Direction
 
@@ -92,5 +93,7 @@ def _unit(path: str) -> str:
     section, key = path.split(".")[0], path.rsplit(".", 1)[1]
     if section == "line":
         return "m" if key in ("length", "at") else "-"
+    if section == "sea":
+        kinds["sea"] = {"waves": WaveSpec, "current": CurrentSpec}.get(path.split(".")[1], SeaSpec)
     fields = {f.name: f for f in dataclasses.fields(kinds[section])} if section in kinds else {}
     return fields[key].metadata.get("unit", "-") if key in fields else "-"

@@ -18,6 +18,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.scene import PriorSpec
 from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, resolve
 
 
@@ -63,7 +64,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
     found, common, carried = list(parameters), [], 0.0
     for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
         option = f"fit.prior.{i}.of"
-        known = resolve(model, full_names(scene, [prior.of], option), option=option)
+        known = _meant(scene, model, prior.of, option)
         names = {p.name for p in known}
         mine = [j for j, p in enumerate(found) if p.name in names]
         if not prior.common:
@@ -78,6 +79,14 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
             carried = float(np.hypot(carried, prior.si[0]))
     massive = np.array([float(power_of_mass(p.unit)) for p in found])
     return tuple(found), Known(tuple(common), carried, massive)
+
+
+def _meant(scene: Scene, model: Model, of: str, option: str) -> Sequence[Parameter]:
+    """The numbers that a prior is of: of the model, else of the scene, such as `sea.current.speed`."""
+    name = full_names(scene, [of], option)[0]
+    if name.split(".")[0] in ("point", "line", "effects") and scene.written is None:
+        return resolve(model, [name], option=option)
+    return find_parameters(scene, model, [name], option)
 
 
 def power_of_mass(unit: str) -> int:

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.toml_text import as_toml
 from fitting.calibration.decision import verdict
 from fitting.calibration.energy import look_at_energy
 from fitting.calibration.result import FitResult
+from fitting.parameters.fitted import fitted_scene
 from fitting.report.pictures import PICTURES, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
@@ -20,10 +22,11 @@ PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
 
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
-    """Write `report.md` and its pictures; returns the files."""
+    """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    files = []
+    fitted_values = fitted_scene(result.scene, result.model, result.parameters, result.values)
+    files = [atomic_write(folder / "fitted.toml", as_toml(fitted_values.as_written()))]
     for run, _ in fitted_runs(result):
         for name, draw in PICTURES.items():
             files.append(draw(result, run, folder / f"{name}_{run + 1}.png"))

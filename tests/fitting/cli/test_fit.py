@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.cli import main
+from dropper_jax.load.source import load_scene
 from fitting.cli.fit import held_out_spans
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 from fitting.traces.trace import write_trace
@@ -84,6 +85,8 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
     for heading in ("Parameters", "Energy", "Errors along the trace", "Correlation", "What was not identifiable"):
         assert f"## {heading}" in text
     assert len(list((files / "report").glob("*.png"))) == 4
+    fitted = load_scene(files / "report" / "fitted.toml")
+    assert fitted.value("effects.linear_damping.b_l") == pytest.approx(b_l["value"], rel=1e-12)
 
 
 @pytest.mark.parametrize(

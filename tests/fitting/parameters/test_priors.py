@@ -8,6 +8,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.naming import default_free
+from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import resolve
 from fitting.parameters.priors import power_of_mass, rig_priors
 from fitting.parameters.seeing import camera_offset
@@ -105,3 +106,23 @@ def test_offsets_of_markers_add_to_their_own_links_and_the_cameras_to_all():
     np.testing.assert_allclose(camera_offset(parameters, np.array([0.1, 0.02, 0.003]), 2), [0.12, 0.103])
     with pytest.raises(SceneError, match=r"allowed: marker.offset.0 to marker.offset.1"):
         resolve(model, ["marker.offset.2"])
+
+
+def test_a_prior_of_the_sea_holds_what_is_free_of_the_sea():
+    """2 % of 0.4 m/s are 0.008 m/s."""
+    fit = {"prior": [{"of": "sea.current.speed", "sigma": 2.0, "unit": "%"}]}
+    line = {"name": "l", "from": "a", "to": "b", "links": 2, "length": 1.0, "mass": 5.0, "diameter": 0.05}
+    scene = Scene.from_dict(
+        {
+            "run": {"dt": 0.01, "duration": 1.0},
+            "point": [{"name": "a", "position": [0, 0, -1.0]}, {"name": "b", "kind": "free", "position": [0, 0, -3.0]}],
+            "line": [line],
+            "sea": {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.4, "direction": 0.0}},
+            "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.2}},
+            "fit": fit,
+        }
+    )
+    model, _ = dj.build(scene)
+    found, _ = rig_priors(scene, model, find_parameters(scene, model, ["sea.current.speed"], "free"))
+    assert found[0].prior == pytest.approx((0.4, 0.008))
+    assert found[0].unit == "m/s"

@@ -1,0 +1,331 @@
+"""Fits to channels against known truth of other schemes and other programs: whether intervals cover.
+
+    python benchmarks/channels.py [sea] [cable] [runs] [cameras] [--draws N]
+
+Writes `benchmarks/results/channels.json`. A row per case and parameter: how many of the draws' 90 % intervals hold the
+truth, the root mean square of error over standard error, the median standard error as a share of the truth. Noise is
+drawn anew for every draw, on one truth; what is known beforehand (the current) is drawn anew too.
+
+sea      a longline of ropes with two droppers, 600 s at 10 Hz; tension at both anchors (noise 1 %), depth of floats
+         and middle (0.02 m), current known to 2 %; drag and EA started two times off. Truth by a finer step of another
+         scheme. Taut, where tension feels EA; slack, where depths feel it; stiff, where nothing does. The first draw is
+         fitted by whole runs, all of them in the linear model where that ended.
+cable    a hanging cable with bending stiffness between two ends that move; nodes in space, 3 mm; truth by SciPy's
+         DOP853 on equations of motion written here. Stiff, with markers on every node as far apart as the bending
+         length sqrt(EI/T), and limp, a sixth of it, with one marker.
+runs     five releases of a hanging chain whose damping differs by 5 % from run to run; truth by SciPy.
+cameras  the same chain kicked out of its plane at 0.15 m/s, in two cameras, the second's delay and rate free.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import machine
+import numpy as np
+from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
+from scipy.interpolate import CubicSpline
+
+import dropper_jax as dj
+from fitting.channels.errors import errors_of
+from fitting.channels.fit import first_point, fit_channels, pose, settle_noise
+from fitting.channels.pixel import projection
+from fitting.channels.problem import Evaluation, Problem
+from fitting.channels.result import ChannelFit
+
+RESULTS = Path(__file__).parent / "results" / "channels.json"
+
+
+class Tally:
+    """Estimates, errors and intervals of draws, by parameter."""
+
+    def __init__(self, truth: Mapping[str, float]) -> None:
+        self.truth = dict(truth)
+        self.rows: dict[str, list[tuple[float, float, float, float]]] = {name: [] for name in truth}
+        self.notes: list[dict[str, str]] = []
+        self.failed = 0
+        self.begun = time.perf_counter()
+
+    def add(self, found: Any, name_of: Callable[[str], str] = str) -> None:
+        """One fit."""
+        if found.status != "ok":
+            self.failed += 1
+            return
+        names = [p.name for p in found.parameters]
+        e = found.errors
+        self.notes.append({n: d for n, d in zip(names, e.determined, strict=True) if d != "yes"})
+        for name, rows in self.rows.items():
+            i = names.index(name_of(name))
+            rows.append((float(found.values[i]), float(e.std_error[i]), float(e.low[i]), float(e.high[i])))
+
+    def table(self, **more: Any) -> dict[str, Any]:
+        """The rows of the result."""
+        table = {}
+        for name, rows in self.rows.items():
+            truth, (v, s, low, high) = self.truth[name], np.array(rows).T
+            table[name] = {
+                "truth": truth,
+                "cover": int(np.sum((low <= truth) & (truth <= high))),
+                "rms_of_error_over_std_error": float(np.sqrt(np.mean(((v - truth) / s) ** 2))),
+                "mean_of_error_over_std_error": float(np.mean((v - truth) / s)),
+                "median_std_error": float(np.median(s)),
+                "median_relative_error": float(np.median(s) / abs(truth)) if truth else None,
+                "not_determined": sum(note.get(name) == "no" for note in self.notes),
+                "upper_bound": sum(note.get(name) == "upper bound" for note in self.notes),
+            }
+        draws = len(next(iter(self.rows.values())))
+        spent = time.perf_counter() - self.begun
+        return {"draws": draws, "not_converged": self.failed, "seconds": round(spent, 1), **more, "parameters": table}
+
+
+def sea(draws: int) -> dict[str, Any]:
+    """The longline, taut, slack, and of stiff rope."""
+    return {kind: _sea(kind, draws) for kind in LONGLINES}
+
+
+#: What is free, and what is known to 2 %.
+STIFFNESS, DRAG, CURRENT = "line_type.rope.EA", "line_type.sock.cdn", "sea.current.speed"
+#: Draws that are fitted from two times off by runs of their own; the others in the linear model where the first ended.
+WHOLE = 1
+
+
+def _sea(kind: str, draws: int) -> dict[str, Any]:
+    scene = longline(kind)
+    *_, (step, scheme), off = LONGLINES[kind]
+    true = dj.simulate(scene, integrator=scheme, dt=step, save_every=round(0.02 / step))
+    assert true.status == "ok", true.failure
+    t = np.arange(30.0, 600.0, 0.1)
+    last = next(s for s in true.lines if s.name == "east-leg").links.stop - 1
+    clean = {
+        "west": CubicSpline(true.t_tension, true.tension[:, 0])(t),
+        "east": CubicSpline(true.t_tension, true.tension[:, last])(t),
+        **{p: CubicSpline(true.t, -true.point_path(p)[:, 2])(t) for p in ("w", "m", "e")},
+    }
+    place = dj.load_scene(scene)
+    truth = {name: place.value(name) for name in (STIFFNESS, DRAG, CURRENT)}
+    rng, whole, linear = np.random.default_rng(1), Tally(truth), Tally(truth)
+    first, apart = None, []
+    for draw in range(draws):
+        noisy = {"t": t}
+        for name, y in clean.items():
+            noise = rng.normal(size=len(t))
+            noisy[name] = y * (1 + 0.01 * noise) if name in ("west", "east") else y + 0.02 * noise
+        known = truth[CURRENT] * (1 + 0.02 * rng.normal())
+        given = {
+            "start": {STIFFNESS: off * truth[STIFFNESS], DRAG: 0.5 * truth[DRAG], CURRENT: known},
+            "priors": {CURRENT: (known, 0.02 * truth[CURRENT])},
+        }
+        if draw < WHOLE:
+            found = fit_channels(_sea_data(noisy), scene, list(truth), check_step=kind != "slack", **given)
+            whole.add(found)
+            first = first or found
+            _say(found, truth)
+        again = _in_line(first, _sea_data(noisy), place, given)
+        linear.add(again)
+        if draw < WHOLE:
+            apart.append(float(np.max(np.abs(again.values - found.values) / found.errors.std_error)))
+    names = [p.name for p in first.parameters]
+    table = linear.table(
+        sensitivity=dict(zip(names, first.errors.sensitivity.tolist(), strict=True)),
+        step_s=first.point.problem.dt,
+        step_bias=None if first.step_bias is None else dict(zip(names, first.step_bias.tolist(), strict=True)),
+        said=list(first.errors.why),
+        linear_from_whole_std_errors=apart,
+    )
+    return {**table, "whole": whole.table()}
+
+
+def _sea_data(columns: dict[str, np.ndarray]) -> dict[str, Any]:
+    tension = {"kind": "tension", "unit": "N", "noise": 1.0, "noise_unit": "%"}
+    depth = {"kind": "depth", "unit": "m"}
+    return {
+        "run": [{"file": columns}],
+        "channel": [
+            *({"name": f"anchor {p}", "column": p, "point": p, **tension} for p in ("west", "east")),
+            *({"name": f"depth {p}", "column": p, "point": p, **depth} for p in ("w", "m", "e")),
+        ],
+    }
+
+
+class InLine(Problem):
+    """A problem whose motion is the linear one where a fit ended; noise, priors, errors are those of the fit."""
+
+    def evaluate(self, values: np.ndarray, near: Any = None) -> Evaluation:
+        there = LINEAR[0]
+        move = values - there.values
+        pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
+        shown = tuple(tuple(y + x @ move for y, x in zip(*run, strict=True)) for run in pairs)
+        return there.evaluation._replace(shown=shown)
+
+
+#: Where the linear model is taken.
+LINEAR: list[Any] = []
+
+
+def _in_line(first: Any, data: dict[str, Any], scene: Any, given: dict[str, Any]) -> Any:
+    LINEAR[:] = [first.point]
+    problem = pose(data, scene, list(given["start"]), [], given["start"], {}, given["priors"])
+    problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
+    point = settle_noise(first_point(problem), 40)
+    return ChannelFit(scene, point, errors_of(point))
+
+
+def _say(found: Any, truth: Mapping[str, float]) -> None:
+    names = [p.name for p in found.parameters]
+    off = {n: round((found[n] - v) / found.errors.std_error[names.index(n)], 2) for n, v in truth.items() if n in names}
+    row = {"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings}
+    print(json.dumps(row), flush=True)
+
+
+def cable(draws: int) -> dict[str, Any]:
+    """The hanging cable, as stiff as markers on every node can see, and limp with one marker."""
+    return {
+        "stiff": _cable(1e-3, range(1, CABLE["links"]), draws),
+        "limp": _cable(3e-5, (CABLE["links"] // 2,), draws),
+    }
+
+
+def _cable(stiffness: float, markers: Sequence[int], draws: int) -> dict[str, Any]:
+    t = np.arange(0.0, 6.0, 1 / 30)
+    fine = np.arange(0.0, 6.3, 0.01)
+    true = cable_truth(t, stiffness)
+    moved = [shaken(place, i) for i, place in enumerate((np.zeros(3), np.array([CABLE["span"], 0.0, 0.1])))]
+    ends = {
+        f"{end}_{axis}": np.array([1e3 * path(x)[i] for x in fine])
+        for end, path in zip(("low", "high"), moved, strict=True)
+        for i, axis in enumerate("xyz")
+    }
+    ends = {"t": fine, **ends}
+    truth = {"effects.bending.EI": stiffness, "effects.linear_damping.b_l": CABLE["b_l"]}
+    rng, tally, bias = np.random.default_rng(2), Tally(truth), None
+    for _ in range(draws):
+        seen = 1e3 * true + NOISE_3D * rng.normal(size=true.shape)
+        columns = {f"{axis}{j}": seen[:, j, i] for j in markers for i, axis in enumerate("xyz")}
+        marker = {"kind": "position", "unit": "mm", "noise": NOISE_3D}
+        data = {
+            "run": [{"file": [{"t": t, **columns}, ends]}],
+            "channel": [
+                {"name": f"marker {j}", "columns": [f"{axis}{j}" for axis in "xyz"], "node": j, **marker}
+                for j in markers
+            ],
+            "motion": [
+                {"point": p, "columns": [f"{p}_{axis}" for axis in "xyz"], "unit": "mm"} for p in ("low", "high")
+            ],
+        }  # fmt: skip
+        found = fit_channels(data, cable_scene(stiffness), list(truth))
+        tally.add(found)
+        bias = found.step_bias.tolist() if bias is None else bias
+        _say(found, truth)
+    return tally.table(step_bias=bias)
+
+
+#: Noise of markers in space [mm], of angles [rad], of places in pictures [px].
+NOISE_3D, NOISE_ANGLE, NOISE_PIXEL = 3.0, 3e-3, 0.7
+
+
+def runs(draws: int) -> dict[str, Any]:
+    """Five releases whose damping differs."""
+    mean, spread, count = CHAIN["b_l"], 0.05, 5
+    path = "effects.linear_damping.b_l"
+    rng, tally, spreads = np.random.default_rng(3), Tally({path: mean}), []
+    t = np.arange(0.0, 8.0, 1 / 30)
+    for _ in range(draws):
+        tables = []
+        for number in range(count):
+            scene = chain_scene(np.array([0.5, 0.4, 0.3]) * (1 - 0.1 * number))
+            nodes = chain_truth(t, scene, mean * (1 + spread * rng.normal()), CHAIN["b_q"])
+            d = np.diff(nodes, axis=1)
+            angles = np.arctan2(d[..., 0], -d[..., 2]) + NOISE_ANGLE * rng.normal(size=d.shape[:2])
+            columns = {"t": t, **{f"theta_{j + 1}": angles[:, j] for j in range(3)}}
+            own = {"start.positions": scene["start"]["positions"]}
+            tables.append({"file": columns, "name": f"release {number + 1}", "scene": own})
+        links = range(1, 4)
+        data = {
+            "run": tables,
+            "channel": [
+                {"name": f"link {j}", "kind": "angle", "column": f"theta_{j}", "unit": "rad", "link": j, "zero": "down"}
+                for j in links
+            ],
+        }
+        base = chain_scene(np.array([0.5, 0.4, 0.3]))
+        found = fit_channels(data, base, ["b_q"], own=["b_l"], check_step=False)
+        b = found.between[0]
+        tally.rows[path].append((b.mean, b.std_error, b.low, b.high))
+        tally.failed += found.status != "ok"
+        spreads.append(b.spread / mean)
+        print(json.dumps({"status": found.outcome, "off": round((b.mean - mean) / b.std_error, 2)}), flush=True)
+    return tally.table(spread_between_runs={"truth": spread, "median": float(np.median(spreads))})
+
+
+def cameras(draws: int) -> dict[str, Any]:
+    """The kicked chain in two cameras that are not started together."""
+    delay, rate, kick = 0.013, 59.94 / 60.0, 0.15
+    scene = chain_scene(np.array([0.5, 0.4, 0.3]), kick)
+    views = {"left": np.array([0.4, -2.0, -0.4]), "right": np.array([2.0, -0.5, -0.3])}
+    spec = {"look_at": [0.0, 0.0, -0.45], "focal": 1400.0, "centre": [960.0, 540.0]}
+    stamps = np.arange(1.0, 480.0) / 60.0
+    when = {"left": stamps, "right": rate * stamps - delay}
+    true = {
+        name: chain_truth(np.concatenate([[0.0], x]), scene, CHAIN["b_l"], CHAIN["b_q"])[1:] for name, x in when.items()
+    }
+    clean = {}
+    for name, place in views.items():
+        matrix = projection(place, np.array(spec["look_at"]), spec["focal"], np.array(spec["centre"]))
+        seen = true[name] @ matrix[:, :3].T + matrix[:, 3]
+        clean[name] = seen[..., :2] / seen[..., 2:]
+    truth = {
+        "effects.linear_damping.b_l": CHAIN["b_l"],
+        "effects.quadratic_damping.b_q": CHAIN["b_q"],
+        "start.velocities.3.1": kick,
+        "camera.right.delay": delay,
+        "camera.right.rate": rate,
+    }
+    start = {"start.velocities.3.1": 0.0}
+    rng, tally = np.random.default_rng(4), Tally(truth)
+    for _ in range(draws):
+        files, channels = [], []
+        for name, places in clean.items():
+            noisy = places + NOISE_PIXEL * rng.normal(size=places.shape)
+            axes = [(f"{name}_{axis}{j}", noisy[:, j, i]) for j in (1, 2, 3) for i, axis in enumerate("uv")]
+            files.append({"t": stamps, **dict(axes)})
+            channels += [
+                {
+                    "name": f"{name} node {j}", "kind": "pixel", "camera": name, "unit": "px", "node": j,
+                    "columns": [f"{name}_u{j}", f"{name}_v{j}"],
+                }
+                for j in (1, 2, 3)
+            ]  # fmt: skip
+        data = {
+            "run": [{"file": files}],
+            "channel": channels,
+            "camera": [{"name": name, "position": place.tolist(), **spec} for name, place in views.items()],
+        }
+        found = fit_channels(data, scene, list(truth), start=start)
+        tally.add(found)
+        _say(found, truth)
+    return tally.table()
+
+
+CASES = {"sea": sea, "cable": cable, "runs": runs, "cameras": cameras}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", nargs="*", choices=(*CASES, []), default=[])
+    parser.add_argument("--draws", type=int, default=100)
+    given = parser.parse_args()
+    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    for name in given.cases or CASES:
+        kept[name] = CASES[name](given.draws)
+        RESULTS.write_text(json.dumps({**kept, "machine": machine.describe()}, indent=1) + "\n")
+        print(name, json.dumps(kept[name], indent=1), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Held points that move as recorded, each along a path of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.end_motion import interpolated
+from dropper_jax.model import Effect
+from dropper_jax.scene import SceneData
+
+
+@component
+class RecordedMotion(Effect):
+    """Places of held points over time, as cameras or a vessel's log give them: a table of places for each point.
+
+    Between the rows quintics with the slopes and curvatures of a parabola through three rows (as `end_motion`), so that
+    velocity and acceleration are continuous; before and after it the points rest. `places` has the rows of the first
+    point, then those of the second, and so on: (points * k, 3) for k times.
+    """
+
+    name: ClassVar[str] = "recorded_motion"
+    time: jax.Array = parameter("times of the rows", unit="s", shape="table")
+    places: jax.Array = parameter("places, point after point", unit="m", shape="vectors")
+    home: jax.Array | None = None  # where the scene puts the points (points, 3) [m]
+    points: tuple[str, ...] = option("names of the points that move", type=list, default=())
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        path = f"effects.{cls.name}"
+        held = [p.name for p in scene.points if p.kind == "fixed"]
+        for i, name in enumerate(values["points"]):
+            if name not in held:
+                raise SceneError(f"{path}.points.{i}: {name!r} is not a held point; {nearest(name, held)}")
+            if name in values["points"][:i]:
+                raise SceneError(f"{path}.points.{i}: {name!r} is there twice; allowed: every point once")
+        if not values["points"]:
+            raise SceneError(f"{path}.points: is empty; allowed: names of held points: {', '.join(held)}")
+        if len(values["time"]) < 2 or np.any(np.diff(values["time"]) <= 0):
+            raise SceneError(f"{path}.time: needs at least 2 increasing times")
+        rows = len(values["time"]) * len(values["points"])
+        if len(values["places"]) != rows:
+            raise SceneError(
+                f"{path}.places: has {len(values['places'])} rows; allowed: {rows}, one per point and time"
+            )
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+        home = np.array([scene.point(name).position for name in values["points"]])
+        return cls(**values, home=home)
+
+    def moves(self, name: str) -> bool:
+        return name in self.points
+
+    def of(self, name: str) -> Effect:
+        i, count = self.points.index(name), self.time.shape[0]
+        return replace(self, points=(name,), home=self.home[i : i + 1], places=self.places[i * count : (i + 1) * count])
+
+    def displace(self, t: jax.Array) -> jax.Array:
+        """Displacement (3,) [m] of the first point from the scene's place at time t [s]."""
+        return interpolated(t, self.time, self.places[: self.time.shape[0]]) - self.home[0]
+
+    @property
+    def kinks(self) -> jax.Array | None:
+        return self.time[jnp.array([0, -1])]
+
+    @property
+    def corners(self) -> jax.Array | None:
+        """All rows, where the third derivative jumps."""
+        return self.time

@@ -1,0 +1,75 @@
+"""What every channel is: a name, columns of a file with a unit, and a function of the motion."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+
+from dropper_jax.scene import SceneData
+from fitting.channels.place import Where
+
+
+class Seen(NamedTuple):
+    """A motion at saved times.
+
+    Attributes:
+        nodes: of all lines, both ends of each included (S + 1, N, 3) [m], the start first.
+        middle: the same at the times of the tensions (S, N, 3) [m].
+        tension: of the links (S, n) [N].
+    """
+
+    nodes: jax.Array
+    middle: jax.Array
+    tension: jax.Array
+
+
+@dataclass(frozen=True)
+class Channel(ABC):
+    """Static: it shapes the compiled program.
+
+    Attributes:
+        name: of the channel.
+        columns: of the file.
+        unit: of the columns.
+        camera: number of the camera whose clock stamps it; None: the scene's own time.
+    """
+
+    kind: ClassVar[str]
+    #: Unit in SI of what it measures.
+    measures: ClassVar[str]
+    #: Whether its values belong to the times of tensions.
+    of_tension: ClassVar[bool] = False
+    #: Whether whole turns mean nothing.
+    turns: ClassVar[bool] = False
+    #: Keys of its table beside those of all channels.
+    KEYS: ClassVar[tuple[str, ...]] = ()
+
+    name: str
+    columns: tuple[str, ...]
+    unit: str
+    camera: int | None = None
+
+    @classmethod
+    @abstractmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        """The channel of a table; `common` are the fields of every channel.
+
+        Raises:
+            SceneError: a place that the scene has not, columns that do not fit.
+        """
+
+    @abstractmethod
+    def see(self, seen: Seen) -> jax.Array:
+        """What a perfect sensor shows (times, columns) [SI]."""
+
+
+class Context(NamedTuple):
+    """What a channel is made with: the scene, projections of the cameras (3, 4) by number, its path for errors."""
+
+    scene: SceneData
+    projections: tuple[tuple[tuple[float, ...], ...], ...]
+    path: str

@@ -1,0 +1,264 @@
+"""Free parameters of a fit to channels: numbers of the scene or its model, of the start, of sensors and of cameras.
+
+Paths beside those of scenes: `start.velocities.3.1`, `channel.NAME.offset`, `.gain` and `.delay`, `camera.NAME.delay`
+and `.rate`. `measured(t) = offset + gain * true(rate t - delay of the camera - delay of the channel)`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from dropper_jax.run.build import build_model
+from fitting.channels.data import Data
+from fitting.channels.motion import Clock, Reading, Setup
+from fitting.parameters.naming import full_names
+from fitting.parameters.of_scene import find_parameters, scene_parameter
+from fitting.parameters.parameter import Parameter, check_once
+from fitting.parameters.place import Direction
+
+#: Fields of a start that are numbers, and their units.
+STARTS = {
+    "polar": "rad",
+    "azimuth": "rad",
+    "polar_rate": "rad/s",
+    "azimuth_rate": "rad/s",
+    "positions": "m",
+    "velocities": "m/s",
+    "release_force": "N",
+}
+#: How far a free delay may go from where it starts [s], and a free rate, as a share.
+DELAY_RANGE, RATE_RANGE = 0.5, 0.02
+
+
+@dataclass(frozen=True)
+class SetupPlace:
+    """A number of the start, a sensor or a camera: section, number or key in it, field, entry of the field."""
+
+    section: str
+    index: int | str
+    field: str
+    entry: tuple[int, ...] = ()
+
+
+def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "free") -> tuple[Parameter, ...]:
+    """The parameters of these names, where they start and between which bounds.
+
+    Raises:
+        SceneError: a name of nothing that can be free, or twice the same.
+    """
+    found: list[Parameter] = []
+    model = build_model(scene)
+    for name in names:
+        section = name.split(".")[0].strip()
+        if section == "start":
+            found += _of_start(scene, name, option)
+        elif section == "channel":
+            found += _of_channel(data, name, option)
+        elif section == "camera":
+            found.append(_of_camera(data, name, option))
+        else:
+            found += find_parameters(scene, model, full_names(scene, [name], option), option)
+    for p in found:
+        if not isinstance(p.where, SetupPlace) and type(p.where).__name__ not in ("ModelPlace", "Direction"):
+            raise SceneError(f"{option}: {p.name!r} is of traces of angles; allowed: channel.NAME.offset and the like")
+    check_once([p.name for p in found], option)
+    return tuple(found)
+
+
+def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
+    _, _, rest = name.partition(".")
+    key, *entries = rest.split(".")
+    value = getattr(scene.start, key, None) if key in STARTS else None
+    if value is None:
+        given = [f"start.{k}" for k in STARTS if getattr(scene.start, k) is not None]
+        raise SceneError(f"{option}: {name!r} is not given in the scene's start; {nearest(name, given)}")
+    array = np.asarray(value, float)
+    if not all(e.isdecimal() for e in entries) or len(entries) > array.ndim:
+        raise SceneError(f"{option}: {name!r} has no such entry; allowed: {array.ndim} numbers behind start.{key}")
+    index = tuple(int(e) for e in entries)
+    if any(i >= size for i, size in zip(index, array.shape, strict=False)):
+        raise SceneError(f"{option}: {name!r} has no such entry; allowed: below {', '.join(map(str, array.shape))}")
+    within = list(np.ndindex(array.shape[len(index) :]))
+    return [
+        Parameter(
+            ".".join(["start", key, *map(str, (*index, *more))]),
+            SetupPlace("start", key, key, (*index, *more)),
+            float(array[(*index, *more)]),
+            unit=STARTS[key],
+        )
+        for more in within
+    ]
+
+
+def _split(
+    name: str, kind: str, known: Sequence[str], fields: Sequence[str], option: str
+) -> tuple[int, str, list[str]]:
+    words = name.split(".")
+    if len(words) < 3 or words[1] not in known:
+        label = words[1] if len(words) > 1 else name
+        raise SceneError(f"{option}: {name!r}: {label!r} is no {kind}; {nearest(label, known)}")
+    if words[2] not in fields:
+        raise SceneError(f"{option}: {name!r} does not exist; allowed: {kind}.{words[1]} and {', '.join(fields)}")
+    return known.index(words[1]), words[2], words[3:]
+
+
+def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
+    known = [s.channel.name for s in data.sensors]
+    index, field, more = _split(name, "channel", known, ("offset", "gain", "delay"), option)
+    sensor = data.sensors[index]
+    if field == "gain":
+        return [Parameter(name, SetupPlace("readings", index, field), sensor.gain, 0.0)]
+    if field == "delay":
+        ends = sensor.delay - DELAY_RANGE, sensor.delay + DELAY_RANGE
+        return [Parameter(name, SetupPlace("readings", index, "time"), sensor.delay, *ends, unit="s")]
+    columns = len(sensor.channel.columns)
+    entries = range(columns)
+    if more:
+        if not (len(more) == 1 and more[0].isdecimal() and int(more[0]) < columns):
+            raise SceneError(f"{option}: {name!r} has no such column; allowed: 0 to {columns - 1}")
+        entries = [int(more[0])]
+    stem = ".".join(name.split(".")[:3])
+    unit = sensor.channel.measures
+    return [
+        Parameter(
+            stem if columns == 1 else f"{stem}.{i}",
+            SetupPlace("readings", index, field, (i,)),
+            sensor.offset,
+            unit=unit,
+        )
+        for i in entries
+    ]
+
+
+def _of_camera(data: Data, name: str, option: str) -> Parameter:
+    known = [c.name for c in data.cameras]
+    index, field, _ = _split(name, "camera", known, ("delay", "rate"), option)
+    camera = data.cameras[index]
+    if field == "delay":
+        ends = camera.delay - DELAY_RANGE, camera.delay + DELAY_RANGE
+        return Parameter(name, SetupPlace("clocks", index, "time"), camera.delay, *ends, unit="s")
+    ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
+    return Parameter(name, SetupPlace("clocks", index, "rate"), camera.rate, *ends, unit="s/s")
+
+
+class Placed(NamedTuple):
+    """A run's numbers at given values of its parameters, and how each parameter moves them."""
+
+    setup: Setup
+    tangents: Setup
+
+
+def placed(scene: Scene, data: Data, parameters: Sequence[Parameter], values: np.ndarray) -> Placed:
+    """The setup of a run at these values (k,), and its directions (k, ...) there.
+
+    Numbers that the model follows along no straight line (EA with a damping ratio, lengths) are put into the scene
+    anew, and their directions taken there.
+    """
+    written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if isinstance(p.where, Direction)}
+    scene = scene.with_values(written) if written else scene
+    setup = first_setup(scene, data)
+    directions: list[Setup] = []
+    for p in parameters:
+        if isinstance(p.where, Direction):
+            where = scene_parameter(scene, setup.model, p.name).where
+            leaves, tree = jax.tree.flatten(jax.tree.map(jnp.zeros_like, setup.model))
+            for leaf, slope in where.slopes.items():
+                leaves[leaf] = jnp.asarray(slope, leaves[leaf].dtype)
+            directions.append(replace_model(setup, jax.tree.unflatten(tree, leaves)))
+        else:
+            directions.append(jax.jvp(lambda v, p=p: put(setup, p, v), (1.0,), (1.0,))[1])
+    for p, v in zip(parameters, values, strict=True):
+        if not isinstance(p.where, Direction):
+            setup = put(setup, p, v)
+    if not directions:
+        tangents = jax.tree.map(lambda a: jnp.zeros((0, *jnp.shape(a))), setup)
+    else:
+        tangents = jax.tree.map(lambda *parts: jnp.stack(parts), *directions)
+    return Placed(setup, tangents)
+
+
+def first_setup(scene: Scene, data: Data) -> Setup:
+    """The setup as the scene and the data's file have it."""
+    dtype = jnp.dtype(scene.run.dtype)
+    array = lambda x: jnp.asarray(x, dtype)  # noqa: E731
+    start = {key: array(getattr(scene.start, key)) for key in STARTS if getattr(scene.start, key) is not None}
+    readings = tuple(
+        Reading(array(np.full(len(s.channel.columns), s.offset)), array(s.gain), array(s.delay)) for s in data.sensors
+    )
+    clocks = tuple(Clock(array(c.delay), array(c.rate)) for c in data.cameras)
+    model = jax.tree.map(lambda a: jnp.asarray(a, dtype), build_model(scene))
+    return Setup(model, start, readings, clocks)
+
+
+def replace_model(setup: Setup, model: Model) -> Setup:
+    """A direction that moves the model alone."""
+    still = jax.tree.map(jnp.zeros_like, setup)
+    return still._replace(model=model)
+
+
+def put(setup: Setup, p: Parameter, value: Any) -> Setup:
+    """The setup with a parameter's value in place; differentiable."""
+    where = p.where
+    if not isinstance(where, SetupPlace):
+        return setup._replace(model=where.put(setup.model, value))
+    if where.section == "start":
+        start = dict(setup.start)
+        start[where.index] = start[where.index].at[where.entry].set(value)
+        return setup._replace(start=start)
+    items = list(getattr(setup, where.section))
+    field = "delay" if where.field == "time" else where.field
+    old = getattr(items[where.index], field)
+    new = jnp.asarray(old).at[where.entry].set(value)
+    items[where.index] = items[where.index]._replace(**{field: new})
+    return setup._replace(**{where.section: tuple(items)})
+
+
+def adjusted(
+    parameters: Sequence[Parameter],
+    start: Mapping[str, float],
+    bounds: Mapping[str, tuple[float | None, float | None]],
+    priors: Mapping[str, tuple[float, float]],
+    name_of: Callable[[str], str],
+) -> tuple[Parameter, ...]:
+    """The parameters with what the caller says of them by (short) name.
+
+    Raises:
+        SceneError: a name that is not free, bounds without room, a start outside of them, a prior without width.
+    """
+    known = [p.name for p in parameters]
+    found = list(parameters)
+    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
+        for name, value in given.items():
+            full = name if name in known else name_of(name)
+            mine = [i for i, p in enumerate(known) if p == full or p.startswith(full + ".")]
+            if not mine:
+                raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
+            for i in mine:
+                found[i] = _said(found[i], which, value)
+    for p in found:
+        if not p.low <= p.value <= p.high:
+            raise SceneError(f"start: {p.name} = {p.value:g} is out of bounds; allowed: {p.low:g} to {p.high:g}")
+    return tuple(found)
+
+
+def _said(p: Parameter, which: str, value: Any) -> Parameter:
+    if which == "start":
+        return replace(p, value=float(value))
+    if which == "prior":
+        if not (0 < value[1] < np.inf and np.isfinite(value[0])):
+            raise SceneError(f"prior: {p.name!r} has standard deviation {value[1]:g}; allowed: > 0")
+        return replace(p, prior=(float(value[0]), float(value[1])))
+    low = p.low if value[0] is None else value[0]
+    high = p.high if value[1] is None else value[1]
+    if not low <= high:
+        raise SceneError(f"bounds: {p.name!r} has no room between {low:g} and {high:g}; allowed: low <= high")
+    return replace(p, low=low, high=high, value=min(max(p.value, low), high))

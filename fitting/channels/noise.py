@@ -1,0 +1,197 @@
+"""Noise of channels, told by the residuals: a size for each, and how much of it a sample hands on to the next.
+
+With r residuals of a channel and X their derivatives, restricted maximum likelihood of white noise has a fixed point
+
+    sigma^2 = sum r^2/(N - tr),      tr = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples
+
+and noise that remembers, `phi = exp(-decay dt)`, is taken where neighbours correlate and what it leaves is white:
+
+    u_i = (r_i - phi r_{i-1})/sqrt(1 - phi^2)
+
+A misfit of the model is no noise: no memory leaves it white, and standard errors then come from blocks of scores.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import comb
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from fitting.channels.data import Data, Sensor
+from fitting.channels.problem import Evaluation
+from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
+
+#: Correlation of neighbours that counts as one: so many of its standard errors, and at least this large.
+CORRELATED, CORRELATION_FLOOR = 5.0, 0.1
+#: Largest correlation of neighbouring innovations of noise that is what it is taken for.
+WHITE = 0.15
+#: Least size of a sensor's relative noise, as a share of the channel's root mean square: a reading of 0 is not exact.
+RELATIVE_FLOOR = 0.05
+ORDERS = (2, 3, 4, 5, 6)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Sizes (c,) [SI, or shares of the value where relative] and memories (c,) [1/s] of the channels; 0: none."""
+
+    size: np.ndarray
+    decay: np.ndarray
+
+    def kept(self, interval: np.ndarray) -> np.ndarray:
+        """Share of a sample's noise in the next one (c,)."""
+        return np.where(self.decay > 0, np.exp(-self.decay * interval), 0.0)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Residuals (N,) of unit and independent noise, their derivatives (N, p), channel, run and time of each."""
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+    channel: np.ndarray
+    run: np.ndarray
+    t: np.ndarray
+    #: number of the column among all columns of all runs, and raw residuals in units of the noise, not whitened.
+    column: np.ndarray
+    raw: np.ndarray
+
+
+def first_noise(data: Data, floors: np.ndarray) -> Noise:
+    """What the data's file says of each channel, else what differences of high order say."""
+    sizes = [s.noise if s.noise is not None else _told(data, c) for c, s in enumerate(data.sensors)]
+    return Noise(np.maximum(sizes, floors), np.zeros(len(sizes)))
+
+
+def _told(data: Data, channel: int) -> float:
+    """Deviation of white noise on a smooth motion: the least over orders of differences (see `traces.noise`)."""
+    found = np.inf
+    columns = [column for run in data.runs for column in run.values[channel].T]
+    for order in ORDERS:
+        d = np.concatenate([np.diff(column, order) for column in columns])
+        d = d[np.isfinite(d)]
+        if len(d) >= 10:
+            found = min(found, 1.4826 * float(np.median(np.abs(d))) / np.sqrt(comb(2 * order, order)))
+    spread = max(float(np.nanstd(column)) for column in columns)
+    level = max(float(np.nanmax(np.abs(column))) for column in columns)
+    return max(found, 1e-6 * level, 1e-12) if np.isfinite(found) else max(0.1 * spread, 1e-6 * level, 1e-12)
+
+
+def scale_of(sensor: Sensor, shown: np.ndarray) -> np.ndarray:
+    """By what a channel's size of noise counts, as `shown`: 1, or the value where the noise is a share of it."""
+    if not sensor.relative:
+        return np.ones_like(shown)
+    return np.maximum(np.abs(shown), RELATIVE_FLOOR * np.sqrt(np.mean(shown**2)))
+
+
+def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndarray, ...], ...]) -> Rows:
+    """All samples as rows of unit noise; memory taken out."""
+    parts: list[tuple[np.ndarray, ...]] = []
+    column = 0
+    for number, run in enumerate(data.runs):
+        for c, sensor in enumerate(data.sensors):
+            residual = e.shown[number][c] - run.values[c]
+            if sensor.channel.turns:
+                residual = residual - 2 * np.pi * np.round(residual / (2 * np.pi))
+            size = noise.size[c] * scales[number][c]
+            for j in range(residual.shape[1]):
+                known = np.isfinite(residual[:, j])
+                t = run.t[c][known]
+                r = (residual[:, j] / size[:, j])[known]
+                x = (e.slopes[number][c][:, j] / size[:, j, None])[known]
+                raw = r
+                if noise.decay[c] > 0:
+                    phi = np.exp(-noise.decay[c] * np.diff(t))
+                    root = np.sqrt(1 - phi**2)
+                    r = np.concatenate([r[:1], (r[1:] - phi * r[:-1]) / root])
+                    x = np.concatenate([x[:1], (x[1:] - phi[:, None] * x[:-1]) / root[:, None]])
+                of_channel, of_run, of_column = (np.full(len(t), value) for value in (c, number, column))
+                parts.append((r, x, of_channel, of_run, t, of_column, raw))
+                column += 1
+    return Rows(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def lag_one(rows: Rows, channel: int, residual: np.ndarray) -> tuple[float, float]:
+    """Correlation of neighbouring residuals of a channel, and its standard error for white noise."""
+    mine = rows.channel == channel
+    r, column = residual[mine], rows.column[mine]
+    both = column[1:] == column[:-1]
+    size = max(float(np.mean(r**2)), 1e-300)
+    return float(np.mean((r[1:] * r[:-1])[both]) / size) if both.any() else 0.0, 1 / np.sqrt(max(both.sum(), 1))
+
+
+def leverage(rows: Rows, weights: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """How many samples of each channel the fit has used up (c,)."""
+    root = np.sqrt(weights)[:, None] * rows.jacobian
+    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information * np.outer(size, size), hermitian=True) * np.outer(size, size)
+    each = np.einsum("np,pq,nq->n", root, inverse, root, optimize=True)
+    return np.bincount(rows.channel, each, minlength=int(rows.channel.max()) + 1)
+
+
+def _size_of(r: np.ndarray, loss: Loss) -> float:
+    """Sum of squares of residuals, of a robust loss of what does not stand out, consistent for normal ones.
+
+    Squares of slopes over `Loss.spread` tell no size by Student's loss, whose slope returns to zero: the smaller the
+    size is taken, the less is left. Weight times square, which stays, is taken there.
+    """
+    if not isinstance(loss, StudentT):
+        pull = loss.weights(r) * r
+        return float(pull @ pull) / loss.spread
+    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    normal = float(weights @ (loss.weights(nodes) * nodes**2) / weights.sum())
+    return float(loss.weights(r) @ r**2) / normal
+
+
+def told(
+    data: Data,
+    e: Evaluation,
+    noise: Noise,
+    scales: tuple[tuple[np.ndarray, ...], ...],
+    information: np.ndarray,
+    floors: np.ndarray,
+    loss: Loss = LEAST_SQUARES,
+) -> Noise:
+    """The noise that the residuals of a fit tell, from the noise it was made with."""
+    rows = rows_of(data, e, noise, scales)
+    weights = loss.weights(rows.residual)
+    used = leverage(rows, weights, information)
+    size, decay = noise.size.copy(), noise.decay.copy()
+    for c in range(len(size)):
+        mine = rows.channel == c
+        rho, sure = lag_one(rows, c, rows.raw)
+        decay[c] = 0.0
+        r, left = rows.raw[mine], max(mine.sum() - used[c], 1.0)
+        total = _size_of(r, loss)
+        if rho > max(CORRELATED * sure, CORRELATION_FLOOR):
+            found = _memory(rows, c)
+            if found is not None:
+                decay[c], total = found
+        size[c] = max(size[c] * np.sqrt(total / left), floors[c])
+    return replace(noise, size=size, decay=decay)
+
+
+def _memory(rows: Rows, channel: int) -> tuple[float, float] | None:
+    """Memory [1/s] and sum of the squared innovations of a channel; None where it leaves no white noise."""
+    mine = rows.channel == channel
+    r, t, column = rows.raw[mine], rows.t[mine], rows.column[mine]
+    new = np.concatenate([[True], column[1:] != column[:-1]])
+    apart = np.where(new[1:], np.inf, np.diff(t))
+
+    def innovations(decay: float) -> tuple[np.ndarray, np.ndarray]:
+        phi = np.where(np.isfinite(apart), np.exp(-decay * np.where(np.isfinite(apart), apart, 0.0)), 0.0)
+        root = np.sqrt(1 - phi**2)
+        return np.concatenate([r[:1], (r[1:] - phi * r[:-1]) / root]), root
+
+    def cost(log: float) -> float:
+        u, root = innovations(np.exp(log))
+        return len(u) * np.log(np.mean(u**2)) + 2 * float(np.sum(np.log(root)))
+
+    interval = float(np.median(np.diff(t)[~new[1:]]))
+    ends = np.log(-np.log(0.995) / interval), np.log(-np.log(0.02) / interval)
+    decay = float(np.exp(minimize_scalar(cost, bounds=ends, method="bounded").x))
+    u, _ = innovations(decay)
+    both = ~new[1:]
+    left = float(np.mean((u[1:] * u[:-1])[both]) / max(np.mean(u**2), 1e-300))
+    return (decay, float(u @ u)) if abs(left) < WHITE else None

@@ -1,0 +1,145 @@
+"""The report of a fit to channels: tables, pictures, and the fitted scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.plots import style
+from fitting.channels.result import ChannelFit
+from fitting.report.report import markdown
+from fitting.report.tables import significant
+
+#: Most columns drawn in one picture.
+MOST = 6
+VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "upper bound": "upper bound"}
+
+
+def parameter_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+    """Name, value, error, interval, unit and what is to be said of every parameter, with a heading."""
+    e = result.errors
+    rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
+    for i, p in enumerate(result.parameters):
+        digits = significant(result.values[i], e.std_error[i])
+        ends = (f"{x:.{digits}g}" for x in (e.low[i], e.high[i]))
+        notes = [VERDICTS[e.determined[i]], "at bound" if e.at_bound[i] else ""]
+        row = (f"{result.values[i]:.{digits}g}", f"{e.std_error[i]:.2g}", *ends, p.unit)
+        rows.append((p.name, *row, ", ".join(note for note in notes if note)))
+    return rows
+
+
+def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+    """What every channel is and how it was met, with a heading."""
+    rows = [("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left")]
+    for row in result.channels():
+        noise = f"{100 * row['noise']:.3g} %" if row["noise_unit"] == "-" else f"{row['noise']:.3g} {row['noise_unit']}"
+        rest = (f"{row['kept']:.2g}", f"{row['correlation']:.2f}")
+        rows.append((row["name"], row["kind"], str(row["samples"]), f"{row['rms']:.3g} {row['unit']}", noise, *rest))
+    return rows
+
+
+def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+    """How much each channel feels each parameter, with a heading."""
+    names = [s.channel.name for s in result.point.problem.data.sensors]
+    rows = [("parameter", *names)]
+    return rows + [
+        (p.name, *(f"{s:.2g}" for s in row))
+        for p, row in zip(result.parameters, result.errors.sensitivity, strict=True)
+    ]
+
+
+def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
+    """Parameters over runs, with a heading."""
+    rows = [("parameter", "mean", "std error", "90 % low", "high", "spread between runs", "runs")]
+    for b in result.between:
+        digits = significant(b.mean, b.std_error)
+        numbers = (f"{b.mean:.{digits}g}", f"{b.std_error:.2g}", f"{b.low:.{digits}g}", f"{b.high:.{digits}g}")
+        rows.append((b.name, *numbers, f"{b.spread:.2g}", str(len(b.values))))
+    return rows
+
+
+def summary(result: ChannelFit) -> list[tuple[str, str]]:
+    """What else is said of a fit."""
+    bias = result.step_bias
+    moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
+    blocks = result.errors.blocks
+    return [
+        ("time step", f"{result.point.problem.dt:.3g} s{moves}"),
+        ("errors from", f"{blocks} blocks of time" if blocks else "the noise"),
+        ("runs", f"{result.point.iterations} with derivatives"),
+        ("wall time", f"{result.seconds:.1f} s"),
+    ]
+
+
+def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
+    """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; of several runs
+    with values of their own one scene each, `fitted_RUN.toml`."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    runs = result.point.problem.data.runs
+    files = [picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
+    files += write_scenes(result, folder)
+    parts = [
+        f"# Fit of {result.scene.name}",
+        f"Status **{result.status}**{': ' + result.message if result.message else ''}.",
+        "## Parameters",
+        markdown(parameter_rows(result)),
+        *(["## Over the runs", markdown(between_rows(result))] if result.between else []),
+        "## Channels",
+        markdown(channel_rows(result)),
+        "## Sensitivity",
+        "By how many per cent a channel changes for one per cent of a parameter: of tensions against their root mean "
+        "square, of other channels against their deviation.",
+        markdown(sensitivity_rows(result)),
+        "## Quality",
+        "\n".join(f"- {name}: {value}" for name, value in summary(result)),
+        "## Warnings",
+        "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
+        *(f"## {run.name}\n\n![{run.name}](channels_{i + 1}.png)" for i, run in enumerate(runs)),
+    ]
+    files.append(atomic_write(folder / "report.md", "\n\n".join(parts) + "\n"))
+    return files
+
+
+def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
+    """The fitted scenes as TOML."""
+    runs = result.point.problem.data.runs
+    if not result.between and not any(run.own for run in runs):
+        return [atomic_write(folder / "fitted.toml", as_toml(result.fitted_scene().as_written()))]
+    return [
+        atomic_write(folder / f"fitted_{run.name}.toml", as_toml(result.fitted_scene(i).as_written()))
+        for i, run in enumerate(runs)
+    ]
+
+
+def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
+    """Measured samples, the fitted run over them, and residuals in units of the noise, of a run's first columns."""
+    problem, e = result.point.problem, result.point.evaluation
+    panels = []
+    for c, sensor in enumerate(problem.data.sensors):
+        size = result.point.noise.size[c] * result.point.scales[run][c]
+        for j, name in enumerate(sensor.channel.columns):
+            t, measured, shown = problem.data.runs[run].t[c], problem.data.runs[run].values[c][:, j], e.shown[run][c]
+            label = sensor.channel.name if len(sensor.channel.columns) == 1 else f"{sensor.channel.name}: {name}"
+            panels.append((f"{label} [{sensor.channel.measures}]", t, measured, shown[:, j], size[:, j]))
+    left_out = len(panels) - MOST
+    panels = panels[:MOST]
+    with style.look():
+        figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
+        axes = np.atleast_2d(figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False))
+        for (label, t, measured, shown, size), (over, beside) in zip(panels, axes, strict=True):
+            over.plot(t, measured, ".", ms=2, color=style.SECOND, label="measured")
+            over.plot(t, shown, "-", lw=0.9, color=style.DARK, label="fitted")
+            over.set_ylabel(label)
+            beside.plot(t, (measured - shown) / size, ".", ms=2, color=style.SECOND)
+            beside.axhline(0.0, color=style.DARK, lw=0.8)
+        axes[0, 0].legend(loc="upper right", ncols=2)
+        more = f" ({left_out} further columns are not drawn)" if left_out > 0 else ""
+        axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
+        axes[0, 1].set_title("residual / noise", loc="left")
+        for low in axes[-1]:
+            low.set_xlabel("t [s]")
+        return style.save(figure, path)

@@ -1,0 +1,75 @@
+"""Held points that move as recorded: rows are met, parabolas exactly followed, each point by itself."""
+
+import jax
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+
+TIMES = np.arange(0.0, 1.05, 0.1)
+
+
+def path(t, number):
+    """A parabola in time for each point."""
+    fall = np.array([0.2, -0.1, 0.3]) * (1 + number)
+    return (
+        np.array([0.5 * number, 0.0, 0.0])
+        + np.multiply.outer(np.asarray(t), [0.1, 0.2, -0.1])
+        + np.multiply.outer(np.square(t), fall)
+    )
+
+
+def scene(**changes):
+    motion = {
+        "points": ["left", "right"],
+        "time": TIMES.tolist(),
+        "places": np.concatenate([path(TIMES, 0), path(TIMES, 1)]).tolist(),
+    }
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [
+            {"name": "left", "position": [0.0, 0.0, 0.0]},
+            {"name": "right", "position": [0.6, 0.0, 0.0]},
+        ],
+        "line": [{"name": "loop", "from": "left", "to": "right", "links": 4, "length": 0.3, "mass": 0.1}],
+        "effects": {"weight": {}, "recorded_motion": {**motion, **changes}},
+        "start": {"kind": "static"},
+    }
+
+
+def test_each_point_follows_its_own_parabola_with_its_rate_and_acceleration():
+    model, _ = dj.build(scene())
+    for t in (0.15, 0.42, 0.88):
+        ends = model.ends(jax.numpy.asarray(t))
+        fast = model.end_acceleration(jax.numpy.asarray(t))
+        for number in (0, 1):
+            step = 1e-4
+            rate = (path(t + step, number) - path(t - step, number)) / (2 * step)
+            bend = (path(t + step, number) - 2 * path(t, number) + path(t - step, number)) / step**2
+            assert np.allclose(ends.places[number], path(t, number), atol=1e-12)
+            assert np.allclose(ends.velocities[number], rate, atol=1e-9)
+            assert np.allclose(fast[number], bend, atol=1e-6)
+
+
+def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
+    found = dj.simulate(scene())
+    assert found.status == "ok"
+    for number, name in enumerate(("left", "right")):
+        assert np.allclose(found.point_path(name)[0], path(0.0, number), atol=1e-12)
+        assert np.allclose(found.point_path(name)[-1], path(1.0, number), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"points": ["left", "top"]}, "recorded_motion.points.1: 'top' is not a held point"),
+        ({"points": []}, "recorded_motion.points: is empty"),
+        ({"points": ["left", "left"]}, "'left' is there twice"),
+        ({"time": TIMES[::-1].tolist()}, "recorded_motion.time: needs at least 2 increasing times"),
+        ({"places": path(TIMES, 0).tolist()}, "recorded_motion.places: has 11 rows; allowed: 22"),
+    ],
+)
+def test_tables_that_fit_nothing_are_refused(change, said):
+    with pytest.raises(SceneError, match=said):
+        dj.load_scene(scene(**change))

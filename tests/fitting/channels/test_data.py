@@ -1,0 +1,148 @@
+"""Files of channels: what they say is read, and what cannot be is refused in one line."""
+
+import copy
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from fitting.channels.data import read_data
+
+SCENE = {
+    "run": {"dt": 0.01, "duration": 1.0},
+    "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.03, "EA": 1e6}],
+    "point": [
+        {"name": "anchor", "position": [0.0, 0.0, -10.0]},
+        {"name": "float", "kind": "free", "position": [8.0, 0.0, -4.0], "mass": 5.0, "volume": 0.05},
+        {"name": "ship", "position": [16.0, 0.0, -2.0]},
+    ],
+    "line": [
+        {"name": "leg", "from": "anchor", "to": "float", "type": "rope", "length": 10.0, "links": 4},
+        {
+            "name": "arm", "from": "float", "to": "ship", "type": "rope", "length": 9.0, "links": 3,
+            "attach": [{"point": "knot", "at": 6.0}],
+        },
+    ],
+    "sea": {"depth": 20.0},
+    "effects": {"weight": {}, "buoyancy": {}},
+}  # fmt: skip
+T = np.linspace(0.0, 1.0, 11)
+FILE = {"t": T, "F": T + 1, "d": T + 2, "u": T, "v": T, "x": T}
+TENSION = {"name": "pull", "kind": "tension", "column": "F", "unit": "kN", "line": "leg", "end": "from"}
+DEPTH = {"name": "deep", "kind": "depth", "column": "d", "unit": "cm", "line": "arm", "at": 4.5}
+CAMERA = {"name": "left", "position": [0, -9, 0], "look_at": [0, 0, 0], "focal": 1000.0, "centre": [0, 0]}
+PIXEL = {"name": "dot", "kind": "pixel", "columns": ["u", "v"], "unit": "px", "camera": "left", "point": "float"}
+GOOD = {"run": [{"file": FILE}], "channel": [TENSION, DEPTH, PIXEL], "camera": [CAMERA]}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return dj.load_scene(SCENE)
+
+
+def test_values_are_in_si_and_places_on_the_whole_line(scene):
+    data = read_data(GOOD, scene)
+    assert np.allclose(data.runs[0].values[0][:, 0], 1e3 * (T + 1))
+    assert np.allclose(data.runs[0].values[1][:, 0], 1e-2 * (T + 2))
+    assert data.sensors[0].channel.link == 0
+    # nodes: 5 of the leg; the arm's two pieces have 3 and 2; 4.5 m is the middle of its second link of 3 m
+    assert data.sensors[1].channel.node == (6, 7, 0.5)
+    assert data.sensors[2].channel.node.first == 4
+
+
+def test_an_anchor_is_pulled_by_its_one_line_and_a_knot_by_two(scene):
+    data = read_data(
+        {
+            **GOOD,
+            "channel": [
+                {**{k: v for k, v in TENSION.items() if k not in ("line", "end")}, "point": "anchor"},
+                {**{k: v for k, v in TENSION.items() if k not in ("line", "end")}, "point": "knot", "name": "k"},
+            ],
+        },
+        scene,
+    )
+    assert (data.sensors[0].channel.link, data.sensors[0].channel.ends) == (0, ())
+    assert len(data.sensors[1].channel.ends) == 2
+
+
+def test_a_file_of_its_own_clock_and_missing_samples_are_read(scene, tmp_path):
+    (tmp_path / "a.csv").write_text("# load cell\nt,F\n0,1\n0.5,\n1,3\n1.5,4\n")
+    (tmp_path / "b.csv").write_text("t,d\n0,1\n1,2\n2,3\n")
+    (tmp_path / "data.toml").write_text(
+        """
+        [[run]]
+        file = ["a.csv", "b.csv"]
+        until = 1.6
+        [[channel]]
+        name = "pull"
+        kind = "tension"
+        column = "F"
+        unit = "N"
+        line = "leg"
+        link = 2
+        noise = 1.0
+        noise_unit = "%"
+        [[channel]]
+        name = "deep"
+        kind = "depth"
+        column = "d"
+        unit = "m"
+        point = "float"
+        """
+    )
+    with pytest.raises(SceneError, match="channel 'deep' has fewer than 3 samples"):
+        read_data(tmp_path / "data.toml", scene)
+    text = (tmp_path / "data.toml").read_text().replace("until = 1.6", "until = 9")
+    (tmp_path / "data.toml").write_text(text)
+    data = read_data(tmp_path / "data.toml", scene)
+    assert [len(t) for t in data.runs[0].t] == [4, 3]
+    assert np.isnan(data.runs[0].values[0][1, 0])
+    assert (data.sensors[0].noise, data.sensors[0].relative, data.runs[0].name) == (0.01, True, "a")
+
+
+def changed(section, index, **values):
+    table = copy.deepcopy({k: v for k, v in GOOD.items() if k != "run"})
+    table["run"] = [dict(GOOD["run"][0])]
+    for key, value in values.items():
+        if value is None:
+            table[section][index].pop(key)
+        else:
+            table[section][index][key] = value
+    return table
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (changed("channel", 0, kind="smell"), "channel.0.kind: 'smell' is unknown"),
+        (changed("channel", 0, unit="mm"), "channel.0.unit: 'mm' does not measure this; allowed: N, kN"),
+        (changed("channel", 0, unit=None), "channel.0.unit: missing; needed: N, kN"),
+        (changed("channel", 0, line="log"), "channel.0.line: 'log' is no line of the scene"),
+        (changed("channel", 0, end=None, link=5), "channel.0.link: 5 is outside of line 'leg'; allowed: 1 to 4"),
+        (changed("channel", 0, link=2), "channel.0: is placed twice, by link and end"),
+        (changed("channel", 0, end="top"), "channel.0.end: 'top' is no end of a line; allowed: from, to"),
+        (changed("channel", 1, at=9.5), "channel.1.at: 9.5 m is outside of line 'arm'; allowed: 0 to 9 m"),
+        (changed("channel", 1, at=None, node=4), "channel.1.node: 4 is outside of line 'arm'"),
+        (changed("channel", 1, at=None), "channel.1: says nothing of its place; allowed: one of node, end, at, point"),
+        (changed("channel", 1, noise=0.0), "channel.1.noise: 0.0 is out of range; allowed: a number > 0"),
+        (changed("channel", 1, name="pull"), "channel.1: 'pull' is there twice"),
+        (changed("channel", 1, name="a.b"), "channel.1.name: 'a.b' cannot stand in the path of a parameter"),
+        (changed("channel", 2, camera="right"), "channel.2.camera: 'right' is no camera"),
+        (changed("channel", 2, columns=["u"]), "channel.2.columns: 1 columns; allowed: 2, u and v"),
+        (changed("channel", 2, point="buoy"), "channel.2.point: 'buoy' is no point of the scene"),
+        (changed("channel", 0, column="G"), "run.0: channel 'pull': column 'G' is in no file"),
+        (changed("camera", 0, look_at=[0, -9, 5]), "camera.0.look_at: straight above or below the camera"),
+        (changed("camera", 0, focal=None), "camera.0.focal: missing"),
+        (changed("run", 0, file={**FILE, "t": T[::-1]}), "t: 0.9 s in row 2 goes back; allowed: increasing times"),
+        (changed("run", 0, file={**FILE, "t": T - 0.5}), "run.0: t: -0.5 s is before the scene begins"),
+        ({**GOOD, "channel": []}, "channel: missing"),
+        ({**GOOD, "chanel": []}, "chanel: unknown key"),
+        ({**GOOD, "motion": [{"point": "float", "columns": ["u", "v", "x"], "unit": "m"}]}, "is not a held point"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(scene, table, said):
+    with pytest.raises(SceneError) as error:
+        read_data(table, scene)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,202 @@
+"""Fits to channels of motions that SciPy integrated."""
+
+import json
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.cli import main
+from fitting.channels.fit import fit_channels, growth, pose
+from fitting.channels.free import placed
+from fitting.channels.motion import differentiated, moved, watched
+from fitting.channels.pixel import projection
+
+MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8
+T = np.arange(0.0, 4.0, 0.04)
+CAMERA = {"name": "side", "position": [0.1, -3.0, -0.4], "look_at": [0.0, 0.0, -0.4], "focal": 900.0, "centre": [0, 0]}
+NOISE = {"angle": 2e-3, "pull": 0.01, "dot": 0.5, "deep": 2e-3}
+FREE = ["b_l", "channel.pull.gain", "camera.side.delay", "start.polar.0", "line.0.length"]
+CHANNELS = [
+    {"name": "angle", "kind": "angle", "column": "angle", "unit": "rad", "link": 1, "zero": "down"},
+    {"name": "pull", "kind": "tension", "column": "pull", "unit": "N", "point": "pivot"},
+    {"name": "dot", "kind": "pixel", "columns": ["u", "v"], "unit": "px", "end": "to", "camera": "side"},
+    {"name": "deep", "kind": "depth", "column": "deep", "unit": "m", "at": LENGTH},
+]
+
+
+def swing(t, damping=DAMPING):
+    """Angle and rate (2, k) of `theta'' = -g/L sin theta - b/m theta'`, let go at START."""
+    rate = lambda _, y: [y[1], -9.81 / LENGTH * np.sin(y[0]) - damping / MASS * y[1]]  # noqa: E731
+    return solve_ivp(rate, (0, 5), [START, 0], "DOP853", rtol=1e-11, atol=1e-12, dense_output=True).sol(t)
+
+
+def scene(b_l=0.02, polar=0.75):
+    return {
+        "run": {"dt": 0.01, "duration": 4.0, "integrator": "rattle_4"},
+        "point": [
+            {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+            {"name": "bob", "kind": "free", "position": [0.0, 0.0, -LENGTH]},
+        ],
+        "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": 1, "length": LENGTH, "mass": MASS}],
+        "effects": {"weight": {}, "linear_damping": {"b_l": b_l}},
+        "start": {"kind": "angles", "zero": "down", "polar": [polar]},
+    }
+
+
+def seen(rng, t=T, damping=DAMPING):
+    """Columns of all channels, with noise; the load cell reads 3 % too much, the camera is started late."""
+    theta, rate = swing(t, damping)
+    late = np.maximum(t - DELAY, 0.0)
+    bob = LENGTH * np.stack([np.sin(swing(late)[0]), 0 * late, -np.cos(swing(late)[0])], axis=1)
+    matrix = projection(np.array(CAMERA["position"]), np.array(CAMERA["look_at"]), CAMERA["focal"], np.zeros(2))
+    at = bob @ matrix[:, :3].T + matrix[:, 3]
+    clean = {
+        "angle": theta,
+        "pull": 1.03 * MASS * (9.81 * np.cos(theta) + LENGTH * rate**2),
+        "u": at[:, 0] / at[:, 2],
+        "v": at[:, 1] / at[:, 2],
+        "deep": LENGTH * np.cos(theta),
+    }
+    size = {**NOISE, "u": NOISE["dot"], "v": NOISE["dot"]}
+    return {"t": t, **{name: y + size[name] * rng.normal(size=len(t)) for name, y in clean.items()}}
+
+
+def table(columns):
+    return {"run": [{"file": columns}], "channel": CHANNELS, "camera": [CAMERA]}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return fit_channels(table(seen(np.random.default_rng(0))), scene(), FREE, start={"line.0.length": 0.48})
+
+
+@pytest.mark.slow
+def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
+    truth = {"b_l": DAMPING, "gain": 1.03, "delay": DELAY, "polar": START, "length": LENGTH}
+    assert found.status == "ok"
+    off = (found.values - list(truth.values())) / found.errors.std_error
+    assert np.abs(off).max() < 3.5
+    assert (found.errors.std_error / list(truth.values()) < [0.02, 0.01, 0.05, 0.002, 0.002]).all()
+    assert found.errors.blocks == 0
+    for row in found.channels():
+        assert row["noise"] == pytest.approx(NOISE[row["name"]], rel=0.25)
+    assert np.abs(found.step_bias).max() < 0.3
+    fitted = found.fitted_scene()
+    assert fitted.value("start.polar.0") == pytest.approx(found["start.polar.0"])
+    assert dj.simulate(fitted).status == "ok"
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
+    problem, values = found.point.problem, found.values
+    at = placed(problem.scenes[0], problem.data, problem.plain[0], values)
+    dt, near = jnp.asarray(problem.dt), problem.near[0]
+    times = tuple(jnp.asarray(t) for t in problem.data.runs[0].t)
+    plan = problem.plan(0)
+    _, slopes, _, _ = differentiated(plan, at.setup, at.tangents, near, dt, times)
+    plan = replace(plan, stepper=replace(plan.stepper, reverse=True))
+    size = np.array([p.scale for p in problem.parameters])
+
+    @jax.jit
+    def total(e):
+        shown = watched(plan, moved(at.setup, at.tangents, e), near, dt, times)[0]
+        return jnp.stack([jnp.sum(y * jnp.cos(jnp.arange(y.shape[0]))[:, None]) for y in shown])
+
+    weights = [np.cos(np.arange(len(t)))[:, None, None] for t in problem.data.runs[0].t]
+    forward = np.array([np.sum(w * s, axis=(0, 1)) for w, s in zip(weights, slopes, strict=True)])
+    reverse = np.asarray(jax.jit(jax.jacrev(total))(jnp.zeros(len(values))))
+    assert np.allclose(forward, reverse, rtol=1e-8, atol=1e-8 * np.abs(forward).max())
+    for i, step in enumerate(3e-4 * size):
+        along = np.eye(len(values))[i]
+        near_by, far = (
+            np.asarray(total(jnp.asarray(h * along)) - total(jnp.asarray(-h * along))) / (2 * h)
+            for h in (step, 2 * step)
+        )
+        difference = (4 * near_by - far) / 3
+        assert np.allclose(forward[:, i], difference, rtol=1e-6, atol=1e-6 * np.abs(forward[:, i]).max())
+
+
+@pytest.mark.slow
+def test_the_command_line_writes_the_report_and_the_scene(tmp_path, capsys):
+    columns = seen(np.random.default_rng(1))
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(columns), comments="")
+    (tmp_path / "scene.toml").write_text(as_toml(scene()))
+    given = {**table(columns), "run": [{"file": "run.csv"}]}
+    (tmp_path / "data.toml").write_text(as_toml(given))
+    asked = ["fit", str(tmp_path / "data.toml"), "--scene", str(tmp_path / "scene.toml"), "--json", "--quiet"]
+    asked += ["--free", ",".join(FREE), "--start", "b_l=0.02", "--report", str(tmp_path / "report")]
+    assert main(asked) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["method"] == "channels"
+    one = result["parameters"]["effects.linear_damping.b_l"]
+    assert abs(one["value"] - DAMPING) < 3.5 * one["std_error"]
+    fitted = dj.load_scene(tmp_path / "report" / "fitted.toml")
+    assert fitted.value("effects.linear_damping.b_l") == pytest.approx(one["value"], rel=1e-12)
+    assert (tmp_path / "report" / "channels_1.png").stat().st_size > 10_000
+    assert "## Sensitivity" in (tmp_path / "report" / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_runs_with_a_damping_of_their_own_share_the_rest():
+    rng = np.random.default_rng(2)
+    true = [0.036, 0.044, 0.04]
+    runs = [{"file": seen(rng, damping=b), "name": f"r{i}"} for i, b in enumerate(true)]
+    only = [c for c in CHANNELS if c["name"] in ("angle", "deep")]
+    data = {"run": runs, "channel": only}
+    found = fit_channels(data, scene(polar=START), ["line.0.length"], own=["b_l"], check_step=False)
+    assert found.status == "ok"
+    names = [p.name for p in found.parameters]
+    assert names == ["line.0.length.0", *(f"effects.linear_damping.b_l@r{i}" for i in range(3))]
+    assert np.abs((found.values[1:] - true) / found.errors.std_error[1:]).max() < 3.5
+    (over,) = found.between
+    assert over.mean == pytest.approx(np.mean(found.values[1:]), rel=0.01)
+    assert over.spread == pytest.approx(0.004, rel=0.5)
+    assert found.fitted_scene(1).value("effects.linear_damping.b_l") == pytest.approx(found.values[2])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"free": ["b_l", "channel.pul.gain"]}, "free: 'channel.pul.gain': 'pul' is no channel; did you mean 'pull'"),
+        ({"free": ["channel.pull.scale"]}, "does not exist; allowed: channel.pull and offset, gain, delay"),
+        ({"free": ["channel.dot.offset.2"]}, "has no such column; allowed: 0 to 1"),
+        ({"free": ["camera.front.delay"]}, "'front' is no camera"),
+        ({"free": ["camera.offset"]}, "camera"),
+        ({"free": ["marker.offset"]}, "is of traces of angles"),
+        ({"free": ["start.azimut.0"]}, "is not given in the scene's start"),
+        ({"free": ["start.polar.1"]}, "has no such entry; allowed: below 1"),
+        ({"free": ["b_l", "b_l"]}, "is given twice"),
+        ({"free": []}, "free: nothing is free"),
+        (
+            {"priors": {"b_l": (0.02, 0.0)}},
+            "linear_damping.b_l' has standard deviation 0; allowed: > 0",
+        ),
+        ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'mass' is not free"),
+        ({"bounds": {"b_l": (0.3, 0.2)}}, "has no room between 0.3 and 0.2"),
+        ({"start": {"b_l": -1.0}}, "start: effects.linear_damping.b_l = -1 is out of bounds"),
+        ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l' of one run alone"),
+    ],
+)
+def test_mistakes_are_named(more, said):
+    given = {"free": ["b_l"], "own": [], "start": {}, "bounds": {}, "priors": {}, **more}
+    with pytest.raises(SceneError) as error:
+        pose(table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_growth_of_derivatives_is_seen(found):
+    """Derivatives that grow as exp(20 t/T): from the last of the middle fifth to the last sample in 40 of 99 steps."""
+    slopes = np.exp(20 * np.linspace(0, 1, 100))[:, None, None]
+    e = found.point.evaluation
+    assert growth(e) < 10
+    assert growth(e._replace(slopes=((slopes,),))) == pytest.approx(np.exp(20 * 40 / 99), rel=1e-9)
+    assert growth(e._replace(slopes=((slopes * np.nan,),))) == np.inf

@@ -1,0 +1,62 @@
+"""Fitted values back in the scene: where the model has them the scene has them too."""
+
+import numpy as np
+
+import dropper_jax as dj
+from fitting.channels.free import find_free
+from fitting.parameters.fitted import fitted_scene
+from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.parameter import apply
+
+LINE = {"name": "l", "from": "a", "to": "b", "links": 3, "length": 0.3, "mass": 0.1}
+SCENE = {
+    "run": {"dt": 0.01, "duration": 1.0},
+    "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "kind": "free", "position": [0.0, 0.0, -0.9]}],
+    "line": [LINE],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}, "joint_friction": {"viscous": 1e-3}},
+}
+
+
+def test_a_scene_built_from_the_fitted_one_has_the_fitted_model():
+    scene = dj.load_scene(SCENE)
+    model, _ = dj.build(scene)
+    names = ["effects.linear_damping.b_l", "line.0.mass.1", "point.a.position.0", "effects.weight.gravity"]
+    parameters = find_parameters(scene, model, names, "free")
+    values = np.array([0.2, 0.13, 0.01, 9.7])
+    fitted = fitted_scene(scene, apply(model, parameters, values), parameters, values)
+    again = find_parameters(fitted, dj.build(fitted)[0], names, "free")
+    assert np.allclose([p.value for p in again], values)
+    assert fitted.value("line.0.mass.2") == 0.1
+
+
+def test_a_link_counted_among_all_lines_is_the_right_lines():
+    rope = {"links": 2, "length": 1.0, "mass": 1.0, "axial": {"law": "rope", "EA": 1e4}}
+    scene = dj.load_scene(
+        {
+            **SCENE,
+            "point": [
+                {"name": "a", "position": [0.0, 0.0, 0.0]},
+                {"name": "b", "kind": "free", "position": [1.5, 0.0, -1.0]},
+                {"name": "c", "position": [3.0, 0.0, 0.0]},
+            ],
+            "line": [{"name": "p", "from": "a", "to": "b", **rope}, {"name": "q", "from": "b", "to": "c", **rope}],
+            "effects": {"weight": {}},
+        }
+    )
+    model, _ = dj.build(scene)
+    parameters = find_parameters(scene, model, ["line.0.mass.2"], "free")
+    fitted = fitted_scene(scene, model, parameters, np.array([3.0]))
+    assert [np.ravel(line.mass).tolist() for line in fitted.lines] == [[1.0, 1.0], [3.0, 1.0]]
+
+
+def test_values_of_sensors_are_not_of_the_scene():
+    from fitting.channels.data import read_data
+
+    scene = dj.load_scene(SCENE)
+    t = np.linspace(0, 1, 5)
+    depth = {"name": "d", "kind": "depth", "column": "y", "unit": "m", "node": 3}
+    data = read_data({"run": [{"file": {"t": t, "y": t}}], "channel": [depth]}, scene)
+    parameters = find_free(scene, data, ["channel.d.offset", "b_l"])
+    fitted = fitted_scene(scene, dj.build(scene)[0], parameters, np.array([1.0, 0.3]))
+    assert fitted.value("effects.linear_damping.b_l") == 0.3
+    assert fitted == scene.with_values({"effects.linear_damping.b_l": 0.3})

@@ -21,6 +21,7 @@ SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """SCENE, --set and --json."""
     parser.add_argument("scene", metavar="SCENE", help="name of a packaged scene, a TOML file, or a MoorDyn input")
+    parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
     add_set(parser)
     add_json(parser)
 
@@ -57,7 +58,7 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
     from dropper_jax.load.source import plain_values
 
     register_installed()
-    scene = Scene.from_dict(plain_values(found), name)
+    scene = Scene.from_dict(plain_values(found, getattr(args, "depth", None)), name)
     return scene.with_values(values) if values else scene
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.reading.reader import read_moordyn
@@ -25,6 +26,17 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene) -> Scene:
     return Scene.from_dict(plain_values(found), name)
 
 
-def plain_values(found: dict[str, Any] | Path) -> dict[str, Any]:
-    """Plain values of what `find_scene` found, a MoorDyn input read."""
-    return read_moordyn(found) if isinstance(found, Path) else found
+def plain_values(found: dict[str, Any] | Path, depth: float | None = None) -> dict[str, Any]:
+    """Plain values of what `find_scene` found, a MoorDyn input read.
+
+    Args:
+        depth: of the water [m], for a MoorDyn input that has none.
+
+    Raises:
+        SceneError: a depth for anything else.
+    """
+    if isinstance(found, Path):
+        return read_moordyn(found, depth)
+    if depth is not None:
+        raise SceneError("--depth: is for MoorDyn inputs without WtrDpth; allowed: --set sea.depth=... for scenes")
+    return found

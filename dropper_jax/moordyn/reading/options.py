@@ -15,6 +15,9 @@ OTHER_NAMES = {
     "rhow": "rho",
     "wtrdens": "rho",
     "wdens": "rho",
+    "depth": "wtrdpth",
+    "waterdepth": "wtrdpth",
+    "water_depth": "wtrdpth",
     "kb": "kbot",
     "cb": "cbot",
     "ictmax": "tmaxic",
@@ -46,9 +49,17 @@ TEXTS = ("seafloorfile",)
 #: Known, but with no counterpart in a scene: how MoorDyn integrates, starts, prints and couples.
 WITHOUT = (
     *("writelog", "cfl", "tscheme", "dtic", "cdscaleic", "threshic", "icgendynamic", "unifycurrentgrid", "writeunits"),
-    *("disableoutput", "disableouttime", "fricdamp", "waterkin", "mu_kt", "mu_ka", "inertialf", "inertialf_rampt"),
-    *("outswitch", "echo"),
+    *("disableoutput", "disableouttime", "fricdamp", "inertialf", "inertialf_rampt"),
+    *("outswitch", "echo", "fileic"),
 )
+#: Known, without a counterpart, and missed in the results: each is named by itself, and what is lacking without it.
+MISSED = {
+    "waterkin": "the water has no waves or current of that file",
+    "mu_kt": "the bed has no friction across the lines (MoorDyn-F); effects.seabed_friction brings friction",
+    "mu_ka": "the bed has no friction along the lines (MoorDyn-F); effects.seabed_friction brings friction",
+}
+#: Values with which such an option changes nothing.
+NOTHING = ("0", "0.0", "none", "-", '""', "''")
 
 
 @dataclass
@@ -60,12 +71,14 @@ class Options:
         texts: those with text values.
         lines: line of each option that the file gives.
         left: names of options that no scene has a place for.
+        missed: a line for each of those that the results lack.
     """
 
     values: dict[str, float | None] = field(default_factory=lambda: dict(NUMBERS))
     texts: dict[str, str] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
 
 
 def read_options(deck: Deck) -> Options:
@@ -83,12 +96,15 @@ def read_options(deck: Deck) -> Options:
         found.lines[name] = row.number
         if name in WITHOUT:
             found.left.append(given)
+        elif name in MISSED:
+            if value.lower() not in NOTHING:
+                found.missed.append(f"line {row.number}: {given} {value} is not represented: {MISSED[name]}")
         elif name in TEXTS:
             found.texts[name] = value
         elif name in NUMBERS:
             _number(deck, row, found, name)
         else:
-            known = [*NUMBERS, *TEXTS, *WITHOUT, *OTHER_NAMES]
+            known = [*NUMBERS, *TEXTS, *WITHOUT, *MISSED, *OTHER_NAMES]
             deck.refuse(row.number, f"option {given!r} is unknown; {nearest(name, known)}")
     return found
 

@@ -29,11 +29,11 @@ class Ends:
 def read_ends(deck: Deck, notes: list[str]) -> Ends:
     """Points, and rods that lines end at."""
     found = Ends()
-    for row in deck.rows.get("points", []):
-        _point(deck, row, found, notes)
     bodies = {row.words[0]: row for row in deck.rows.get("bodies", [])}
-    used = {w.upper() for row in deck.rows.get("lines", []) for w in _ends(deck, row)}
     taken = set()
+    for row in deck.rows.get("points", []):
+        taken |= _point(deck, row, bodies, found, notes)
+    used = {w.upper() for row in deck.rows.get("lines", []) for w in _ends(deck, row)}
     for row in deck.rows.get("rods", []):
         word = f"R{row.words[0]}"
         if not {f"{word}A", f"{word}B"} & used:
@@ -58,7 +58,8 @@ def first_version(deck: Deck) -> bool:
     return len(names) > 2 and names[2].startswith(("unstr", "length", "len"))
 
 
-def _point(deck: Deck, row: Row, found: Ends, notes: list[str]) -> None:
+def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: list[str]) -> set[str]:
+    """A point of the scene; returns the bodies that it is on."""
     columns(deck, row, 5, "point")
     key, kind = row.words[0], row.words[1].lower()
     if key in found.names:
@@ -71,12 +72,39 @@ def _point(deck: Deck, row: Row, found: Ends, notes: list[str]) -> None:
         point.update(_body(deck, row, notes))
     elif kind in COUPLED:
         notes.append(f"line {row.number}: point {key} is coupled: it is held in its place; effects.end_motion moves it")
+    elif kind.startswith("body") and kind[4:] in bodies:
+        point["position"] = _on_held(deck, row, bodies[kind[4:]], place, notes)
     elif kind.startswith(("body", "turbine")):
-        deck.refuse(row.number, f"point {key} on {row.words[1]!r}: bodies are not represented; allowed: Fixed, Free")
+        deck.refuse(row.number, f"point {key} on {row.words[1]!r}: is not in the file; allowed: Fixed, Coupled, Free")
     elif kind not in FIXED:
         deck.refuse(row.number, f"point {key}: {row.words[1]!r} is unknown; allowed: Fixed, Coupled, Free")
     found.names[key] = name
     found.points.append(point)
+    return {kind[4:]} if kind.startswith("body") else set()
+
+
+def _on_held(deck: Deck, row: Row, body: Row, place: list[float], notes: list[str]) -> list[float]:
+    """Where a point on a coupled or fixed body is held: the body's own place, and the point's from there."""
+    columns(deck, body, 8, "body")
+    kind = body.words[1].lower()
+    if kind not in (*COUPLED, *FIXED):
+        deck.refuse(
+            row.number,
+            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: bodies that move by themselves are not "
+            "read; allowed: coupled or fixed ones, or [[body]] in a scene",
+        )
+    origin = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
+    turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
+    if any(turned):
+        deck.refuse(
+            body.number, f"body {body.words[0]} is turned by {turned}; allowed: 0, with the points where they are"
+        )
+    if kind in COUPLED:
+        notes.append(
+            f"line {row.number}: point {row.words[0]} is on coupled body {body.words[0]}: it is held in its place; "
+            "[[vessel]] moves such points together"
+        )
+    return [a + b for a, b in zip(origin, place, strict=True)]
 
 
 def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,20 @@ from dropper_jax.moordyn.reading.water import read_current, read_waves
 
 #: Where the file says nothing: its driver does.
 STEP, DURATION = 0.01, 60.0
+#: Steps below this one are what an explicit scheme needs for stability, not for accuracy [s].
+EXPLICIT = 1e-3
 #: Sections without a place in a scene.
 WITHOUT = ("control", "external loads", "syrope ic")
 
 
-def read_moordyn(path: str | Path) -> dict[str, Any]:
+def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]:
     """The plain values of the scene of a MoorDyn input, version 1 or 2; what it lacks is listed under `notes`.
 
     Lines are tension-only ropes of their type; damping acts on taut links only (MoorDyn keeps it on slack ones). Points
     that move with a vessel are held. Wave and current files are looked for beside the input, as MoorDyn does.
+
+    Args:
+        depth: of the water [m], where the file has none.
 
     Raises:
         SceneError: with file and line: an unknown section or option, a value that is no number, a line whose type or
@@ -40,6 +46,9 @@ def read_moordyn(path: str | Path) -> dict[str, Any]:
     deck = split_file(path, text)
     notes: list[str] = []
     options = read_options(deck)
+    if depth is not None:
+        _check_depth(deck, options, depth)
+    notes += options.missed
     types = read_types(deck, notes)
     ends = read_ends(deck, notes)
     lines = _lines(deck, types, ends.names, notes)
@@ -70,6 +79,17 @@ def read_moordyn(path: str | Path) -> dict[str, Any]:
         scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are taken")
     return {**scene, **({"notes": [f"{path.name}: {note}" for note in notes]} if notes else {})}
+
+
+def _check_depth(deck: Deck, options: Options, depth: float) -> None:
+    """Take the caller's depth where the file has none."""
+    if not 0.0 < depth < math.inf:
+        raise SceneError(f"--depth: {depth:g} is out of range; allowed: > 0 m")
+    known = options.values["wtrdpth"]
+    if known or "seafloorfile" in options.texts:
+        at = options.lines.get("wtrdpth", options.lines.get("seafloorfile", 1))
+        deck.refuse(at, f"--depth: {depth:g} m, but the file has its own; allowed: without --depth")
+    options.values["wtrdpth"] = depth
 
 
 def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
@@ -130,6 +150,9 @@ def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     if dt is None or dt <= 0.0:
         notes.append(f"the file has no time step dtM: {STEP:g} s is taken")
         dt = STEP
+    elif dt < EXPLICIT:
+        notes.append(f"dtM of {dt:g} s keeps MoorDyn's explicit scheme stable: {STEP:g} s is taken; run.dt is another")
+        dt = STEP
     every = max(1, round(options.values["dtout"] / dt))
     return {"dt": dt, **({"save_every": every} if every > 1 else {})}
 
@@ -162,7 +185,8 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
         depths = read_seafloor(folder / options.texts["seafloorfile"])["bed_depth"]
         depth = sum(depths) / len(depths)
     if not depth or depth <= 0.0:
-        deck.refuse(options.lines.get("wtrdpth", deck.first.get("options", 1)), "WtrDpth: missing; needed: > 0 m")
+        at = options.lines.get("wtrdpth", deck.first.get("options", 1))
+        deck.refuse(at, "WtrDpth: missing; needed: > 0 m, in the file or as --depth")
     sea: dict[str, Any] = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
     waves, current = values["wavekin"], values["currents"]
     if waves in (2.0, 3.0, 7.0):

@@ -41,6 +41,7 @@ HEADERS = {
     "OPTIONS": "options",
     "SOLVER OPTIONS": "options",
     "OUTPUTS": "outputs",
+    "OUTPUT": "outputs",
 }
 #: Sections whose first two lines are column names and units.
 TABLES = {"line types", "rod types", "bodies", "rods", "points", "lines", "failure", "control", "external loads"}
@@ -103,9 +104,10 @@ def header(line: str) -> str | None:
 
 
 def _name(words: str) -> str | None:
-    """The section that a header begins: some files add words to it, in brackets or after a colon."""
-    words = re.split(r"[(:,]", words)[0].strip()
-    return HEADERS.get(words)
+    """The section that a header begins: some files add words to it, as MoorDyn, which looks for its own in the line."""
+    words = " ".join(re.split(r"[(:,]", words)[0].split())
+    begun = [known for known in HEADERS if f"{words} ".startswith(f"{known} ")]
+    return HEADERS[max(begun, key=len)] if begun else None
 
 
 def looks_like_moordyn(text: str) -> bool:

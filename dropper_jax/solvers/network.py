@@ -91,7 +91,7 @@ class Network:
         law, own = None, problem
         if model.ties:
             own = problem.acting(tuple(e for e in model.effects if not e.bodily))
-        if model.laws:
+        if model.laws and u.z:  # what joins in at an instant has none
             node, law = settled(_law_blocks(own, u))
             law = law._replace(own=_inverse2(law.own + SOFT * jnp.eye(2, dtype=dtype)))
             node = node - multiply(law.force, multiply(law.own, law.place))

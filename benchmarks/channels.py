@@ -68,6 +68,8 @@ class Tally:
         """The rows of the result."""
         table = {}
         for name, rows in self.rows.items():
+            if not rows:
+                continue
             truth, (v, s, low, high) = self.truth[name], np.array(rows).T
             table[name] = {
                 "truth": truth,

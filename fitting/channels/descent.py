@@ -12,6 +12,7 @@ from fitting.channels.noise import Noise, Rows, rows_of, scale_of
 from fitting.channels.problem import Evaluation, Problem
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.normal_equations import Prior, bounded_step, prior_of
+from fitting.parameters.parameter import Parameter
 
 #: Converged when the next step would move the parameters by less than this part of their standard errors.
 STEP_TOLERANCE = 0.01
@@ -92,10 +93,31 @@ def room(problem: Problem, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low = np.array([p.low for p in problem.parameters]) - values
     high = np.array([p.high for p in problem.parameters]) - values
     for i, p in enumerate(problem.parameters):
-        if p.low >= 0 and values[i] > 0:
+        if yields(p) and values[i] > 0:
+            ends = max(p.low, values[i] / FACTOR), min(p.high, values[i] * FACTOR)
+            low[i], high[i] = (values[i] * (1 - values[i] / end) for end in ends)
+        elif p.low >= 0 and values[i] > 0:
             low[i] = max(low[i], (1 / FACTOR - 1) * values[i]) if p.low > 0 else low[i]
             high[i] = min(high[i], (FACTOR - 1) * max(values[i], 0.1 * p.scale))
     return low, high
+
+
+def yields(p: Parameter) -> bool:
+    """Whether a motion follows the inverse of a parameter: an axial stiffness, by the stretch that it leaves."""
+    return p.name.split("@")[0].rstrip(".0123456789").endswith(".EA") and p.low >= 0
+
+
+def after(problem: Problem, values: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The parameters after a step: `p + dp`, of stiffnesses the same of their inverse, `p/(1 - dp/p)`.
+
+    A stiffness that hardly shows is far off to first order: Newton's step from 1e8 N would end below zero, that of the
+    compliance ends where the stretch asks.
+    """
+    found = values + step
+    for i, p in enumerate(problem.parameters):
+        if yields(p) and values[i] > 0:
+            found[i] = values[i] / (1 - step[i] / values[i])
+    return found
 
 
 def descend(point: Point, iterations: int, progress: Progress = silent) -> Point:
@@ -120,7 +142,7 @@ def descend(point: Point, iterations: int, progress: Progress = silent) -> Point
             if step is None:
                 damping *= 10
                 continue
-            values = point.values + step
+            values = after(problem, point.values, step)
             e = problem.evaluate(values, point.evaluation.near)
             count += 1
             why = e.failed or why

@@ -135,6 +135,7 @@ def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
             over.plot(t, shown, "-", lw=0.9, color=style.DARK, label="fitted")
             over.set_ylabel(label)
             beside.plot(t, (measured - shown) / size, ".", ms=2, color=style.SECOND)
+            beside.locator_params(axis="x", nbins=3)
             beside.axhline(0.0, color=style.DARK, lw=0.8)
         axes[0, 0].legend(loc="upper right", ncols=2)
         more = f" ({left_out} further columns are not drawn)" if left_out > 0 else ""

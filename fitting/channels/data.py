@@ -42,11 +42,12 @@ from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import UNITS, in_si
 from fitting.channels.angle import Angle
 from fitting.channels.channel import Channel, Context
-from fitting.channels.columns import Columns, check_times, read_columns
+from fitting.channels.columns import Columns, read_columns
 from fitting.channels.pixel import Pixel, projection
 from fitting.channels.place import Where
 from fitting.channels.position import Depth, Position
 from fitting.channels.tension import Tension
+from fitting.traces.csv_table import check_times
 
 KINDS: dict[str, type[Channel]] = {cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth)}
 COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")

@@ -18,6 +18,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
+from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
 #: Fewest samples of a trace that can be windowed at all.
@@ -99,20 +100,10 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
         SceneError: one line with the file, what is wrong and what is allowed.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns t, theta_1..n") from None
-    except OSError as error:
-        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    comments = [line[1:] for line in text.splitlines() if line.lstrip().startswith("#")]
-    body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    if len(body) < 2:
-        raise SceneError(f"{path.name}: has no samples; allowed: a header t, theta_1..n and rows of numbers")
-    rows = list(csv.reader(body))
-    names = [name.strip() for name in rows[0]]
+    table = read_csv(path, "t, theta_1..n")
+    names = table.names
     count = _check_columns(path.name, names, links)
-    values = _numbers(path.name, names, rows[1:])
+    values = table.numbers()
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
     trace = Trace(
         name=path.stem,
@@ -120,15 +111,13 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
         theta=part("theta"),
         omega=part("omega") if "omega_1" in names else None,
         se=part("se") if "se_1" in names else None,
-        convention=_convention(path.name, " ".join(comments)),
+        convention=_convention(path.name, table.comments),
     )
     check_trace(trace)
     return trace
 
 
 def _check_columns(file: str, names: list[str], links: int | None) -> int:
-    if "t" not in names:
-        raise SceneError(f"{file}: has no column 't'; found: {', '.join(names)[:80]}")
     count = sum(re.fullmatch(r"theta_\d+", name) is not None for name in names)
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
@@ -142,27 +131,10 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
             raise SceneError(
                 f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {', '.join(names)[:80]}"
             )
-    if len(set(names)) != len(names):
-        raise SceneError(f"{file}: a column is there twice; found: {', '.join(names)[:80]}")
+    refuse_twice(file, names)
     if count == 0:
         raise SceneError(f"{file}: has no column 'theta_1'; found: {', '.join(names)[:80]}")
     return count
-
-
-def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
-    table = np.full((len(rows), len(names)), np.nan)
-    for i, row in enumerate(rows):
-        if len(row) != len(names):
-            raise SceneError(f"{file}: row {i + 1} has {len(row)} values; allowed: {len(names)}, one per column")
-        for j, cell in enumerate(row):
-            if cell.strip().lower() in ("", "nan"):
-                continue
-            try:
-                table[i, j] = float(cell)
-            except ValueError:
-                raise SceneError(f"{file}: row {i + 1}, {names[j]}: {cell.strip()!r} is not a number") from None
-    table[np.isinf(table)] = np.nan
-    return table.T
 
 
 def _convention(file: str, comment: str) -> Convention:
@@ -186,13 +158,7 @@ def check_trace(trace: Trace) -> None:
         SceneError: naming the trace and the first thing that is wrong.
     """
     t, theta = trace.t, trace.theta
-    if not np.isfinite(t).all():
-        raise SceneError(f"{trace.name}: t: row {int(np.argmin(np.isfinite(t))) + 1} is missing; allowed: every time")
-    step = np.diff(t)
-    if (step <= 0).any():
-        row = int(np.argmax(step <= 0)) + 2
-        what = "is repeated" if step[row - 2] == 0 else "goes back"
-        raise SceneError(f"{trace.name}: t: {t[row - 1]:g} s in row {row} {what}; allowed: increasing times")
+    check_times(trace.name, t)
     known = np.isfinite(theta).sum(axis=0)
     if (known == 0).any():
         raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: every sample is missing; allowed: numbers")

@@ -18,6 +18,7 @@ from typing import Any
 
 import channel_tables
 import moordyn_tables
+import pitching_tables
 import table7_tables
 
 HERE = Path(__file__).parent
@@ -248,6 +249,10 @@ TABLES = {
     **{
         name: ("moordyn", lambda found, rows=rows: markdown(rows(found)))
         for name, rows in moordyn_tables.TABLES.items()
+    },
+    **{
+        name: ("pitching", lambda found, rows=rows: markdown(rows(found)))
+        for name, rows in pitching_tables.TABLES.items()
     },
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
     "sweep": ("sweep", sweep),

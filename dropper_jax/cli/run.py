@@ -143,6 +143,7 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     target.mkdir(parents=True, exist_ok=True)
     files = []
     pictures = PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES}
+    pictures = {**pictures, **({"bodies": "body_motion"} if solution.scene.bodies else {})}
     for name, function in pictures.items():
         files.append(target / f"{name}.png")
         getattr(plots, function)(solution, files[-1])

@@ -88,8 +88,9 @@ def _show(table: dict[str, Any], as_json: bool) -> int:
 def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
     """The scene as a MoorDyn input; what that cannot say is listed."""
     from dropper_jax.moordyn.writing.writer import write_moordyn
+    from dropper_jax.run.growth import overgrown
 
-    lost = write_moordyn(scene, file, dt=args.dt)
+    lost = write_moordyn(overgrown(scene), file, dt=args.dt)
     print_warnings(lost)
     print_result(args.json, done_object(name=scene.name, file=str(file), not_represented=lost), f"ok: {file}")
     return OK

@@ -11,6 +11,9 @@ Of circular cylinders in the post-critical regime, as DNV-RP-C205 (October 2010)
 
 Beyond KC = 12 the practice has a figure; here psi falls along a straight line to 1 at KC = 60 C_DS (assumed). Where the
 current is more than 0.4 of current and wave together, psi is 1: the wake is carried away.
+
+The text of RP-C205 itself was not at hand when this was checked. Classification Notes 30.5 (DNV, March 2000, 6.1.10)
+have psi = 1.45 (KC < 10), `2/(KC - 5)^(1/5)` (up to 37), 1: more than here at small KC, up to a quarter less beyond 12.
 """
 
 from __future__ import annotations

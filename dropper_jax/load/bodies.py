@@ -45,6 +45,9 @@ def check_bodies(scene: SceneData) -> None:
                 f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; allowed: [sea] with "
                 "`depth`, or no shapes"
             )
+        if body.touches_bed and ("seabed" not in scene.effects or not body.shapes):
+            what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
+            raise SceneError(f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: with both, or false")
 
 
 def check_vessels(scene: SceneData) -> None:

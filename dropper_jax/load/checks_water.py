@@ -11,7 +11,7 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.bound import BoundWaves
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
-#: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche).
+#: Steepest waves before they break: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth where it is shallow.
 BREAKING = 0.142
 
 

@@ -19,6 +19,7 @@ from dropper_jax.scene import (
     LineSpec,
     PointSpec,
     RunSpec,
+    SeasonSpec,
     StartSpec,
     VesselSpec,
 )
@@ -37,6 +38,7 @@ def paths(table: Mapping[str, Any]) -> list[str]:
     found += [f"run.{key}" for key in (*field_keys(RunSpec), *OPTIONS)]
     found += [f"start.{key}" for key in field_keys(StartSpec)]
     found += SeaSpec.paths()
+    found += [f"growth.{key}" for key in SeasonSpec.all_keys()] if "growth" in table else []
     found += [f"effects.{name}.{key}" for name, cls in EFFECTS.items() for key in field_keys(cls)]
     line_keys = [*field_keys(LineSpec, LineSpec.KEYS), *(f"axial.{key}" for key in AXIAL)]
     line_keys += [f"growth.{key}" for key in field_keys(GrowthSpec)]

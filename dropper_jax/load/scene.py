@@ -16,6 +16,7 @@ from dropper_jax.load.checks_growth import check_growth
 from dropper_jax.load.checks_line import check_line
 from dropper_jax.load.checks_system import check_bed, check_names, check_system, check_system_effects
 from dropper_jax.load.checks_water import check_water
+from dropper_jax.load.from_library import with_library, with_library_points
 from dropper_jax.load.given_pose import check_pose, given_pose
 from dropper_jax.load.line_types import expand
 from dropper_jax.load.paths import get, put
@@ -31,6 +32,7 @@ from dropper_jax.scene import (
     PointSpec,
     RunSpec,
     SceneData,
+    SeasonSpec,
     StartSpec,
     VesselSpec,
     is_branched,
@@ -54,6 +56,7 @@ SECTIONS = (
     "anchor",
     "notes",
     "fit",
+    "growth",
 )
 
 
@@ -76,10 +79,11 @@ class Scene(SceneData):
         Raises:
             SceneError: one line with the path, the value and what is allowed.
         """
-        given = read_table(table, "scene")
+        given = with_library_points(read_table(table, "scene"))
         template = Template.of(given)
         if template is not None:
             return dataclasses.replace(cls.from_dict(template.expanded(), name), template=template)
+        given = with_library(given)
         table = expand(given)
         check_keys(table, SECTIONS, "")
         bodies = tuple(BodySpec.read(item, f"body.{i}") for i, item in enumerate(_list(table, "body")))
@@ -121,6 +125,9 @@ class Scene(SceneData):
                 AnchorSpec.read(item, f"anchor.{i}", [p.name for p in points if p.kind == "fixed"])
                 for i, item in enumerate(_list(table, "anchor"))
             ),
+            season=SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
+            if "growth" in table
+            else None,
             written=Written.of(given, table),
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)

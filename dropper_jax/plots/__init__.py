@@ -5,6 +5,7 @@ before that is shown.
 """
 
 from dropper_jax.plots.animation import animate
+from dropper_jax.plots.bodies import body_motion
 from dropper_jax.plots.figures import energy_balance, tension_traces
 from dropper_jax.plots.motion import amplitude_spectrum, angle_traces, phase_space
 from dropper_jax.plots.pose import snapshot
@@ -14,6 +15,7 @@ __all__ = [
     "amplitude_spectrum",
     "angle_traces",
     "animate",
+    "body_motion",
     "elevation",
     "energy_balance",
     "phase_space",

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -196,6 +197,10 @@ class _Stage:
         if run.buoys:
             corners = np.stack([system.outlines(run, positions[frame], right) for frame in frames])
             self.floats = dict(zip(frames, self._project(corners, flat), strict=True))
+        if run.bodies is not None:
+            see = partial(self._project, flat=flat)
+            for frame in frames:
+                self.floats[frame] = [*self.floats.get(frame, []), *run.bodies.outlines(frame, see)]
         # a system's first buoy tells more than a node in the middle of its list
         self.traced = run.buoys[0].node if run.buoys else self.screen.shape[1] // 2
 

@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from dropper_jax.plots import style, system, view
+from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run
 
 #: Past poses in a snapshot, and the way between two of them as a part of the picture's size.
@@ -103,6 +104,7 @@ def _bold_links(axes: Axes, run: Run, nodes: np.ndarray, time: float, flat: bool
     links = LineCollection(segments[..., [0, 2]], **look) if flat else Line3DCollection(segments, **look)
     axes.add_collection(links, **({"autolim": False} if flat else {}))
     _buoys(axes, run, nodes, flat)
+    draw_bodies(axes, run.bodies, int(np.argmin(np.abs(run.t - time))), flat)
     return links
 
 

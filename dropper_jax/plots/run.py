@@ -13,6 +13,7 @@ import numpy as np
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.load.scene import Scene
+from dropper_jax.plots.shapes import Bodies, bodies_of
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
@@ -40,6 +41,7 @@ class Run:
         scene: of a system of lines, whose water and bed the pictures show; None for a single line.
         held, joints: nodes of the held and of the free points of a system.
         buoys: its buoys.
+        bodies: its rigid bodies; None without.
         extremes: smallest and largest tension (k, n) [N] since the sample before, where steps follow the snaps.
         surface: of a single line in water, the elevation (q, n) [m] at places (n, 3) and times (q,); else None.
     """
@@ -62,6 +64,7 @@ class Run:
     held: tuple[int, ...] = ()
     joints: tuple[int, ...] = ()
     buoys: tuple[Float, ...] = ()
+    bodies: Bodies | None = None
     extremes: tuple[np.ndarray, np.ndarray] | None = None
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
@@ -134,6 +137,7 @@ def readable(solution: Solution) -> Run:
         work=work[:last],
         work_names=tuple(solution.work_names),
         extremes=_extremes(solution, last),
+        bodies=bodies_of(solution, last),
         **_lines(solution),
     )
 

@@ -25,6 +25,8 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     for buoy in run.buoys:
         base = positions.reshape(-1, run.positions.shape[1], 3)[:, buoy.node] - [0.0, 0.0, buoy.attachment]
         shown += [base, base + [0.0, 0.0, buoy.height]]
+    if run.bodies is not None and run.bodies.shapes:
+        shown.append(run.bodies.places())
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     near = NEAR * (high - low).max()
     middle = 0.5 * (low + high)

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import panels, style, system
+from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
@@ -92,6 +93,7 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
         what = "ends" if run.scene is None else "held points"
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label=what)
         _buoys(axes, run, nodes, axis)
+        draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
         axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None))
         axes.set_aspect("equal", adjustable="box")
     figure.axes[0].set_ylabel("z [m]")

@@ -10,6 +10,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.surroundings import bed_height, surface_over
 from dropper_jax.report.bed import bed_contact
+from dropper_jax.report.bodies import body_motions
+from dropper_jax.report.crop import crops
 from dropper_jax.report.distance import line_distances
 from dropper_jax.report.extremes import storm_extreme
 from dropper_jax.report.fatigue import line_fatigue
@@ -59,6 +61,8 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "distance": line_distances(part) if len(part.whole) > 1 else {"skipped": "one line"},
         "seabed": _seabed(part, settings),
         "coefficients": _coefficients(part),
+        "bodies": body_motions(part),
+        "crop": crops(part),
     }
 
 

@@ -109,6 +109,7 @@ def _holding(anchor: AnchorSpec, across: np.ndarray, up: np.ndarray) -> dict[str
         "factor": 1.0 / largest if largest > 0.0 else None,
         "wanted_factor": anchor.safety_factor,
         "holds": largest * anchor.safety_factor <= 1.0,
+        **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
     }
 
 

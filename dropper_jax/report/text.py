@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from dropper_jax.report import sections
+from dropper_jax.report.bodies import bodies_text
+from dropper_jax.report.crop import crop_text
 from dropper_jax.report.sections import newton, table
 
 #: Runs whose values stand side by side.
@@ -79,6 +81,8 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         sections.section(run["seabed"], sections.seabed),
         picture("along"),
         *_coefficients(run.get("coefficients")),
+        *bodies_text(run.get("bodies")),
+        *crop_text(run.get("crop")),
     ]
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.effects import Effect
+from dropper_jax.effects import EFFECTS, Effect
+from dropper_jax.effects.body_bed import BodyBed
 from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
 from dropper_jax.effects.body_water import BodyWater
 from dropper_jax.effects.rigid_bodies import MOMENTS, RigidBodies, tetrahedron
@@ -50,7 +53,15 @@ def make_bodies(scene: SceneData, index: dict[str, int], gravity: float) -> tupl
         names=tuple(body.name for body in scene.bodies),
     )
     shaped = any(body.shapes for body in scene.bodies)
-    return points, [rigid, *(_in_water(scene, rigid) if shaped else ())]
+    return points, [rigid, *(_in_water(scene, rigid) if shaped else ()), *_on_bed(scene, rigid)]
+
+
+def _on_bed(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
+    """Contact with the seabed of the bodies that ask for it."""
+    if not any(body.touches_bed for body in scene.bodies):
+        return []
+    bed = EFFECTS["seabed"].build(scene.effects["seabed"], scene)
+    return [BodyBed(bed, _pieces(scene, rigid, sliced=True, only=lambda body: body.touches_bed))]
 
 
 def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
@@ -81,15 +92,18 @@ def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
     return [buoyancy, water]
 
 
-def _pieces(scene: SceneData, rigid: RigidBodies, sliced: bool) -> Pieces:
-    """The bodies' cylinders, whole or in slices, and spheres."""
+def _pieces(
+    scene: SceneData, rigid: RigidBodies, sliced: bool, only: Callable[[BodySpec], bool] = lambda _: True
+) -> Pieces:
+    """The cylinders, whole or in slices, and spheres of the bodies, or only of some."""
     found = []
-    for i, body in enumerate(scene.bodies):
+    chosen = [(i, body) for i, body in enumerate(scene.bodies) if only(body)]
+    for i, body in chosen:
         for c in body.cylinders:
             count = c.slices if sliced else 1
             along = np.linspace(c.start, c.end, count + 1)
             found += [(i, along[j], along[j + 1], 0.5 * c.diameter, c.length / count) for j in range(count)]
-    spheres = [(i, sphere) for i, body in enumerate(scene.bodies) for sphere in body.spheres]
+    spheres = [(i, sphere) for i, body in chosen for sphere in body.spheres]
     ends = [_shares(rigid, [(row[0], row[side]) for row in found]) for side in (1, 2)]
     return Pieces(
         ends=np.stack(ends, axis=1),

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.scene import grown, line_slices
+from dropper_jax.scene import LineSpec, grown, line_slices
 
 
 def with_growth(
@@ -27,20 +31,83 @@ def with_growth(
 
 
 def overgrown(scene: Scene) -> Scene:
-    """The scene with its `[line.growth]` in mass and diameter of the links; a scene without growth as it is."""
-    if all(line.growth is None for line in scene.lines):
+    """The scene with its `[line.growth]` and `[growth]` in mass and diameter of the links; others as they are."""
+    if scene.season is None and all(line.growth is None for line in scene.lines):
         return scene
-    table = scene.to_dict()
-    for line in table["line"]:
-        line.pop("growth", None)
-    bare = Scene.from_dict(table)
+    bare = _bare(scene)
     z = static_pose(bare, bare_model(bare)).positions[:, 2]
     changes = {}
     for i, (line, where) in enumerate(zip(scene.lines, line_slices(scene), strict=True)):
-        if line.growth is None:
-            continue
-        nodes = z[where.nodes]
-        layer, heavy = line.growth.over(-0.5 * (nodes[1:] + nodes[:-1]))
-        found = grown(line.length, line.mass, line.diameter, layer, heavy, scene.sea.density, scene.sea.gravity)
-        changes |= {f"line.{i}.mass": found.mass, f"line.{i}.diameter": found.diameter}
+        layer = _layer(scene, line, z[where.nodes])
+        if layer is not None:
+            found = grown(line.length, line.mass, line.diameter, *layer, scene.sea.density, scene.sea.gravity)
+            changes |= {f"line.{i}.mass": found.mass, f"line.{i}.diameter": found.diameter}
     return bare.with_values(changes)
+
+
+def _bare(scene: Scene) -> Scene:
+    table = scene.to_dict()
+    table.pop("growth", None)
+    for line in table["line"]:
+        line.pop("growth", None)
+    return Scene.from_dict(table)
+
+
+def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Thickness [m] and density [kg/m^3] on a line's links (n,), whose nodes (n + 1,) rest at z [m]; None if bare."""
+    depth = -0.5 * (z[1:] + z[:-1])
+    if line.growth is not None:
+        return line.growth.over(depth)
+    season = scene.season
+    if season is None or not season.on(line.name, line.piece_of):
+        return None
+    arc = np.cumsum(line.length) - 0.5 * line.length
+    return season.layer(line.name, line.piece_of, depth, arc, line.diameter)
+
+
+def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[dict[str, Any]]:
+    """Mass, diameter and wet weight per metre by month and depth, of each bare rope that `[growth]` grows on.
+
+    Without the random factor, nothing harvested.
+
+    Returns:
+        Rows of lines, month, depth_m, thickness_m, diameter_m, mass_kg_per_m, wet_weight_n_per_m.
+
+    Raises:
+        SceneError: no `[growth]`, or a month outside of its months.
+    """
+    season = scene.season
+    if season is None:
+        raise SceneError("growth: missing; needed: [growth] with `lines`, `month`, `months`, `depth` and `thickness`")
+    asked = list(season.months) if months is None else list(months)
+    for month in asked:
+        if not season.months[0] <= month <= season.months[-1]:
+            raise SceneError(
+                f"--month: {month:g} is out of range; allowed: {season.months[0]:g} to {season.months[-1]:g}"
+            )
+    ropes: dict[tuple[float, float], list[str]] = {}
+    for line in scene.lines:
+        if season.on(line.name, line.piece_of):
+            kind = (float(line.mass[0] / line.length[0]), float(line.diameter[0]))
+            ropes.setdefault(kind, []).append(line.name)
+    metre = np.ones(len(season.depth))
+    rows = []
+    for (mass, diameter), names in ropes.items():
+        for month in asked:
+            thickness, density = season.over(season.depth, month)
+            found = grown(
+                metre, mass * metre, diameter * metre, thickness, density, scene.sea.density, scene.sea.gravity
+            )
+            rows += [
+                {
+                    "lines": names,
+                    "month": float(month),
+                    "depth_m": float(season.depth[i]),
+                    "thickness_m": float(thickness[i]),
+                    "diameter_m": float(found.diameter[i]),
+                    "mass_kg_per_m": float(found.mass[i]),
+                    "wet_weight_n_per_m": float(found.wet_weight[i]),
+                }
+                for i in range(len(metre))
+            ]
+    return rows

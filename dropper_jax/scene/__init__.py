@@ -9,6 +9,7 @@ from dropper_jax.scene.growth import GrowthSpec, grown
 from dropper_jax.scene.line import LineSpec, joined
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene.season import SeasonSpec
 from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_places, line_slices, whole_lines
 from dropper_jax.scene.start import StartSpec, directions
 from dropper_jax.scene.vessel import RaoSpec, VesselSpec
@@ -28,6 +29,7 @@ __all__ = [
     "RaoSpec",
     "RunSpec",
     "SceneData",
+    "SeasonSpec",
     "SensorSpec",
     "SphereSpec",
     "StartSpec",

@@ -1,7 +1,14 @@
 """Anchors of held points: how much they hold.
 
 A dead weight slides at the horizontal load `mu (W - V)` and lifts at W (Coulomb), with its weight in water W and the
-upward load V. Others (screw anchors, drag anchors) hold what they were tested to: their soil is not modelled.
+upward load V. A screw (helical) anchor holds the bearing of its plates, each for itself:
+
+    Q = sum A (9 c + gamma' z N_q),   N_q = exp(pi tan phi) tan^2(45 deg + phi/2)
+
+over plates of area A at depth z below the bed in soil of undrained strength c (clay) or friction angle phi (sand) and
+weight in water gamma' (individual bearing: Adams and Klym 1972; Hoyt and Clemence 1989; N_q: Reissner 1924). It is for
+plates at least three diameters apart and the uppermost at least five below the bed. The shaft's friction, and gamma' z
+in clay, are left out: both would hold more. Others (drag anchors) hold what they were tested to.
 """
 
 from __future__ import annotations
@@ -15,7 +22,11 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, read_fields
 
 #: Kinds by the keys they need.
-KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",)}
+KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw": ("plates", "depths")}
+#: Keys that only a kind has, and which of these it may leave out.
+OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
+#: Bearing of a deep plate in clay over its undrained strength; least depth and distance of plates in diameters.
+CLAY, DEEP, APART = 9.0, 5.0, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,7 +34,8 @@ class AnchorSpec:
     """`[[anchor]]`: what holds a held point.
 
     `dead_weight`: W [N] in water and mu; it slides at `H = mu (W - V)` and lifts at `V = W` (Coulomb). `tested`: the
-    load [N] it was tested to, in any direction.
+    load [N] it was tested to, in any direction. `screw`: see above; with `lateral` it stands upright and
+    `V/Q + H/lateral` is used, else it lies along the load and `|load|/Q`.
     """
 
     point: str = option("name of the held point", type=str)
@@ -31,6 +43,25 @@ class AnchorSpec:
     weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, optional=True)
     friction: float | None = parameter("friction against the bed", unit="-", low=0.0, open_low=True, optional=True)
     capacity: float | None = parameter("load it was tested to", unit="N", low=0.0, open_low=True, optional=True)
+    plates: np.ndarray | None = parameter(
+        "diameters of the plates", unit="m", shape="table", low=0.0, open_low=True, optional=True
+    )
+    depths: np.ndarray | None = parameter(
+        "depths of the plates below the bed, rising", unit="m", shape="table", low=0.0, open_low=True, optional=True
+    )
+    strength: float | None = parameter("undrained strength of clay", unit="Pa", low=0.0, open_low=True, optional=True)
+    friction_angle: float | None = parameter(
+        "friction angle of sand", unit="rad", low=0.0, open_low=True, high=0.87, optional=True
+    )
+    soil_weight: float | None = parameter(
+        "weight of the soil in water", unit="N/m^3", low=0.0, open_low=True, optional=True
+    )
+    bearing_factor: float | None = parameter(
+        "N_q of sand in place of Reissner's", unit="-", low=0.0, open_low=True, optional=True
+    )
+    lateral: float | None = parameter(
+        "horizontal load it holds upright", unit="N", low=0.0, open_low=True, optional=True
+    )
     safety_factor: float = parameter("wanted between capacity and load", unit="-", low=1.0, default=1.5)
 
     @classmethod
@@ -38,12 +69,54 @@ class AnchorSpec:
         anchor = cls(**read_fields(cls, table, path, {}))
         if anchor.point not in held:
             raise SceneError(f"{path}.point: {anchor.point!r} is no held point; allowed: {', '.join(held) or 'none'}")
-        for key in ("weight", "friction", "capacity"):
-            given, needed = getattr(anchor, key) is not None, key in KINDS[anchor.kind]
-            if given != needed:
-                what = "missing" if needed else "is not used"
+        own = KINDS[anchor.kind] + OPTIONAL.get(anchor.kind, ())
+        for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
+            given = getattr(anchor, key) is not None
+            if given != (key in KINDS[anchor.kind]) and not (given and key in own):
+                if not given and key in OPTIONAL.get(anchor.kind, ()):
+                    continue
+                what = "is not used" if given else "missing"
                 raise SceneError(f"{path}.{key}: {what}; kind {anchor.kind!r} takes {' and '.join(KINDS[anchor.kind])}")
+        if anchor.kind == "screw":
+            anchor._check_screw(path)
         return anchor
+
+    def _check_screw(self, path: str) -> None:
+        """Plates deep and far enough apart to bear each for itself, in clay or in sand."""
+        if len(self.plates) == 0 or len(self.plates) != len(self.depths):
+            raise SceneError(f"{path}.depths: has {len(self.depths)} entries; allowed: one for each of `plates`, >= 1")
+        if self.depths[0] < DEEP * self.plates[0]:
+            least = DEEP * self.plates[0]
+            raise SceneError(
+                f"{path}.depths.0: {self.depths[0]:g} m is shallow, the soil above would break out; allowed: >= "
+                f"{least:g} m, 5 diameters"
+            )
+        for i in range(1, len(self.plates)):
+            least = APART * max(self.plates[i - 1], self.plates[i])
+            if self.depths[i] - self.depths[i - 1] < least * (1.0 - 1e-9):
+                raise SceneError(
+                    f"{path}.depths.{i}: {self.depths[i]:g} m is less than 3 diameters below the plate above; allowed: "
+                    f">= {self.depths[i - 1] + least:g} m"
+                )
+        if (self.strength is None) == (self.friction_angle is None):
+            raise SceneError(f"{path}: kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them")
+        if self.friction_angle is not None and self.soil_weight is None:
+            raise SceneError(f"{path}.soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3")
+        for key in ("soil_weight", "bearing_factor"):
+            if self.strength is not None and getattr(self, key) is not None:
+                raise SceneError(f"{path}.{key}: is not used in clay; allowed: with `friction_angle`")
+
+    @property
+    def screw_capacity(self) -> float:
+        """Load [N] along its axis at which a screw anchor comes out."""
+        area = 0.25 * np.pi * self.plates**2
+        if self.strength is not None:
+            return float(np.sum(area) * CLAY * self.strength)
+        factor = self.bearing_factor
+        if factor is None:
+            phi = self.friction_angle
+            factor = np.exp(np.pi * np.tan(phi)) * np.tan(0.25 * np.pi + 0.5 * phi) ** 2
+        return float(np.sum(area * self.soil_weight * self.depths) * factor)
 
     def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
         """Load over what is held (...), for horizontal and upward loads [N]; 1 is where it gives way.
@@ -53,4 +126,8 @@ class AnchorSpec:
         up = np.maximum(upward, 0.0)
         if self.kind == "tested":
             return np.hypot(horizontal, up) / self.capacity
+        if self.kind == "screw":
+            if self.lateral is None:
+                return np.hypot(horizontal, up) / self.screw_capacity
+            return up / self.screw_capacity + horizontal / self.lateral
         return (horizontal / self.friction + up) / self.weight

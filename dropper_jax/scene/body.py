@@ -108,6 +108,7 @@ class BodySpec:
     angular_velocity: np.ndarray = parameter(
         "angular velocity at the start, in its axes", unit="rad/s", shape="vector", default=(0.0, 0.0, 0.0)
     )
+    touches_bed: bool = option("whether its cylinders and spheres meet the seabed", type=bool, default=False)
     cylinders: tuple[CylinderSpec, ...] = ()
     spheres: tuple[SphereSpec, ...] = ()
     attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
@@ -197,6 +198,8 @@ class BodySpec:
         for key in ("attitude", "velocity", "angular_velocity"):
             if not np.any(getattr(self, key)):
                 del found[key]
+        if not self.touches_bed:
+            del found["touches_bed"]
         for key, _ in self.SHAPES:
             if getattr(self, key):
                 found[key] = [shape.table() for shape in getattr(self, key)]

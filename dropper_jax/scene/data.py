@@ -13,6 +13,7 @@ from dropper_jax.scene.fit import FitSpec
 from dropper_jax.scene.line import LineSpec, joined
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
+from dropper_jax.scene.season import SeasonSpec
 from dropper_jax.scene.start import StartSpec
 from dropper_jax.scene.vessel import VesselSpec
 from dropper_jax.sea.spec import SeaSpec
@@ -36,6 +37,7 @@ class SceneData:
         notes: what a file that the scene was read from says and the scene does not; warnings of every run.
         fit: what the rig leaves open and what it knows, for fits to traces alone; or None.
         anchors: what held points hold.
+        season: mussels on lines, by month; or None.
     """
 
     name: str
@@ -53,6 +55,7 @@ class SceneData:
     anchors: tuple[AnchorSpec, ...] = ()
     bodies: tuple[BodySpec, ...] = ()
     vessels: tuple[VesselSpec, ...] = ()
+    season: SeasonSpec | None = None
 
     @property
     def branched(self) -> bool:
@@ -84,6 +87,7 @@ class SceneData:
             **({"failure": [as_table(failure) for failure in self.failures]} if self.failures else {}),
             **({"notes": list(self.notes)} if self.notes else {}),
             **({"anchor": [as_table(anchor) for anchor in self.anchors]} if self.anchors else {}),
+            **({} if self.season is None else {"growth": self.season.table()}),
             **({} if self.fit is None else {"fit": self.fit.table()}),
         }
 

@@ -19,6 +19,7 @@ from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
+from dropper_jax.view.bodies import body_data
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
@@ -76,6 +77,7 @@ def _data(solution: Solution, run: Run) -> dict[str, Any]:
         "labels": run.labels,
         "joints": list(run.joints),
         "buoys": [buoy._asdict() for buoy in run.buoys],
+        "bodies": body_data(run.bodies, kept),
         "bed": _bed(run),
         "water": _water(solution, run),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 
 import pytest
 
@@ -37,6 +38,26 @@ def test_a_dead_weight_slides_by_coulomb_and_lifts_by_its_weight():
     assert screw.utilisation(3000.0, 4000.0) == 1.0
 
 
+#: Two plates of 0.3 m in clay of 50 kPa.
+SCREW = {"point": "anchor", "kind": "screw", "plates": [0.3, 0.3], "depths": [2.0, 3.0], "strength": 50e3}
+
+
+def test_a_screw_anchor_holds_the_bearing_of_its_plates():
+    clay = dj.load_scene({**SCENE, "anchor": [SCREW]}).anchors[0]
+    # nine times the strength on each plate of 0.070686 m2
+    assert clay.screw_capacity == pytest.approx(2 * 0.0706858 * 9 * 50e3, rel=1e-5)
+    assert clay.utilisation(0.6 * clay.screw_capacity, 0.8 * clay.screw_capacity) == pytest.approx(1.0)
+    upright = dj.load_scene({**SCENE, "anchor": [{**SCREW, "lateral": 4000.0}]}).anchors[0]
+    assert upright.utilisation(2000.0, 0.25 * clay.screw_capacity) == pytest.approx(0.75)
+    # N_q of tables of bearing capacity: 10.66, 18.40, 33.30, 64.20 at 25, 30, 35, 40 degrees
+    for degrees, factor in ((25, 10.66), (30, 18.40), (35, 33.30), (40, 64.20)):
+        ground = {"friction_angle": math.radians(degrees), "soil_weight": 9000.0, "plates": [0.4], "depths": [2.5]}
+        table = {**SCENE, "anchor": [{"point": "anchor", "kind": "screw", **ground}]}
+        sand = dj.load_scene(table).anchors[0]
+        assert sand.screw_capacity == pytest.approx(0.125664 * 9000.0 * 2.5 * factor, rel=1e-3)
+        assert dj.load_scene(dj.load_scene(table).to_dict()) == dj.load_scene(table)
+
+
 def test_the_report_has_utilisation_and_factor():
     scene = dj.load_scene(SCENE)
     assert dj.Scene.from_dict(scene.to_dict()) == scene
@@ -67,7 +88,19 @@ def test_the_report_has_utilisation_and_factor():
         ),
         ({"point": "anchor", "kind": "tested", "weight": 1.0}, "anchor.0.weight: is not used; kind 'tested' takes"),
         ({"point": "anchor", "kind": "tested", "capacity": -1.0}, "anchor.0.capacity: -1.0 is out of range"),
-        ({"point": "anchor", "kind": "screw"}, "anchor.0.kind: 'screw' is unknown"),
+        ({"point": "anchor", "kind": "scew"}, "anchor.0.kind: 'scew' is unknown"),
+        ({"point": "anchor", "kind": "screw", "weight": 1.0}, "anchor.0.weight: is not used; kind 'screw' takes"),
+        ({"point": "anchor", "kind": "tested", "capacity": 1.0, "strength": 1.0}, "anchor.0.strength: is not used"),
+        ({**SCREW, "depths": [1.0, 3.0]}, "anchor.0.depths.0: 1 m is shallow"),
+        ({**SCREW, "depths": [2.0, 2.5]}, "anchor.0.depths.1: 2.5 m is less than 3 diameters below"),
+        ({**SCREW, "depths": [2.0]}, "anchor.0.depths: has 1 entries"),
+        ({**SCREW, "friction_angle": 0.5}, "anchor.0: kind 'screw' takes `strength` (clay) or `friction_angle`"),
+        ({**SCREW, "soil_weight": 9000.0}, "anchor.0.soil_weight: is not used in clay"),
+        (
+            {"point": "anchor", "kind": "screw", "plates": [0.3], "depths": [2.0], "friction_angle": 0.5},
+            "anchor.0.soil_weight: missing",
+        ),
+        ({**SCREW, "friction_angle": 30.0}, "anchor.0.friction_angle: 30.0 is out of range"),
     ],
 )
 def test_anchors_that_cannot_be_are_refused(anchor, start):

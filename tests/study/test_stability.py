@@ -28,6 +28,7 @@ LEFT_TO_CHECK = {
     *("slope-smooth", "slope-rough", "slope-lets-go", "slope-holds"),
     *("slack-taut-stretch", "slack-taut-return", "slack-taut-coarse", "snap-peak", "snap-return"),
     *("end-kinks-rope", "end-kinks-rod", "cut-off", "parts-at-load", "near-breaking-float"),
+    *("flow-coefficients", "row-of-wakes"),
 }
 
 

@@ -11,6 +11,7 @@ from dropper_jax.study.stability import (
     contact_cases,
     damping_cases,
     energy_cases,
+    flow_cases,
     gradient_cases,
     moving_end_cases,
     rope_cases,
@@ -22,7 +23,7 @@ from dropper_jax.study.stability.watch import moordyn_there, peers
 
 PARTS = (
     *(energy_cases, damping_cases, accuracy_cases, gradient_cases),
-    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases),
+    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases, flow_cases),
 )
 
 

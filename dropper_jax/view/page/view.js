@@ -7,6 +7,8 @@ const water = run.water && { ...run.water, time: unpack(run.water.time), elevati
 const nodes = run.nodes, links = run.first.length, start = time[0], end = time[run.frames - 1];
 const canvas = byId("scene"), pen = canvas.getContext("2d");
 
+const bodies = run.bodies && { ...run.bodies, poses: unpack(run.bodies.poses) };
+
 // the motion's box: the camera looks at its middle from far enough to see all of it
 const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
 for (let i = 0; i < place.length; i++) {
@@ -16,6 +18,9 @@ for (let i = 0; i < place.length; i++) {
 for (const { node, height, attachment } of run.buoys) for (let k = 0; k < run.frames; k++) {
   const z = place[3 * (k * nodes + node) + 2] - attachment;
   low[2] = Math.min(low[2], z); high[2] = Math.max(high[2], z + height);
+}
+if (bodies) for (let k = 0; k < run.frames; k++) for (const shape of bodies.shapes) for (const ring of shape.rings) for (const r of turned(ring, shape.body, [k, k, 0])) {
+  for (let i = 0; i < 3; i++) { low[i] = Math.min(low[i], r[i]); high[i] = Math.max(high[i], r[i]); }
 }
 if (water) for (const rise of water.elevation) high[2] = Math.max(high[2], rise);
 const middle = low.map((v, i) => (v + high[i]) / 2);
@@ -102,6 +107,46 @@ function buoy(r, { node, diameter, height, attachment }, dry) {
   path(eye.rise < 0 ? high : low, true); pen.stroke();
   path(eye.rise < 0 ? low : high, true); pen.fillStyle = "#f0b93a"; pen.fill(); pen.stroke();
 }
+function turned(ring, body, frame) {  // places of a body's axes in the scene
+  const count = bodies.names.length, all = sample(bodies.poses, 12 * count, frame).slice(12 * body, 12 * body + 12);
+  return ring.map(([x, y, z]) => [0, 1, 2].map((i) => all[i] + all[3 + 3 * i] * x + all[4 + 3 * i] * y + all[5 + 3 * i] * z));
+}
+function hull(points) {  // of places on the screen, by Andrew's monotone chain
+  const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]), half = (list) => {
+    const kept = [];
+    for (const p of list) {
+      while (kept.length > 1) {
+        const [a, b] = kept.slice(-2);
+        if ((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0) break;
+        kept.pop();
+      }
+      kept.push(p);
+    }
+    return kept.slice(0, -1);
+  };
+  return [...half(sorted), ...half(sorted.reverse())];
+}
+function solid({ body, rings }, frame, dry) {
+  let places = rings.map((ring) => turned(ring, body, frame));
+  if (dry) {  // what stands out of the water: edges cut at the surface
+    const out = ([x, y, z]) => z - elevation(x, y), cut = [];
+    for (let k = 0; k + 1 < places.length; k++) places[k].forEach((a, i) => {
+      const b = places[k + 1][i], [u, v] = [out(a), out(b)];
+      if (u > 0) cut.push(a);
+      if (v > 0) cut.push(b);
+      if (u * v < 0) cut.push(a.map((p, j) => p + (b[j] - p) * u / (u - v)));
+    });
+    if (cut.length < 3) return;
+    places = [cut];
+  }
+  pen.strokeStyle = "#2b2f33"; pen.lineWidth = 0.8 * ratio(); pen.fillStyle = "#e69f00";
+  path(hull(places.flat().map((r) => project(...r))), true); pen.fill(); pen.stroke();
+  if (dry || places.length !== 2) return;
+  const near = places.map((ring) => ring.map((r) => project(...r)));
+  const mean = (ring) => ring.reduce((sum, p) => sum + p[2], 0) / ring.length;
+  const end = near[mean(near[0]) < mean(near[1]) ? 0 : 1];  // the end that faces the eye
+  path(end, true); pen.fillStyle = "#f0b93a"; pen.fill(); pen.stroke();
+}
 function floor() {
   const step = 10 ** Math.floor(Math.log10(size)) * (size / 10 ** Math.floor(Math.log10(size)) > 4 ? 1 : 0.25);
   const z = water && middle[2] - water.depth < low[2] ? Math.max(-water.depth, low[2] - size) : low[2] - 0.04 * size;
@@ -167,6 +212,7 @@ function line(frame) {
     } else if (dot) { pen.beginPath(); pen.arc(x, y, dot, 0, 7); pen.fillStyle = "#2b2f33"; pen.fill(); }
   });
   [...run.buoys].sort((a, b) => points[b.node][2] - points[a.node][2]).forEach((one) => buoy(r, one));
+  if (bodies) bodies.shapes.forEach((one) => solid(one, frame));
   return { points, pull, r };
 }
 function tell({ points, pull }) {
@@ -195,6 +241,7 @@ function draw() {
   if (wet && eye.rise >= 0) {
     surface();
     run.buoys.forEach((one) => buoy(drawn.r, one, true));  // what stands out of the water hides it
+    if (bodies) bodies.shapes.forEach((one) => solid(one, frame, true));
   }
   tell(drawn);
   byId("clock").textContent = `${state.now.toFixed(2)} / ${end.toFixed(2)} s`;

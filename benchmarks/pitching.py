@@ -1,0 +1,121 @@
+"""The paper's spar, cases 1 to 3, upright against free to pitch, and its centre of gravity swept.
+
+    python benchmarks/pitching.py
+
+Writes `results/pitching.json`. Runs are 200 s long and are looked at from 60 s on. Both forms have the chain at the
+middle of the base, whose motion is that of the point `buoy`. The centre of gravity is swept in case 1, with the natural
+periods of pitch; a homogeneous spar starts upright, where it is not stable. Case 1 is run again without drag across the
+spar, which tells how much of the difference is drag.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import dropper_jax as dj
+from dropper_jax.load.packaged import packaged_scene
+from dropper_jax.load.pitching import pitching
+from dropper_jax.run.build import build_model
+from dropper_jax.statics.modes import natural_modes
+
+RESULT = Path(__file__).parent / "results" / "pitching.json"
+CASES = ("paper-case-1", "paper-case-2", "paper-case-3")
+#: Heights of the centre of gravity above the base [m]; the last one is that of a homogeneous spar.
+CENTRES = (0.5, 0.75, 1.0, 1.25, 1.5, 8.865 / 2)
+SKIP = 60.0
+
+
+def spread(values: np.ndarray) -> dict[str, float]:
+    """Mean, standard deviation and extremes of a series."""
+    return {
+        "mean": float(np.mean(values)),
+        "std": float(np.std(values)),
+        "min": float(np.min(values)),
+        "max": float(np.max(values)),
+    }
+
+
+def measured(scene: dj.Scene) -> dict[str, Any]:
+    """Tensions at both ends of the chain [N], motion of the base [m] and tilt [deg] after the transient.
+
+    Surge is the way along the waves. The tilt is the angle between the spar's axis and the vertical.
+    """
+    run = dj.simulate(scene)
+    late, late_tension = run.t >= SKIP, run.t_tension >= SKIP
+    base = run.point_path("buoy")[late]
+    course = np.ravel(np.asarray(run.scene.sea.table().get("waves", {}).get("direction", 0.0)))[0]
+    along = base[:, 0] * np.cos(course) + base[:, 1] * np.sin(course)
+    found = {
+        "status": run.status,
+        "retried": int(run.retried_steps),
+        "anchor_n": spread(run.tension[late_tension, 0]),
+        "buoy_n": spread(run.tension[late_tension, -1]),
+        "anchor_99_n": float(np.percentile(run.tension[late_tension, 0], 99)),
+        "buoy_99_n": float(np.percentile(run.tension[late_tension, -1], 99)),
+        "surge_m": spread(along),
+        "heave_m": spread(base[:, 2]),
+        "away_m": spread(np.hypot(base[:, 0], base[:, 1])),
+    }
+    if run.body_attitude is not None:
+        roll, pitch = run.body_attitude[late, 0, 0], run.body_attitude[late, 0, 1]
+        tilt = np.degrees(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0)))
+        found["tilt_deg"] = spread(tilt)
+        found["capsized_share"] = float(np.mean(tilt > 60.0))
+    return found
+
+
+def pitch_period(scene: dj.Scene) -> float | None:
+    """Natural period [s] of the mode about the pose in calm water in which the spar pitches most; None if it lies."""
+    calm = scene.to_dict()
+    calm["sea"] = {"depth": scene.sea.depth, "density": scene.sea.density, "gravity": scene.sea.gravity}
+    still = dj.load_scene(calm)
+    pose = dj.equilibrium(still)
+    modes = natural_modes(build_model(still), pose.state, 12)
+    tilt = np.arccos(np.clip(_upward(pose, still), -1.0, 1.0))
+    if tilt > 0.5:
+        return None  # it rests on its side
+    size = np.linalg.norm(modes.bodies[:, 0, :3], axis=1) / scene.bodies[0].extent + np.abs(modes.bodies[:, 0, 4])
+    share = np.abs(modes.bodies[:, 0, 4]) / np.maximum(size, 1e-12)
+    scale = np.max(np.abs(modes.bodies[:, 0, 4]))
+    share[np.abs(modes.bodies[:, 0, 4]) < 0.2 * scale] = 0.0
+    return float(modes.period[int(np.argmax(share))])
+
+
+def _upward(pose: dj.Equilibrium, scene: dj.Scene) -> float:
+    """Cosine between the spar's axis and the vertical at rest."""
+    model = build_model(scene)
+    axes = np.asarray(model.ties[0].pose(model, pose.state.r)[1])[0]
+    return float(axes[2, 2])
+
+
+def without_drag(scene: dj.Scene) -> dj.Scene:
+    """The scene without drag across its spar."""
+    path = "body.spar.cylinders.0.cdn" if scene.bodies else "buoy.spar.cdn"
+    return scene.with_values({path: 0.0})
+
+
+def main() -> None:
+    rows = []
+    for case in CASES:
+        for form, name in (("upright", case), ("pitching", f"{case}-pitching")):
+            rows.append({"case": case, "form": form, **measured(dj.load_scene(name))})
+            print(rows[-1], flush=True)
+    swept = []
+    for centre in CENTRES:
+        scene = dj.load_scene(pitching(packaged_scene(CASES[0]), centre))
+        swept.append({"centre_m": centre, "pitch_period_s": pitch_period(scene), **measured(scene)})
+        print(swept[-1], flush=True)
+    free = [
+        {"case": CASES[0], "form": form, **measured(without_drag(dj.load_scene(name)))}
+        for form, name in (("upright", CASES[0]), ("pitching", f"{CASES[0]}-pitching"))
+    ]
+    found = {"from_s": SKIP, "to_s": 200.0, "cases": rows, "centres": swept, "without_drag": free}
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""`dropper growth SCENE`: what grows on its lines, by month and depth."""
+
+from __future__ import annotations
+
+import argparse
+
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_scene, number, read_scene
+from dropper_jax.cli.output import done_object, print_result, table
+
+help = "mussels of a scene by month and depth: mass, diameter, wet weight"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--months", nargs="+", type=number, metavar="MONTH", help="months, else those of the scene")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args)
+
+    from dropper_jax.run.growth import season_table
+
+    rows = season_table(scene, args.months)
+    head = ["line", "month", "depth [m]", "layer [m]", "diameter [m]", "mass [kg/m]", "wet weight [N/m]"]
+    cells = [
+        [
+            row["lines"][0] + (f" and {len(row['lines']) - 1} more" if len(row["lines"]) > 1 else ""),
+            f"{row['month']:g}",
+            f"{row['depth_m']:g}",
+            f"{row['thickness_m']:.4g}",
+            f"{row['diameter_m']:.4g}",
+            f"{row['mass_kg_per_m']:.4g}",
+            f"{row['wet_weight_n_per_m']:.4g}",
+        ]
+        for row in rows
+    ]
+    print_result(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]))
+    return OK

@@ -1,0 +1,44 @@
+"""`dropper library`: ropes, chains, floats and crops, or one of them as TOML to paste into a scene."""
+
+from __future__ import annotations
+
+import argparse
+
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_json
+from dropper_jax.cli.output import done_object, listing, print_json, print_result
+from dropper_jax.load.library import FAMILIES, PREFIX, part
+
+help = "list ropes, chains, floats and crops, or print one as TOML to paste"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="print this part, a family and its size: chain-studlink-0.022"
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.name is None:
+        rows = [
+            (f"{name}-{f.example:g}", f"{f.size} {f.low:g} to {f.high:g} {f.unit}. {f.source}")
+            for name, f in FAMILIES.items()
+        ]
+        found = [
+            {"family": name, "size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
+            for name, f in FAMILIES.items()
+        ]
+        print_result(args.json, done_object(parts=found), listing(rows))
+        return OK
+    name = args.name.removeprefix(PREFIX)
+    section, values = part(name)
+    source = FAMILIES[name.rpartition("-")[0]].source
+    if args.json:
+        print_json(done_object(section=section, part=values, source=source))
+        return OK
+    pasted = {**values, "name": name}
+    place = {"position": [0.0, 0.0, -5.0]} if section == "point" else {}
+    print(f"# {source}\n{as_toml({section: [{**pasted, **place}]})}", end="")
+    return OK

@@ -1,0 +1,76 @@
+"""Contact of rigid bodies with the seabed, at the ends of their slices and under their spheres."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.fields import component
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.springs import lag, mean_pull, never_more
+from dropper_jax.effects.body_buoyancy import Pieces
+from dropper_jax.effects.seabed import Seabed
+from dropper_jax.model import Effect, Kinematics, ModelView
+
+#: Sine of the tilt below which a circle counts as nearly level, whose deepest point could be any of it.
+LEVEL = 1e-2
+#: What is left of 1 where a body lies.
+LYING = math.sqrt(1.0 + LEVEL**2) - LEVEL
+
+
+@component
+class BodyBed(Effect):
+    """Normal force on the deepest point of the circle at each end of a slice, and of each sphere; no friction.
+
+    With p how deep that point is below the bed, along its normal: `N = A (k p + clip(c p', -k p, k p))` as of nodes
+    (`effects.seabed`, whose k, c and bed it takes), A half a slice's plan area `D L/2`, of a sphere `pi R^2`. Forces on
+    the corners are `-N dp/dr`, moments included. A circle of radius R about an axis tilted by t from upright reaches
+    `R sin t` below its middle, here `R (sqrt(sin^2 t + s^2) - s)/(sqrt(1 + s^2) - s)`, s = 0.01: smooth if it stands.
+    """
+
+    name: ClassVar[str] = "body_bed"
+    bodily: ClassVar[bool] = True
+    bed: Seabed
+    pieces: Pieces
+
+    def depths(self, model: ModelView, r: jax.Array) -> jax.Array:
+        """How deep the points (2 c + s,) are below the bed along its normal [m], negative above it."""
+        ends = self.pieces.axes(model, r)
+        along = ends[:, 1] - ends[:, 0]
+        tilt = along[:, :2] / safe_norm(along)[:, None]
+        reach = self.pieces.radius * (jnp.sqrt(jnp.sum(tilt**2, axis=1) + LEVEL**2) - LEVEL) / LYING
+        places = jnp.concatenate([ends[:, 0], ends[:, 1]])
+        below = jnp.concatenate([reach, reach])
+        if self.pieces.sphere_of:
+            places = jnp.concatenate([places, self.pieces.centres(model, r)])
+            below = jnp.concatenate([below, self.pieces.ball])
+        up = self.bed.upward(places)
+        return (self.bed.bed(places) - places[:, 2] + below) * up[..., 2]
+
+    def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+        """Depths [m] and how fast they grow [m/s]."""
+        return jax.jvp(lambda r: self.depths(k.model, r), (k.r,), (k.v,))
+
+    def prepare(self, k: Kinematics) -> jax.Array:
+        """How fast the points go down at the beginning of the step (2 c + s,) [m/s]."""
+        return self._rates(k)[1]
+
+    def force(self, k: Kinematics) -> jax.Array:
+        half = self.pieces.radius * self.pieces.length
+        area = jnp.concatenate([half, half, jnp.pi * self.pieces.ball**2])
+        deep, down = self._rates(k)
+        stiffness, damping = self.bed.stiffness, self.bed.damping
+        if k.h is None:
+            spring, rate = stiffness * jnp.maximum(deep, 0.0), down
+        else:
+            before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
+            pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
+            expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
+            spring = jnp.maximum(stiffness * (mean_pull(before, after) + lag(*pressed, expected)), 0.0)
+            rate = (pressed[1] - pressed[0]) / k.h
+        normal = area * (spring + never_more(damping * rate, spring))
+        _, back = jax.vjp(lambda r: self.depths(k.model, r), k.r)
+        return -back(normal)[0]

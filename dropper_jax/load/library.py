@@ -1,0 +1,276 @@
+"""Ropes, chains, floats and crops by name and size: `library:chain-studless-0.03`; needs no JAX.
+
+A name is that of a family and one number: the nominal diameter [m] of ropes and chains, the volume [m^3] of floats, the
+age [months] of mussel socks, the biomass [kg/m] of kelp, the diameter [m] of lantern nets. Sizes d in m below.
+
+    chain, studless   m = 19.9e3 d^2 kg/m, EA = 0.854e11 d^2 N, displaced diameter 1.80 d   Orcina, OrcaFlex help, Chain
+    chain, studlink   m = 21.9e3 d^2 kg/m, EA = 1.010e11 d^2 N, displaced diameter 1.89 d   the same
+    chain's breaking load  c d^2 (44 - 80 d), c = 13.7e6 (grade 2), 19.6e6 (3), 22.3e6 (R3), 27.4e6 N/m^2 (R4)
+                      class rules, IACS W22 (R3, R4); makers' tables of all four agree to 1 %
+    polyester, nylon, HMPE  m, breaking load (MBL), EA = 14, 5 and 56 MBL              MoorPy, MoorProps_default
+    plaited ropes     m, EA, breaking load and displaced diameter by d^2                          OrcaFlex, Rope/wire
+
+The paper's chain is `chain-studlink-0.022`: EA 48 884 kN, displaced diameter 0.042 m (its Tables 1 and 4).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.floats import float_of
+
+PREFIX = "library:"
+#: Internal damping of a link over critical: numerical, not of the part; that of the packaged scenes.
+DAMPING = 0.1
+#: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and
+#: the months until then: the cycle with thinning-out of Galician ropes.
+SOCK, SOCK_DENSITY, SOCK_MONTHS = 21.8, 1300.0, 15.0
+#: Bare rope in a sock [kg/m] and [m] (assumed).
+CORE, CORE_DIAMETER = 0.1, 0.012
+ORCAFLEX = "Orcina, OrcaFlex help, Chain"
+MOORPY = "ropes of moorings (MoorPy, NREL: MoorProps_default.yaml): mass, breaking load, quasi-static stiffness"
+EIGHT_STRAND = "plaited rope of eight strands, OrcaFlex' Rope/wire (as ddjokic/Mooring-Line-Properties has it)"
+#: Breaking load of chain over d^2 (44 - 80 d) [N/m^2] by grade.
+GRADES = {"": 13.7e6, "-u3": 19.6e6, "-r3": 22.3e6, "-r4": 27.4e6}
+GRADE_NAMES = {"": "grade 2", "-u3": "grade 3", "-r3": "grade R3", "-r4": "grade R4"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Family:
+    """Parts of a kind.
+
+    Attributes:
+        section: of the scene it goes to, `line_type` or `point`.
+        size, unit: what the number of its name is.
+        low, high: between which it holds.
+        example: a size of it.
+        source: where its numbers are from, and what of them is assumed.
+        make: plain values of a size.
+    """
+
+    section: str
+    size: str
+    unit: str
+    low: float
+    high: float
+    example: float
+    source: str
+    make: Callable[[float], dict[str, Any]]
+
+
+def _chain(mass: float, stiffness: float, volume: float, across: float, along: float, strength: float) -> Any:
+    """Chain of bar diameter d; drag given over d (across) and d/pi (along) becomes that over the displaced diameter."""
+
+    def make(d: float) -> dict[str, Any]:
+        return {
+            "mass": mass * d**2,
+            "diameter": volume * d,
+            "EA": stiffness * d**2,
+            "damping_ratio": DAMPING,
+            "breaking_load": strength * d**2 * (44.0 - 80.0 * d),
+            "cdn": across / volume,
+            "cdt": along / (math.pi * volume),
+            "can": 1.0,
+            "cat": 0.5,
+        }
+
+    return make
+
+
+def _rope(mass: float, density: float, strength: tuple[float, float], stiffness: float) -> Any:
+    """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness over it; drag 1.6 over d (DNV-OS-E301)."""
+
+    def make(d: float) -> dict[str, Any]:
+        load = strength[0] * d**2 + strength[1] * d**3
+        volume = math.sqrt(4.0 * mass / (math.pi * density))
+        return {
+            "mass": mass * d**2,
+            "diameter": volume * d,
+            "EA": stiffness * load,
+            "damping_ratio": DAMPING,
+            "breaking_load": load,
+            "cdn": 1.6 / volume,
+            "cdt": 0.0,
+            "can": 1.1,
+            "cat": 0.15,
+        }
+
+    return make
+
+
+def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -> Any:
+    """Rope of eight strands of diameter d, everything by d^2; drag as of the other ropes."""
+
+    def make(d: float) -> dict[str, Any]:
+        return {
+            "mass": mass * d**2,
+            "diameter": volume * d,
+            "EA": stiffness * d**2,
+            "damping_ratio": DAMPING,
+            "breaking_load": strength * d**2,
+            "cdn": 1.6 / volume,
+            "cdt": 0.0,
+            "can": 1.1,
+            "cat": 0.15,
+        }
+
+    return make
+
+
+def _float(volume: float) -> dict[str, Any]:
+    return float_of(volume)
+
+
+def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, Any]:
+    """A crop of a mass [kg/m] and density as it displaces water, on a rope that is as stiff as the Edulis sock's."""
+    return {
+        "mass": mass,
+        "diameter": math.sqrt(4.0 * mass / (math.pi * density)),
+        "EA": 4e5,
+        "damping_ratio": DAMPING,
+        "cdn": drag,
+        "cdt": along,
+        "can": 1.0,
+        "cat": 0.0,
+    }
+
+
+def _sock(months: float) -> dict[str, Any]:
+    share = months / SOCK_MONTHS
+    mass = CORE + (SOCK - CORE) * share
+    core = CORE_DIAMETER**2
+    full = 4.0 * SOCK / (math.pi * SOCK_DENSITY)
+    return {**_crop(mass, 1.0, 1.4, 0.02), "diameter": math.sqrt(core + (full - core) * share)}
+
+
+def _kelp(biomass: float) -> dict[str, Any]:
+    return _crop(biomass, 1050.0, 1.2, 0.05)
+
+
+def _lantern(width: float) -> dict[str, Any]:
+    net = _crop(10.0, 1500.0, 0.0, 0.05)
+    return {**net, "cdn": 0.83 * width / net["diameter"]}
+
+
+FAMILIES: dict[str, Family] = {
+    **{
+        f"chain-{kind}{grade}": Family(
+            "line_type",
+            "bar diameter",
+            "m",
+            0.005,
+            0.2,
+            0.022,
+            f"{ORCAFLEX}; breaking load of {GRADE_NAMES[grade]}: {strength / 1e6:g}e6 d^2 (44 - 80 d) N (class rules)",
+            _chain(*numbers, strength),
+        )
+        for kind, numbers in {
+            "studless": (19.9e3, 0.854e11, 1.80, 2.4, 1.15),
+            "studlink": (21.9e3, 1.01e11, 1.89, 2.6, 1.4),
+        }.items()
+        for grade, strength in GRADES.items()
+    },
+    "rope-polyester": Family(
+        "line_type", "diameter", "m", 0.005, 0.3, 0.03, MOORPY, _rope(679.0, 1380.0, (308e6, 0.0), 14.0)
+    ),
+    "rope-nylon": Family(
+        "line_type", "diameter", "m", 0.005, 0.3, 0.03, MOORPY, _rope(585.0, 1140.0, (207e6, 230e6), 5.0)
+    ),
+    "rope-hmpe": Family(
+        "line_type", "diameter", "m", 0.005, 0.3, 0.03, MOORPY, _rope(496.0, 975.0, (580e6, 651e6), 56.0)
+    ),
+    **{
+        name: Family("line_type", "diameter", "m", 0.005, 0.2, 0.03, EIGHT_STRAND, _multiplait(*numbers))
+        for name, numbers in {
+            "rope-polypropylene": (452.6, 0.80, 1.06e9, 105.99e6),
+            "rope-polyester-plaited": (797.8, 0.86, 1.09e9, 170.466e6),
+            "rope-nylon-plaited": (647.6, 0.85, 1.18e8, 139.357e6),
+        }.items()
+    },
+    "float": Family(
+        "point",
+        "volume",
+        "m^3",
+        1e-4,
+        100.0,
+        0.2,
+        "sphere: drag 0.5 (Hoerner 1965), added mass 0.5 (Lamb 1932); 80 kg/m^3 assumed (`float_density`)",
+        _float,
+    ),
+    "mussel-sock": Family(
+        "line_type",
+        "age",
+        "months",
+        0.0,
+        SOCK_MONTHS,
+        SOCK_MONTHS,
+        "fully grown: 21.8 kg/m (the paper's Table 1), 1300 kg/m^3, EA, drag 1.4 as in `edulis-longline` (assumed; "
+        "live lines in waves had 3.9 at KC 10 to 380, Gieschen et al. 2021, J. Mar. Sci. Eng. 9, 29); 15 months: a "
+        "Galician cycle with thinning-out; mass and cross-section linear in age: assumed",
+        _sock,
+    ),
+    "kelp": Family(
+        "line_type",
+        "biomass",
+        "kg/m",
+        0.1,
+        30.0,
+        7.8,
+        "biomass: 7.8 kg/m in April (Fredriksson et al. 2023, Front. Mar. Sci. 10, 1178548); 1050 kg/m^3, drag 1.2 on "
+        "the displaced diameter and 0.05 along, EA: assumed",
+        _kelp,
+    ),
+    "lantern-net": Family(
+        "line_type",
+        "diameter of the net",
+        "m",
+        0.2,
+        1.0,
+        0.5,
+        "drag 0.83 on the net's diameter (0.75 to 0.91 by load; Fishes 2023, 8(4), 204); 10 kg/m at 1500 kg/m^3 with "
+        "its scallops, EA: assumed",
+        _lantern,
+    ),
+}
+
+
+def part(name: str) -> tuple[str, dict[str, Any]]:
+    """Section of the scene and plain values of a part, its name without `library:`.
+
+    Raises:
+        SceneError: no such family (with the nearest), no size, or one outside of what its source covers.
+    """
+    family, size = _named(name)
+    kind = FAMILIES[family]
+    if not kind.low <= size <= kind.high:
+        raise SceneError(
+            f"library: {name!r}: {kind.size} {size:g} {kind.unit} is out of range; allowed: {kind.low:g} to "
+            f"{kind.high:g} {kind.unit}"
+        )
+    rounded = {key: float(f"{v:.6g}") if isinstance(v, float) else v for key, v in kind.make(size).items()}
+    return kind.section, {"name": PREFIX + name, **rounded}
+
+
+def _named(name: str) -> tuple[str, float]:
+    """Family and size of a name."""
+    family, _, text = name.rpartition("-")
+    if family not in FAMILIES:
+        known = {f"{f}-{kind.example:g}" for f, kind in FAMILIES.items()}
+        if name in FAMILIES:
+            kind = FAMILIES[name]
+            raise SceneError(
+                f"library: {name!r} has no size; needed: its {kind.size} [{kind.unit}], as {name}-{kind.example:g}"
+            )
+        raise SceneError(f"library: {name!r} is unknown; {nearest(name, known)}")
+    try:
+        size = float(text)
+    except ValueError:
+        size = math.nan
+    if not math.isfinite(size):
+        kind = FAMILIES[family]
+        raise SceneError(f"library: {name!r}: {text!r} is no number; needed: {kind.size} [{kind.unit}]")
+    return family, size

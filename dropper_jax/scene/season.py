@@ -1,0 +1,167 @@
+"""`[growth]` of a scene: a season's layer of mussels on the lines that it names, at one month of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import (
+    Plain,
+    as_table,
+    count,
+    field_keys,
+    plain,
+    read_fields,
+    read_list,
+    read_parameter,
+    read_table,
+    refuse,
+)
+
+#: Grid of the random field over its correlation length.
+FINE = 0.1
+#: Added mass of a mussel over the water it displaces: a sphere's (Lamb 1932, article 92).
+ADDED_MASS = 0.5
+THICK = {"unit": "m", "shape": "table", "low": 0.0}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeasonSpec:
+    """`[growth]`: thickness by month (rows) and depth (columns), linear between, at the month that is asked for.
+
+    `harvested` is the share of the layer's cross-section that is taken off. `deviation` and `correlation` make the
+    thickness random along each line: it is multiplied by `exp(s x - s^2/2)`, `s^2 = log(1 + deviation^2)`, x a normal
+    field whose correlation falls as `exp(-distance/correlation)`: mean 1, never negative, the same for a seed, a line's
+    name and a place however many links the line has.
+    """
+
+    lines: tuple[str, ...] = option("names of lines, * for any letters", type=list)
+    month: float = parameter("month at which the run is", unit="months")
+    months: np.ndarray = parameter("months of the rows of `thickness`, rising", unit="months", shape="table")
+    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
+    density: np.ndarray = parameter(
+        "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0, open_low=True
+    )
+    harvested: float = parameter("share of the layer that is harvested", unit="-", low=0.0, high=1.0, default=0.0)
+    harvested_lines: tuple[str, ...] = option("names of the lines it is harvested on", type=list, default=("*",))
+    deviation: float = parameter("standard deviation of the thickness over its mean", unit="-", low=0.0, default=0.0)
+    correlation: float = parameter("length of its correlation", unit="m", low=0.0, open_low=True, default=1.0)
+    seed: int = count("seed of the random thickness", low=0, default=0)
+    attachment: float | None = parameter("force that holds one mussel", unit="N", low=0.0, open_low=True, optional=True)
+    mussel_mass: float | None = parameter("mass of one mussel", unit="kg", low=0.0, open_low=True, optional=True)
+    thickness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+
+    @classmethod
+    def all_keys(cls) -> list[str]:
+        """Names of its values in a scene."""
+        return [*field_keys(cls), "thickness"]
+
+    @classmethod
+    def read(cls, table: Plain, names: list[tuple[str, str | None]]) -> SeasonSpec:
+        """The section of a scene.
+
+        Args:
+            names: of the scene's lines, and of what they are pieces of.
+        """
+        own = dict(read_table(table, "growth"))
+        rows = own.pop("thickness", None)
+        if rows is None:
+            raise SceneError("growth.thickness: missing; needed: a row for each of `months`, each >= 0 m")
+        spec = cls(**read_fields(cls, own, "growth", {}))
+        for key in ("months", "depth"):
+            values = getattr(spec, key)
+            if not len(values) or np.any(np.diff(values) <= 0):
+                raise refuse(f"growth.{key}", plain(values), "does not rise", "one or more rising numbers")
+        given = read_list(rows, "growth.thickness", len(spec.months), f"{len(spec.months)} rows, one for each month")
+        found = [read_parameter(row, f"growth.thickness.{i}", THICK, {}) for i, row in enumerate(given)]
+        for i, row in enumerate(found):
+            if len(row) != len(spec.depth):
+                raise refuse(
+                    f"growth.thickness.{i}", plain(row), f"has {len(row)} entries", f"{len(spec.depth)}, as `depth`"
+                )
+        if np.ndim(spec.density) and len(spec.density) not in (1, len(spec.depth)):
+            many = len(spec.density)
+            raise refuse("growth.density", plain(spec.density), f"has {many} entries", f"1 or {len(spec.depth)}")
+        if not spec.months[0] <= spec.month <= spec.months[-1]:
+            within = f"{spec.months[0]:g} to {spec.months[-1]:g}, as `months`"
+            raise refuse("growth.month", spec.month, "is out of range", within)
+        if (spec.attachment is None) != (spec.mussel_mass is None):
+            missing = "mussel_mass" if spec.mussel_mass is None else "attachment"
+            raise SceneError(f"growth.{missing}: missing; a drop-off needs both `attachment` and `mussel_mass`")
+        for key in ("lines", "harvested_lines"):
+            if not getattr(spec, key):
+                raise SceneError(f"growth.{key}: is empty; allowed: one or more names of lines, with * for any letters")
+            for i, pattern in enumerate(getattr(spec, key)):
+                if not any(_called(name, (pattern,)) for name in names):
+                    raise SceneError(
+                        f"growth.{key}.{i}: {pattern!r} is the name of no line; allowed: names, with * for any letters"
+                    )
+        return dataclasses.replace(spec, thickness=np.array(found))
+
+    def table(self) -> dict[str, Any]:
+        """Plain values from which `read` makes the same."""
+        return {**as_table(self), "thickness": plain(self.thickness)}
+
+    def on(self, name: str, whole: str | None) -> bool:
+        """Whether it grows on a line, or on the line that this is a piece of."""
+        return _called((name, whole), self.lines)
+
+    def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Thickness [m] and density [kg/m^3] at depths [m] and a month, its own unless given; nothing harvested."""
+        at = self.month if month is None else month
+        row = np.array([np.interp(at, self.months, column) for column in self.thickness.T])
+        density = np.broadcast_to(self.density, self.depth.shape)
+        return np.interp(depth, self.depth, row), np.interp(depth, self.depth, density)
+
+    def layer(
+        self, name: str, whole: str | None, depth: np.ndarray, arc: np.ndarray, bare: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Thickness [m] and density [kg/m^3] on links of a line, after the harvest.
+
+        Args:
+            depth, arc: of the links' middles (n,) [m], arc along the line.
+            bare: diameters of the bare links (n,) [m].
+        """
+        thickness, density = self.over(depth)
+        thickness = thickness * self.factor(name, arc)
+        if self.harvested and _called((name, whole), self.harvested_lines):
+            area = (1.0 - self.harvested) * ((bare + 2.0 * thickness) ** 2 - bare**2)
+            thickness = 0.5 * (np.sqrt(bare**2 + area) - bare)
+        return thickness, density
+
+    def factor(self, name: str, arc: np.ndarray) -> np.ndarray:
+        """Random factor (n,) on the thickness at arc lengths (n,) [m] of a line."""
+        if self.deviation == 0.0:
+            return np.ones(len(arc))
+        step = FINE * self.correlation
+        grid = np.arange(int(np.max(arc, initial=0.0) / step) + 2) * step
+        # one stream for each line, so that a line more leaves the others as they are
+        noise = np.random.default_rng([self.seed, zlib.crc32(name.encode())]).standard_normal(len(grid))
+        keep = np.exp(-FINE)
+        field = np.empty(len(grid))
+        field[0] = noise[0]
+        for i in range(1, len(grid)):
+            field[i] = keep * field[i - 1] + np.sqrt(1.0 - keep**2) * noise[i]
+        spread = np.sqrt(np.log1p(self.deviation**2))
+        return np.exp(spread * np.interp(arc, grid, field) - 0.5 * spread**2)
+
+    def holding(self, density: float, water: float, gravity: float) -> float | None:
+        """Acceleration [m/s^2] at which a mussel lets go: `(F - g (m - rho V))/(m + rho V/2)`; None without a force.
+
+        V = m/density. The rope pulls the mussel along; drag on it and the water's own acceleration are left out.
+        """
+        if self.attachment is None:
+            return None
+        displaced = water * self.mussel_mass / density
+        left = self.attachment - gravity * (self.mussel_mass - displaced)
+        return max(left / (self.mussel_mass + ADDED_MASS * displaced), 0.0)
+
+
+def _called(name: tuple[str, str | None], patterns: tuple[str, ...]) -> bool:
+    return any(fnmatchcase(each, pattern) for each in name if each is not None for pattern in patterns)

@@ -1,0 +1,109 @@
+"""Coefficients that know the flow, tides that turn, and rows behind each other, against closed forms and SciPy."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.simulate import simulate
+from dropper_jax.run.wakes import scene_wakes
+from dropper_jax.study.stability.case import Case, Outcome
+from dropper_jax.study.stability.sea_cases import CURRENT, HEAVY, RHO, ROPE, WIDE, streaming
+from dropper_jax.study.stability.systems import G
+
+#: Drag coefficient of cylinders rougher than a hundredth of their diameter in a current (DNV-RP-C205), and a roughness.
+ROUGH, HEIGHT = 1.05, 0.002
+#: Peak [m/s] and period [s] of a tide that turns.
+PEAK, CYCLE, DRAG = 2.0, 40.0, 1.2
+#: Droppers behind each other: how many, how far apart [m], in which current [m/s].
+ROWS, APART, SLOW = 40, 2.0, 0.3
+
+
+def rough() -> Scene:
+    """A weight on one link in a current that alone decides its drag coefficient."""
+    table = streaming().to_dict()
+    table["effects"]["morison_drag"] = {"coefficients": "rough_cylinder", "roughness": HEIGHT}
+    return load_scene({**table, "name": "flow-coefficients"})
+
+
+def _rough(short: bool) -> Outcome:
+    """At its end half of the link's drag across it carries the weight."""
+    pull = 0.25 * RHO * ROUGH * WIDE * ROPE * CURRENT**2
+    sine = brentq(lambda s: pull * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
+    ran = simulate(rough(), dt=0.1, duration=60.0)
+    x, _, z = ran.point_path("weight")[-1]
+    return Outcome(abs(float(np.arctan2(x, -(z + 5.0)) - np.arcsin(sine))), ran.status)
+
+
+def turning() -> Scene:
+    """The same link in a tide that turns round every 20 s, 3000 times as fast as a real one."""
+    table = streaming().to_dict()
+    tide = {"speed": PEAK, "amplitude": [1.0], "period": [CYCLE], "phase": [0.0]}
+    table["sea"] = {**table["sea"], "current": tide}
+    return load_scene({**table, "name": "turning-tide"})
+
+
+def _turns(short: bool) -> Outcome:
+    """`(m + m_l/2) L a'' = -m g sin a + rho/4 C D L |w| w`, `w = U cos a - L a'`; the link weighs nothing in water."""
+    moving = HEAVY + 0.5 * RHO * 0.25 * np.pi * WIDE**2 * ROPE
+
+    def swing(t: float, y: np.ndarray) -> list[float]:
+        w = PEAK * np.cos(2 * np.pi * t / CYCLE) * np.cos(y[0]) - ROPE * y[1]
+        force = -HEAVY * G * np.sin(y[0]) + 0.25 * RHO * DRAG * WIDE * ROPE * abs(w) * w
+        return [y[1], force / (moving * ROPE)]
+
+    ran = simulate(turning(), dt=0.02, duration=10.0 if short else 2 * CYCLE)
+    places = ran.point_path("weight")
+    angle = np.arctan2(places[:, 0], -(places[:, 2] + 5.0))
+    exact = solve_ivp(swing, (0.0, ran.t[-1]), [angle[0], 0.0], t_eval=ran.t, rtol=1e-9, atol=1e-9, max_step=0.05).y[0]
+    return Outcome(float(np.max(np.abs(angle - exact))), ran.status)
+
+
+def row_of_droppers(count: int) -> Scene:
+    """Droppers exactly behind each other in a slow current, each in the wakes of all before it."""
+    points, lines = [], []
+    for i in range(count):
+        x = APART * i
+        points += [
+            {"name": f"top-{i}", "position": [x, 0.0, -1.0]},
+            {"name": f"end-{i}", "kind": "free", "position": [x, 0.0, -9.0], "mass": 200.0},
+        ]
+        line = {"name": f"dropper-{i}", "from": f"top-{i}", "to": f"end-{i}", "type": "sock", "length": 8.0}
+        lines.append({**line, "links": 2})
+    return load_scene(
+        {
+            "name": "row-of-wakes",
+            "run": {"dt": 0.05, "duration": 2.0},
+            "line_type": [{"name": "sock", "mass": 21.8, "diameter": 0.15, "EA": 4e5, "cdn": 1.3, "cdt": 0.0}],
+            "point": points,
+            "line": lines,
+            "sea": {"depth": 12.0, "density": RHO, "current": {"kind": "uniform", "speed": SLOW}},
+            "effects": {"weight": {"gravity": G}, "buoyancy": {}, "morison_drag": {"wakes": "porous"}},
+        }
+    )
+
+
+def _row(short: bool) -> Outcome:
+    """Momentum that the water has lost behind the row, by quadrature over a plane across it, against the row's drag."""
+    scene = row_of_droppers(3 if short else ROWS)
+    wakes = scene_wakes(scene).wakes
+    y = np.linspace(-40.0, 40.0, 8001)
+    nodes, weight = np.polynomial.legendre.leggauss(40)
+    deficit = wakes.plane(float(wakes.elements.x.max()) + 5.0).deficit(y, 0.5 * wakes.depth * (nodes - 1.0))
+    lost = float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * wakes.depth * weight)) * (y[1] - y[0]))
+    ran = simulate(scene, duration=0.5 if short else 2.0)
+    slowed = bool(np.all(wakes.met > 0.0) and np.all(wakes.met <= wakes.speed))
+    return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, ran.status)
+
+
+CASES = [
+    Case("flow-coefficients", "a weight on one rough link in 5 m/s whose drag coefficient follows the flow, dt 0.1 s: "
+         "error of its angle after 60 s", 1e-4, "rad", _rough),
+    Case("turning-tide", "a weight on one link in a tide of 2 m/s that turns every 20 s, 80 s at dt 0.02 s: distance "
+         "of its angle from SciPy", 0.01, "rad", _turns),
+    Case("row-of-wakes", "40 droppers behind each other, each in the wakes of all before: momentum lost behind them "
+         "against their drag", 0.01, "relative", _row),
+]  # fmt: skip

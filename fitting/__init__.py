@@ -18,7 +18,7 @@ PUBLIC = {
     "fit": "calibration.fit",
     "fit_channels": "channels.fit",
     "prepare": "calibration.preparation",
-    "read_data": "channels.data",
+    "read_data": "channels.reading",
     "read_trace": "traces.trace",
     "write_trace": "traces.trace",
 }

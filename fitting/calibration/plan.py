@@ -20,11 +20,11 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Problem
 from fitting.estimate.shooting import JoinedWindows
-from fitting.estimate.simulator import Evaluation
 from fitting.estimate.windows import Windows
 from fitting.parameters.naming import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth

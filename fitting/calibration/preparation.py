@@ -18,7 +18,9 @@ from fitting.calibration.spans import check_spans, fitted_spans, only
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import rests
-from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.resting import advice_on_rest
+from fitting.estimate.simulator import Simulator
+from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, Windows, check_step, cut, first_starts, time_step
 from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
@@ -93,6 +95,9 @@ def prepare(
     seen = [only(trace, [(low, high) for run, low, high in spans if run == i]) for i, trace in enumerate(runs)]
     sigma = [noise(trace) for trace in seen]
     poses = rests(runs, sigma, rest)
+    if not rest and release is None:
+        slowest = 2 * np.pi * np.sqrt(float(np.sum(model.line.length)) / 9.81)
+        notes += [line for pair in zip(seen, sigma, strict=True) for line in advice_on_rest(*pair, slowest)]
     length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.estimate.block_tridiagonal import Factor
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.normal_equations import Normal, Prior, Step, reduced
-from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart, wrap
 

@@ -13,10 +13,11 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
 from fitting.estimate.normal_equations import Normal, Step, eliminate
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
 from fitting.traces.planar import chart
 

@@ -18,10 +18,10 @@ import optax
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import closed_starts, fit_windows, move
 from fitting.estimate.normal_equations import Normal, Prior, Step, eliminate
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.simulator import Evaluation
 from fitting.estimate.windows import Starts, Windows
 
 OPTIMIZERS, LOSSES = ("lbfgs", "adam"), ("angles", "spectrum")

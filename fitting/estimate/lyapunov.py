@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import GAP_SCALE
-from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
-from fitting.estimate.simulator import Evaluation
+from fitting.estimate.evaluation import Evaluation
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Common
 

@@ -24,12 +24,12 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fitting.estimate.block_tridiagonal import Factor
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.noise import Noise, rates
 from fitting.estimate.normal_equations import Normal, solve_spd
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import scores
 from fitting.estimate.shooting import level_of
-from fitting.estimate.simulator import Evaluation
 from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
-from fitting.estimate.simulator import Evaluation, Simulator
+from fitting.estimate.simulator import Simulator
 from fitting.estimate.whitening import whitened
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined, eliminate_joined, gaps, join
 from fitting.estimate.gauss_newton import Separate, descend
 from fitting.estimate.normal_equations import Step
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.simulator import Evaluation
 
 #: Gap weights, one after another. Longer jumps lose the optimum's neighbourhood (measured on the lab dropper).
 SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)

@@ -15,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.integrators.projected import ProjectedRungeKutta
-from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
+from fitting.estimate.evaluation import Evaluation, trusted
 from fitting.estimate.marching import at_samples, march
 from fitting.estimate.release import LEAST_STRETCH, Begun, Release
+from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import ON_GRID, Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.place import LostPlace
@@ -30,11 +30,6 @@ from fitting.traces import planar
 #: Windows run side by side in one program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all
 #: cores busy and compile fastest.
 CHUNK = 8
-#: Newton iterations of a rattle_4 stage: its Jacobian is exact, three leave rounding at 1/60 s (residual 8e-16).
-ITERATIONS = 3
-#: Times the median over windows beyond which a window's derivative is taken for none. A joint that is just about to
-#: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
-WILD = 1e4
 
 
 #: Place of a jump of the clock that a window does not have [steps].
@@ -57,54 +52,6 @@ class Key(NamedTuple):
     def serves(self, other: Key) -> bool:
         """Whether a program compiled for this runs windows of the other too."""
         return self[:4] == other[:4] and self.steps >= other.steps and self.slots >= other.slots
-
-
-class Evaluation(NamedTuple):
-    """All windows at one point; derivatives are by the chart coordinates z (m angles, m rates) and the parameters.
-
-    Attributes:
-        theta: simulated angles less the camera's offset (K, S, n) [rad].
-        residual: (simulated - measured)/sigma (K, S, n), 0 where there is no sample.
-        jacobian: of `residual` (K, S, n, 2 m + k).
-        start, end: angles and rates at both ends of each window (K, 2 n).
-        start_jacobian, end_jacobian: (K, 2 n, 2 m + k).
-        failed: steps above tolerance (K,).
-    """
-
-    theta: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    start_jacobian: np.ndarray
-    end_jacobian: np.ndarray
-    failed: np.ndarray
-
-
-def choose_stepper(model: Model, integrator: str | None = None) -> Stepper:
-    """The scheme of the best price for its error: rattle_4 for point masses, else energy_momentum."""
-    if integrator is None and Rattle4().refuse(model) is None:
-        settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False, "batched": True}
-        return Stepper(Rattle4(), "condensed", "banded", ITERATIONS, **settings)
-    # No halving: a window whose steps do not solve is a step too far of the fit, which then takes a smaller one. Not so
-    # where joints stick: which of them do is found by the last resort alone, on the whole step or on half of it, and an
-    # unsolved step's derivative is of no size at all (measured on three links: 1e20).
-    settings = {"halvings": 1} if model.laws else {"halvings": 0, "extra": 0}
-    return make_stepper(
-        model, integrator or "energy_momentum", "auto", track_work=False, reverse=False, **settings
-    )  # all derivatives of a fit are taken forwards
-
-
-def trusted(e: Evaluation) -> Evaluation:
-    """The evaluation with no derivative, and one failed step more, where a window's is beyond all measure."""
-    size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
-    wild = ~(size <= WILD * max(float(np.median(size)), 1e-300))
-    if not wild.any():
-        return e
-    keep = ~wild
-    derivatives = ("jacobian", "start_jacobian", "end_jacobian")
-    zeroed = {f: np.where(keep.reshape(-1, *[1] * (getattr(e, f).ndim - 1)), getattr(e, f), 0.0) for f in derivatives}
-    return e._replace(failed=e.failed + wild, **zeroed)
 
 
 class Simulator:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.estimate.simulator import Evaluation
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.windows import Windows
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,10 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import as_toml
 from fitting.calibration.decision import verdict
 from fitting.calibration.energy import look_at_energy
+from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult
 from fitting.parameters.fitted import fitted_scene
+from fitting.report.one_run import one_run_picture
 from fitting.report.pictures import PICTURES, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
@@ -27,10 +29,14 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     fitted_values = fitted_scene(result.scene, result.model, result.parameters, result.values)
     files = [atomic_write(folder / "fitted.toml", as_toml(fitted_values.as_written()))]
-    for run, _ in fitted_runs(result):
+    whole = {}
+    for run, trace in fitted_runs(result):
         for name, draw in PICTURES.items():
             files.append(draw(result, run, folder / f"{name}_{run + 1}.png"))
-    files.append(atomic_write(folder / "report.md", report(result)))
+        if (found := one_run(result, run)) is not None:
+            whole[run] = found
+            files.append(one_run_picture(found, trace.name, folder / f"one_run_{run + 1}.png"))
+    files.append(atomic_write(folder / "report.md", report(result, whole)))
     return files
 
 
@@ -39,8 +45,8 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
     return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
-def report(result: FitResult) -> str:
-    """The Markdown text."""
+def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
+    """The Markdown text; `whole` are uninterrupted runs by the number of their trace."""
     energy = look_at_energy(result)
     parts = [
         f"# Fit of {result.scene.name}",
@@ -68,6 +74,9 @@ def report(result: FitResult) -> str:
     for run, trace in fitted_runs(result):
         parts.append(f"## {trace.name}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
+        if whole and run in whole:
+            text = whole[run].text
+            parts += [f"{text[0].upper()}{text[1:]}.", f"![one run](one_run_{run + 1}.png)"]
     return "\n\n".join(parts) + "\n"
 
 

@@ -3,6 +3,7 @@
 import base64
 import importlib.util
 import io
+import json
 import os
 import re
 import subprocess
@@ -23,7 +24,7 @@ LARGEST = 400_000
 
 def test_there_is_a_notebook_for_every_story():
     assert [int(script.name[0]) for script in SCRIPTS] == list(range(1, len(SCRIPTS) + 1))
-    assert len(SCRIPTS) >= 8
+    assert len(SCRIPTS) >= 9
 
 
 @pytest.mark.check
@@ -67,3 +68,32 @@ def test_pictures_are_kept_small_and_readable():
     with Image.open(io.BytesIO(base64.b64decode(small))) as image:
         assert image.width == make.WIDEST
         assert len(image.getcolors()) <= make.COLOURS
+
+
+def printed(stem):
+    """What a kept notebook prints."""
+    kept = nbformat.read(next(FOLDER.glob(f"{stem}*.ipynb")), 4)
+    return "\n".join(str(out.get("text", "")) for cell in kept.cells for out in cell.get("outputs", []))
+
+
+@pytest.mark.parametrize("rig", ["single", "double"])
+def test_printed_friction_is_that_of_the_stored_results(rig):
+    text = printed("4-").split(f"{rig} pendulum (fit ended")[1].split("pendulum (fit ended")[0]
+    found = json.loads((FOLDER.parent / "benchmarks" / "results" / f"measured_{rig}_pendulum.json").read_text())
+    shown = {m[1]: (float(m[2]), float(m[3])) for m in re.finditer(r"(effects\.\S+) +(\S+) \+- (\S+)", text)}
+    kept = {path: row for path, row in found["fit"]["parameters"].items() if "effects" in path}
+    assert shown.keys() == kept.keys()
+    for path, row in kept.items():
+        assert shown[path] == (float(f"{row['value']:.3g}"), float(f"{row['std_error']:.1g}"))
+
+
+def test_printed_estimates_hold_the_truth():
+    rows = re.findall(r"(b_[lq]): (\S+) \+- (\S+), truth (\S+),", printed("9-"))
+    assert [row[0] for row in rows] == ["b_l", "b_q"] * 2  # the first fit with a wrong length, then with what it frees
+    for _, value, error, truth in rows[2:]:
+        assert abs(float(value) - float(truth)) < 4 * float(error)
+    ways = re.findall(r"^(?:Gauss-Newton|L-BFGS|Adam) .*s   (\S+) \+- (\S+)   (\S+) \+- (\S+)$", printed("4-"), re.M)
+    assert len(ways) == 3
+    for row in ways:
+        numbers = np.array(row, float).reshape(2, 2)
+        assert np.all(np.abs(numbers[:, 0] - [0.002, 0.001]) < 4 * numbers[:, 1])

@@ -9,13 +9,15 @@ import pytest
 from fitting.calibration.comparison import Law, compare, with_bic
 from fitting.calibration.energy import energy_check, look_at_energy
 from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.one_run import PARTED, one_run
+from fitting.estimate.evaluation import trusted
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import Projected
 from fitting.estimate.profile import profile
 from fitting.estimate.refinement import LARGEST_BIAS, step_bias
 from fitting.estimate.shooting import joined_step
-from fitting.estimate.simulator import trusted
 from fitting.estimate.uncertainty import bootstrap, uncertainty
+from fitting.report.one_run import one_run_picture
 
 
 def test_damping_of_another_simulators_traces_is_found_without_bias(two, ten):
@@ -46,6 +48,22 @@ def test_runs_with_gaps_are_fitted_together(two, ready, motion, ten):
     assert np.all(np.abs(result.values - two.TRUTH) < 3 * result.uncertainty.std_error)
     alone = np.median([r.uncertainty.std_error for r in ten], axis=0)
     assert np.all(result.uncertainty.std_error < alone)
+
+
+def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path):
+    """Against SciPy's motion without its noise; with twice the damping the run leaves the trace early."""
+    found = one_run(ten[0], 0)
+    t, phi = motion
+    good = t <= min(found.trusted, t[-1] - 2 / two.RATE)
+    turned = np.pi / 2 - phi[good]  # from the horizontal, positive downwards
+    apart = (found.simulated[good[: len(found.t)]] - turned + np.pi) % (2 * np.pi) - np.pi
+    assert good.sum() > 30
+    assert np.sqrt(np.mean(apart**2, axis=1)).max() < PARTED
+    assert found.followed >= found.trusted
+    assert "of the trace for" in found.text
+    wrong = replace(ten[0], solution=replace(ten[0].solution, values=2 * ten[0].values))
+    assert one_run(wrong, 0).followed < found.followed
+    assert one_run_picture(found, "rods", tmp_path / "run.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from fitting.channels.data import read_data
+from fitting.channels.reading import read_data
 
 SCENE = {
     "run": {"dt": 0.01, "duration": 1.0},

@@ -8,6 +8,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from fitting.estimate.noise import Noise
 from fitting.estimate.rest import rests, static_pose
+from fitting.estimate.resting import advice_on_rest, still_spans
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import resolve
 from fitting.traces.trace import Trace
@@ -88,3 +89,20 @@ def test_a_dry_joint_leaves_a_pendulum_at_rest_anywhere_in_its_band(chain):
     rest = rests([Trace("film", np.arange(40) / 50, theta)], [np.array([1e-9])], [(0.0, 1.0)])
     found = rest.weighed(None, simulator, np.array([2e-3])).precision[0, 0] ** -0.5
     assert found == pytest.approx(2e-3 / np.sqrt(3) / (0.1 * 9.81 * 0.3), rel=1e-6)
+
+
+def test_a_trace_that_rests_before_and_after_is_told_so():
+    """A pendulum held by its hook alone, pushed at 1.5 s and at rest again from 6 s on, in noise and with a gap."""
+    t = np.arange(0, 8, 1 / 60)
+    swing = np.where((t > 1.5) & (t < 6.0), 0.4 * np.sin(4 * (t - 1.5)) * np.sin(np.pi * (t - 1.5) / 4.5) ** 2, 0.0)
+    theta = np.stack([0.3 + swing, -0.2 + 0.5 * swing], axis=1)
+    theta += np.random.default_rng(0).normal(0, [0.004, 0.002], theta.shape)
+    theta[20:24] = np.nan
+    sigma = np.array([0.004, 0.002])
+    (low, first), (second, high) = still_spans(Trace("swing", t, theta), sigma, 0.9)
+    assert (low, high) == (t[0], t[-1])
+    assert 1.3 < first < 1.9
+    assert 5.6 < second < 6.2
+    assert "--rest 0:" in advice_on_rest(Trace("swing", t, theta), sigma, 0.9)[0]
+    moving = (t > 1.9) & (t < 5.5)
+    assert still_spans(Trace("swing", t[moving], theta[moving]), sigma, 0.9) == []

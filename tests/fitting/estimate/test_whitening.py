@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fitting.estimate.block_tridiagonal import Factor
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import Huber, LeastSquares
 from fitting.estimate.sandwich import memory
-from fitting.estimate.simulator import Evaluation
 from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows
 

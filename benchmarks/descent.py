@@ -1,0 +1,90 @@
+"""Damping by gradient descent from ten times off, beside Gauss-Newton: path, time and error of each.
+
+    python benchmarks/descent.py [--picture]
+
+A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows with starts of
+their own (`windows`), and the same exact derivatives. `--picture` draws what is stored.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from machine import describe
+
+import dropper_jax as dj
+from dropper_jax.plots import style
+from fitting import fit
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+
+HERE = Path(__file__).parent
+RESULTS, PICTURE = HERE / "results" / "descent.json", HERE.parent / "docs" / "pictures" / "descent.png"
+SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0
+METHODS: dict[str, dict[str, Any]] = {
+    "Gauss-Newton": {"method": "windows"},
+    "L-BFGS (optax)": {"method": "gradient"},
+    "Adam (optax)": {"method": "gradient", "optimizer": "adam", "steps": 60},
+}
+
+
+def measure() -> dict[str, Any]:
+    """Fit by every method; each compiles its own programs, and the time of that stands apart."""
+    scene = dj.load_scene(SCENE)
+    names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+    truth = [scene.value(name) for name in names]
+    trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=NOISE), seed=0)
+    wrong = scene.with_values({name: TIMES_OFF * value for name, value in zip(names, truth, strict=True)})
+    rows = []
+    for label, settings in METHODS.items():
+        begun = time.process_time()
+        result = fit(trace, wrong, ["b_l", "b_q"], **settings)
+        whole = time.process_time() - begun
+        path = [[p.value for p in result.parameters], *(point["values"] for point in result.solution.history)]
+        rows.append(
+            {
+                "method": label,
+                "status": result.status,
+                "evaluations": result.iterations,
+                "run_s": result.seconds["run"],
+                "compile_s": result.seconds["compile"],
+                "processor_s": whole,
+                "values": list(result.values),
+                "std_errors": list(result.uncertainty.std_error),
+                "path": path,
+            }
+        )
+        print(label, result.outcome, flush=True)
+    return {"scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "rows": rows} | {
+        "machine": describe()
+    }
+
+
+def draw(found: dict[str, Any]) -> None:
+    """Distance to the truth, coefficient by coefficient, along the way of every method."""
+    truth = np.array(found["truth"])
+    with matplotlib.style.context(["default", style.RC]):
+        figure = style.new_figure(9.0, 3.2)
+        for i, (axes, name) in enumerate(zip(figure.subplots(1, 2), ("b_l [kg/s]", "b_q [kg/m]"), strict=True)):
+            for row, colour in zip(found["rows"], style.CYCLE, strict=False):
+                path = np.array(row["path"])[:, i]
+                axes.plot(np.arange(len(path)), path, color=colour, lw=1.3, label=row["method"])
+                axes.plot(len(path) - 1, path[-1], "o", ms=4, color=colour)
+            axes.axhline(truth[i], color=style.DARK, lw=0.8, ls="--")
+            axes.annotate("truth", (axes.get_xlim()[1], truth[i]), (-4, 3), textcoords="offset points", ha="right")
+            axes.set(xlabel="step", ylabel=name, yscale="symlog")
+            axes.set_yscale("symlog", linthresh=0.2 * truth[i])
+            axes.set_ylim(0, 20 * truth[i])
+        axes.legend(loc="upper right")
+        style.save(figure, PICTURE)
+
+
+if __name__ == "__main__":
+    if "--picture" not in sys.argv:
+        RESULTS.write_text(json.dumps(measure(), indent=1) + "\n")
+    draw(json.loads(RESULTS.read_text()))

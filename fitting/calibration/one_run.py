@@ -1,0 +1,133 @@
+"""One uninterrupted run beside a trace: how far fitted parameters and one start carry.
+
+A fit explains a trace window by window. What a reader expects to see is one run, from one start to the end of the
+trace; where the motion is chaotic it must leave the trace at last, however right the parameters are. A second run that
+begins one standard error away, in the start and in every parameter, tells from where on: until the two part, the run
+is a prediction; beyond, its angles say nothing (its statistics still do).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from fitting.calibration.result import FitResult
+from fitting.estimate.marching import march
+from fitting.parameters.parameter import apply
+from fitting.parameters.seeing import clock_rate, losses, seen
+from fitting.traces import planar
+
+#: RMS over the links [rad] at which two motions have parted.
+PARTED = 0.1
+#: Most steps of a run.
+MOST_STEPS = 200_000
+
+
+@dataclass(frozen=True)
+class OneRun:
+    """A run of the fitted model from the first window's start to the end of its trace.
+
+    Attributes:
+        t, measured, simulated: the trace's samples (m,) [s], (m, n) [rad], NaN where there is none; as the camera sees.
+        trusted: time [s] at which a run that begins one standard error away has parted from it; infinite: it has not.
+        followed: time [s] at which the measured angles have; infinite: they have not.
+    """
+
+    t: np.ndarray
+    measured: np.ndarray
+    simulated: np.ndarray
+    trusted: float
+    followed: float
+
+    @property
+    def begin(self) -> float:
+        """Time of its start [s]."""
+        return float(self.t[0])
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        whole = f"all {self.t[-1] - self.begin:.3g} s"
+        after = [f"{at - self.begin:.3g} s" if np.isfinite(at) else whole for at in (self.followed, self.trusted)]
+        return (
+            f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for {after[0]}; "
+            f"a run that begins one standard error away stays with it for {after[1]}"
+        )
+
+
+def one_run(result: FitResult, run: int) -> OneRun | None:
+    """The run beside trace `run`; None where no window of it has a start of its own, or it would take too long."""
+    windows, solution = result.windows, result.solution
+    mine = np.flatnonzero((windows.run == run) & ~windows.released)
+    if not len(mine):
+        return None
+    first = mine[np.argmin(windows.begin[mine])]
+    trace, begin = result.traces[run], float(windows.begin[first])
+    end = min([trace.t[-1], *_lost(result, run)])
+    inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
+    t = trace.t[inside]
+    steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9)) if len(t) > 1 else 0
+    if not 0 < steps * windows.substeps <= MOST_STEPS:
+        return None
+    values, n = np.asarray(result.values, float), windows.theta.shape[2]
+    theta, omega = np.split(solution.evaluation.start[first], 2)
+    samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
+    aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
+    error = np.where(np.isfinite(result.uncertainty.std_error), result.uncertainty.std_error, 0.0)
+    low, high = solution.problem.bounds(values)
+    starts = np.stack([theta, theta + aside]), np.stack([omega, omega])
+    at = np.arange(steps + 1) * windows.dt + begin
+    angles = _runs(result, np.stack([values, np.clip(values + error, low, high)]), *starts, steps)
+    near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
+    measured = trace.theta[inside]
+    return OneRun(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
+
+
+def _lost(result: FitResult, run: int) -> list[float]:
+    """Times of lost frames of a run: beyond them its clock is another one."""
+    places = (result.parameters[i].where for i in losses(result.parameters))
+    return [place.time for place in places if place.run == run]
+
+
+def _runs(
+    result: FitResult, values: np.ndarray, theta: np.ndarray, omega: np.ndarray, steps: int
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Seen angles and their rates by the trace's clock (steps + 1, n) of runs at values (2, k) and starts (2, n)."""
+    simulator, windows = result.solution.problem.simulator, result.windows
+    parameters, base = result.parameters, simulator.model
+
+    @jax.jit
+    def run(values: jax.Array, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+        model = apply(base, parameters, values)
+        rate = clock_rate(parameters, values)
+        h = windows.dt if rate is None else windows.dt * rate
+        start = planar.closed(model, theta, omega)
+        angles, rates, _ = march(
+            simulator.stepper, model, planar.to_state(model, *start), h, steps, jnp.int32(windows.substeps), steps
+        )
+        angles, rates = (jnp.concatenate([a[None], b]) for a, b in zip(start, (angles, rates), strict=True))
+        look = lambda angles: seen(model, parameters, values, angles)  # noqa: E731
+        angles, rates = jax.jvp(look, (angles,), (rates * (1.0 if rate is None else rate),))
+        return angles, rates
+
+    found = [run(*map(jnp.asarray, one)) for one in zip(values, theta, omega, strict=True)]
+    return [(np.unwrap(np.asarray(a), axis=0), np.asarray(b)) for a, b in found]
+
+
+def _parting(t: np.ndarray, apart: np.ndarray) -> float:
+    """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED` for good.
+
+    "For good": on the mean of a twentieth of a second to either side, so that a single wrong sample does not count.
+    """
+    apart = apart - 2 * np.pi * np.round(np.nan_to_num(apart) / (2 * np.pi))
+    known = np.isfinite(apart)
+    square = np.where(known, apart, 0.0) ** 2
+    width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))
+    smooth = lambda x: np.convolve(x.sum(axis=1), np.ones(width), "same")  # noqa: E731
+    rms = np.sqrt(smooth(square) / np.maximum(smooth(known.astype(float)), 1))
+    beyond = np.flatnonzero(rms > PARTED)
+    return float(t[beyond[0]]) if len(beyond) else np.inf

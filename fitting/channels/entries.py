@@ -1,0 +1,67 @@
+"""Entries of the tables in a channels file: names, numbers, units, columns; each refused with its path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import read_list, read_number, read_table, read_text, refuse
+from dropper_jax.scene.fit import UNITS
+
+
+def tables_of(source: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    allowed = f"one or more [[{key}]] tables"
+    items = read_list(source.get(key, []), key, None, allowed)
+    return [read_table(item, f"{key}.{i}") for i, item in enumerate(items)]
+
+
+def check_once(names: Sequence[str], section: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise SceneError(f"{section}.{i}: {name!r} is there twice; allowed: every name once")
+
+
+def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> str:
+    if "name" not in table and default is None:
+        raise SceneError(f"{path}.name: missing; needed: a name without a point")
+    name = read_text(table.get("name", default), f"{path}.name")
+    if not name.strip() or ("name" in table and "." in name):
+        raise refuse(f"{path}.name", name, "cannot stand in the path of a parameter", "a name without a point")
+    return name.replace(".", "_")
+
+
+def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
+    return read_number(table[key], f"{path}.{key}", {"unit": "-", **limits}) if key in table else default
+
+
+def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
+    if key not in table:
+        raise SceneError(f"{path}.{key}: missing; needed: {count} numbers")
+    items = read_list(table[key], f"{path}.{key}", count, f"{count} numbers")
+    return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
+
+
+def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
+    fitting = [name for name, (base, _) in UNITS.items() if base == measures]
+    if key not in table:
+        raise SceneError(f"{path}.{key}: missing; needed: {', '.join(fitting)}")
+    unit = read_text(table[key], f"{path}.{key}")
+    if unit not in fitting:
+        raise SceneError(f"{path}.{key}: {unit!r} does not measure this; allowed: {', '.join(fitting)}")
+    return unit
+
+
+def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
+    if ("column" in table) == ("columns" in table):
+        raise SceneError(
+            f"{path}: names its columns {'twice' if 'column' in table else 'nowhere'}; allowed: column or columns"
+        )
+    if "column" in table:
+        return (read_text(table["column"], f"{path}.column"),)
+    items = read_list(table["columns"], f"{path}.columns", None, "a list of names of columns")
+    if not items:
+        raise SceneError(f"{path}.columns: is empty; allowed: names of columns")
+    return tuple(read_text(name, f"{path}.columns.{i}") for i, name in enumerate(items))

@@ -1,0 +1,111 @@
+"""The problem that data and a scene pose: what is free in which run, its priors and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from fitting.channels.data import Data
+from fitting.channels.free import adjusted, find_free
+from fitting.channels.problem import Problem, first_near
+from fitting.channels.reading import read_data
+from fitting.parameters.naming import default_free, full_names
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, with_effects
+from fitting.parameters.priors import rig_priors
+
+
+def pose(
+    source: str | Path | Mapping[str, Any] | Data,
+    scene: Scene,
+    free: Sequence[str] | None,
+    own: Sequence[str],
+    start: StartValues,
+    bounds: Bounds,
+    priors: Priors,
+) -> Problem:
+    """The problem of these data and this scene.
+
+    Raises:
+        SceneError: names, channels, places or numbers that do not fit together.
+    """
+    names = [name.strip() for name in (default_free(scene) if free is None else free)]
+    mine = [name.strip() for name in own]
+    known = [n for n in [*names, *mine] if n.split(".")[0] not in ("start", "channel", "camera")]
+    scene = with_effects(scene, full_names(scene, known)) if known else scene
+    data = source if isinstance(source, Data) else read_data(source, scene)
+    if mine and len(data.runs) < 2:
+        raise SceneError(f"own: {mine[0]!r} of one run alone; allowed: with 2 runs or more")
+    scenes = []
+    for run in data.runs:
+        try:
+            scenes.append(scene.with_values(run.own) if run.own else scene)
+        except SceneError as error:
+            raise SceneError(f"run {run.name!r}: {error}") from None
+    if len({(s.run.dt, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
+        raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together; allowed: one [run]")
+    _check_program(scenes, data)
+    full = lambda name: full_names(scenes[0], [name])[0]  # noqa: E731
+    shared = find_free(scenes[0], data, [n for n in names if n not in mine])
+    split = find_free(scenes[0], data, mine, "own")
+    for p in split:
+        if p.name in [q.name for q in shared]:
+            raise SceneError(f"own: {p.name!r} is shared too; allowed: one of the two")
+    if not shared and not split:
+        raise SceneError("free: nothing is free; allowed: paths of parameters")
+    parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
+    parameters = list(adjusted(parameters, *(_of(given, shared, full) for given in (start, bounds, priors)), full))
+    split = adjusted(split, *(_of(given, split, full) for given in (start, bounds, priors)), full)
+    _all_known(start, bounds, priors, [*shared, *split], full)
+    plain, of_run = [], []
+    for run in data.runs:
+        first = len(parameters)
+        parameters += [replace(p, name=f"{p.name}@{run.name}") for p in split]
+        plain.append((*shared, *split))
+        of_run.append((*range(len(shared)), *range(first, first + len(split))))
+    for p in parameters:
+        if not p.low <= p.value <= p.high:
+            raise SceneError(f"start: {p.name} = {p.value:g} is out of bounds; allowed: {p.low:g} to {p.high:g}")
+    if split:  # priors of several are of the shared alone
+        wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
+        together = tuple(replace(c, share=wide(c.share)) for c in known_together.common)
+        massive = None if known_together.massive is None else wide(known_together.massive)
+        known_together = replace(known_together, common=together, massive=massive)
+    near = tuple(first_near(s) for s in scenes)
+    return Problem(data, tuple(scenes), tuple(parameters), tuple(of_run), tuple(plain), near, known=known_together)
+
+
+def _check_program(scenes: Sequence[Scene], data: Data) -> None:
+    """Refuse runs that end before anything is seen."""
+    spacing = scenes[0].run.dt * scenes[0].run.save_every
+    for run in data.runs:
+        last = max(float(t[-1]) for t in run.t)
+        if last <= 2 * spacing:
+            raise SceneError(f"run {run.name!r}: ends at {last:g} s; allowed: more than 2 saved steps of {spacing:g} s")
+
+
+def _of(given: Mapping[str, Any], parameters: Sequence[Parameter], full: Any) -> dict[str, Any]:
+    """What is given by name of these parameters."""
+    known = [p.name for p in parameters]
+    found = {}
+    for name, value in given.items():
+        if any(p == name or p.startswith(name + ".") for p in known):
+            found[name] = value
+        elif name.split(".")[0] not in ("start", "channel", "camera"):
+            long = full(name)
+            if any(p == long or p.startswith(long + ".") for p in known):
+                found[long] = value
+    return found
+
+
+def _all_known(start: StartValues, bounds: Bounds, priors: Priors, parameters: Sequence[Parameter], full: Any) -> None:
+    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
+        for name in given:
+            if not _of({name: 0}, parameters, full):
+                raise SceneError(f"{which}: {name!r} is not free; {nearest(name, [p.name for p in parameters])}")

@@ -1,0 +1,45 @@
+"""What running all windows gives: angles, residuals, both ends, and their derivatives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+#: Times the median over windows beyond which a window's derivative is taken for none. A joint that is just about to
+#: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
+WILD = 1e4
+
+
+class Evaluation(NamedTuple):
+    """All windows at one point; derivatives are by the chart coordinates z (m angles, m rates) and the parameters.
+
+    Attributes:
+        theta: simulated angles less the camera's offset (K, S, n) [rad].
+        residual: (simulated - measured)/sigma (K, S, n), 0 where there is no sample.
+        jacobian: of `residual` (K, S, n, 2 m + k).
+        start, end: angles and rates at both ends of each window (K, 2 n).
+        start_jacobian, end_jacobian: (K, 2 n, 2 m + k).
+        failed: steps above tolerance (K,).
+    """
+
+    theta: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    start_jacobian: np.ndarray
+    end_jacobian: np.ndarray
+    failed: np.ndarray
+
+
+def trusted(e: Evaluation) -> Evaluation:
+    """The evaluation with no derivative, and one failed step more, where a window's is beyond all measure."""
+    size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
+    wild = ~(size <= WILD * max(float(np.median(size)), 1e-300))
+    if not wild.any():
+        return e
+    keep = ~wild
+    derivatives = ("jacobian", "start_jacobian", "end_jacobian")
+    zeroed = {f: np.where(keep.reshape(-1, *[1] * (getattr(e, f).ndim - 1)), getattr(e, f), 0.0) for f in derivatives}
+    return e._replace(failed=e.failed + wild, **zeroed)

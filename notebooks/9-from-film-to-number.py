@@ -124,8 +124,8 @@ for warning in first.warnings:
 # %% [markdown]
 # ## The fit that frees what is wrong
 #
-# `auto_free` takes the advice one candidate at a time, with a fit of each, and keeps what gains. The lengths come
-# first; what is left to gain after them are markers, hundredths of a millimetre off their nodes.
+# `auto_free` takes the advice one candidate at a time, with a fit of each, and keeps what gains most: here the lengths,
+# although the score tests put the clock, the scale and gravity before them. It ends where nothing gains any more.
 
 # %%
 result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True, posterior=0 if FAST else 200)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import tempfile
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import statics
 from dropper_jax.plots import style
+from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
@@ -20,6 +23,7 @@ from fitting.tracking.render import View, chessboards, film
 from fitting.tracking.video import opencv, write_video
 
 HERE = Path(__file__).parent
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 #: As filmed in the tests: a bending lens, noise, a post, node 3 covered for ten frames.
 VIEW = View(
     bending=(-0.12, 0.05), centre=(0.14, -0.14), distance=1.1, hidden=((3, 60, 69),), post=(0.30, 0.010), noise=5.0
@@ -65,6 +69,31 @@ def damping_sweep(work: Path) -> None:
         style.save(figure, HERE / "damping-sweep.png")
 
 
+def storm(work: Path) -> None:
+    """The Edulis longline in the paper's waves, as the page shows it: needs Chromium."""
+    solution = dj.simulate("edulis-longline", duration=60.0)
+    page = view_page(solution)
+    peak = float(solution.t[np.argmax(solution.tension.max(axis=1))])
+    look = f"""<script>state.now = {peak};
+      Object.assign(eye, {{ zoom: 2.35, rise: 0.15, turn: -0.5, shift: [20, 45] }});
+      byId("names").checked = false; for (const id of ["about", "how"]) byId(id).hidden = true;
+      document.querySelector("footer").hidden = true; document.querySelector("footer").style.display = "none";
+      byId("name").textContent = "edulis-longline, t = {peak:.1f} s"; draw();</script></body>"""
+    (work / "storm.html").write_text(page.replace("</body>", look), encoding="utf-8")
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--hide-scrollbars",
+    ]
+    options += ["--window-size=1000,480", "--virtual-time-budget=4000", f"--user-data-dir={work}/profile"]
+    shot = work / "storm.png"
+    subprocess.run([BROWSER, *options, f"--screenshot={shot}", (work / "storm.html").as_uri()], check=True)
+    with Image.open(shot) as image:
+        image.convert("RGB").save(HERE / "storm.jpg", quality=85)
+
+
 def resting_energy(scene: dj.Scene) -> float:
     """Potential energy [J] of the line at rest; node n carries the mass of link n."""
     model = dj.build(scene)[0]
@@ -76,3 +105,5 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         contact_sheet(Path(folder))
         damping_sweep(Path(folder))
+        if BROWSER:
+            storm(Path(folder))

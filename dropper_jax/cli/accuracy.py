@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_quiet, add_scene, number, output_file, read_scene
-from dropper_jax.cli.output import done_object, print_line, print_result, progress, table
+from dropper_jax.cli.options import add_quiet, add_scene, number, read_scene
+from dropper_jax.cli.output import done_object, print_line, progress, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -28,7 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
     )
-    parser.add_argument("--plot", metavar="FILE.png", help="write the picture, and FILE-*.png for the other parts")
+    add_plot(parser, "the pictures of errors against time, of orders and of damping")
+    add_out(parser)
     add_quiet(parser)
 
 
@@ -37,11 +39,11 @@ def run(args: argparse.Namespace) -> int:
         for value in values:
             if not 0 < value < float("inf"):
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
-    plot = output_file(args.plot, "--plot", (".png",))
+    plot, out = plot_folder(args.plot), out_file(args.out)
     found = report(read_scene(args), args)
     if plot:
-        draw(found, plot)
-    print_result(args.json, done_object(**found), text(found))
+        draw(found, picture(plot, "accuracy"))
+    deliver(args.json, done_object(**found), text(found), out)
     return OK
 
 
@@ -63,12 +65,12 @@ def draw(found: dict[str, Any], path: Path) -> None:
     from dropper_jax.study import pictures
 
     pictures.work_precision(found, path)
-    for part, key, picture in (
+    for part, key, function in (
         ("convergence", "convergence", pictures.convergence),
         ("damping", "numerical_damping", pictures.damping),
     ):
         if found.get(key):
-            picture(found, path.with_stem(f"{path.stem}-{part}"))
+            function(found, path.with_stem(f"{path.stem}-{part}"))
 
 
 def text(found: dict[str, Any]) -> str:

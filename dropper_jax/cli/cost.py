@@ -6,19 +6,21 @@ import argparse
 from typing import Any
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, table
+from dropper_jax.cli.options import add_scene, read_scene
+from dropper_jax.cli.output import done_object, failure_object, print_line, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "operations, bytes and microseconds per step, with and without each effect"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--plot", metavar="FILE.png", help="write a bar chart")
+    add_plot(parser, "a bar chart")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    plot = output_file(args.plot, "--plot", (".png",))
+    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.study.cost import cost
@@ -32,10 +34,9 @@ def run(args: argparse.Namespace) -> int:
     if plot:
         from dropper_jax.study import pictures
 
-        pictures.costs(found, plot)
-    print_result(
-        args.json, {**(failure_object("not_converged", error) if error else done_object()), **found}, text(found)
-    )
+        pictures.costs(found, picture(plot, "cost"))
+    head = failure_object("not_converged", error) if error else done_object()
+    deliver(args.json, {**head, **found}, text(found), out)
     return OK if proved else FAILED
 
 

@@ -132,13 +132,29 @@ def whole_number(text: str) -> int:
     return int(text)
 
 
+#: Names of the integrators, which stand beside JAX and are not imported for a help text.
+SCHEMES = (
+    "energy_momentum",
+    "rattle",
+    "theta",
+    "theta_midpoint",
+    "semi_implicit_euler",
+    "rk2",
+    "rk4",
+    "energy_momentum_4",
+    "rattle_4",
+    "generalized_alpha",
+    "tsit5",
+    "dop853",
+    "thesis_angles",
+)
 #: Options that stand for a value of `[run]`, by its key.
 RUN_VALUES: dict[str, dict[str, Any]] = {
-    "integrator": {"help": "time integration scheme"},
-    "solver": {"help": "linear solver: auto, dense, banded, condensed or network"},
+    "integrator": {"metavar": "NAME", "help": f"time integration scheme: {', '.join(SCHEMES)}"},
+    "solver": {"metavar": "NAME", "help": "linear solver: auto, dense, banded, condensed or network"},
     "dt": {"type": number, "help": "time step [s]"},
     "duration": {"type": number, "help": "simulated time [s]"},
-    "dtype": {"help": "float64 or float32"},
+    "dtype": {"metavar": "NAME", "help": "float64 or float32"},
     "step_tolerance": {
         "type": number,
         "help": "let steps follow the snaps of lines: speed [m/s] that a step's change of tension may give to a link",

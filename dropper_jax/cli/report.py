@@ -20,7 +20,8 @@ help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
-    parser.add_argument("--out", metavar="DIR", help="write report.md, report.json and pictures")
+    parser.add_argument("--report", metavar="DIR", help="write report.md, report.json and pictures")
+    parser.add_argument("--out", metavar="DIR", help="the same as --report")
     parser.add_argument("--vtk", metavar="DIR", help="write the first run as a series of .vtp files for ParaView")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
     for field in dataclasses.fields(Settings):
@@ -35,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     given = {f.name: getattr(args, f"setting_{f.name}") for f in dataclasses.fields(Settings)}
     settings = Settings(**{key: value for key, value in given.items() if value is not None})
-    out, vtk = (output_folder(getattr(args, key), f"--{key}") for key in ("out", "vtk"))
+    out, report, vtk = (output_folder(getattr(args, key), f"--{key}") for key in ("out", "report", "vtk"))
+    out = out or report
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
     solutions = _load(args.runs)

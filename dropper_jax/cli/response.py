@@ -10,7 +10,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
-from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, progress, table
+from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "mean shift, amplitude and phase of the first link in regular waves, over their period"
 
@@ -19,11 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
     parser.add_argument("--no-more", action="store_true", help="leave out the waves higher by a tenth")
+    add_out(parser)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    periods = _periods(args.periods)
+    periods, out = _periods(args.periods), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.base.progress import silent
@@ -32,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     rows = responses(scene, periods, not args.no_more, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
     head = failure_object(failed, f"{failed}: a run did not come to its end") if failed else done_object()
-    print_result(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows))
+    deliver(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows), out)
     if failed:
         print_line(f"error: {failed}: a run did not come to its end")
     return FAILED if failed else OK

@@ -33,7 +33,16 @@ OVERRIDES = (
 )
 #: Lines of a system whose tensions are printed.
 MOST_LINES = 12
-PICTURES = {"snapshot": "snapshot", "angles": "angle_traces", "phase": "phase_space", "spectrum": "amplitude_spectrum"}
+PICTURES = {
+    "snapshot": "snapshot",
+    "tension": "tension_history",
+    "motion": "motion_history",
+    "angles": "angle_traces",
+    "phase": "phase_space",
+    "spectrum": "amplitude_spectrum",
+}
+#: What there is to see only where something moves.
+OF_MOTION = ("motion", "bodies", "phase", "spectrum", "response")
 #: Further pictures of a scene with water.
 WATER_PICTURES = {
     "elevation": "elevation",
@@ -53,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines moordyn.out too",
     )
     parser.add_argument("--plot", metavar="DIR_OR_FILE", help="write all pictures to a folder, or a snapshot to a file")
+    parser.add_argument("--report", metavar="DIR", help="write report.md, report.json and their pictures")
     parser.add_argument("--animate", metavar="FILE", help="write an animation, .gif or (with ffmpeg) .mp4")
     parser.add_argument(
         "--errors",
@@ -69,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", RUN_SUFFIXES)
     film = output_file(args.animate, "--animate", (".gif", ".mp4"))
     plot = _plot_target(args.plot)
-    tables = output_folder(args.tables, "--tables")
+    tables, told = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
     scene = read_scene(args, OVERRIDES)
 
     from dropper_jax.run.simulate import simulate
@@ -97,6 +107,8 @@ def run(args: argparse.Namespace) -> int:
             _write_channels(args.scene, solution, tables / "moordyn.out")
     if plot:
         draw(solution, plot)
+    if told:
+        _write_report(solution, told)
     if film:
         from dropper_jax import plots
 
@@ -111,6 +123,16 @@ def _plot_target(text: str | None) -> Path | None:
     if path.exists() and not path.is_dir():
         raise SceneError(f"--plot: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
     return path
+
+
+def _write_report(solution: Solution, folder: Path) -> None:
+    """What `dropper report` writes of this run."""
+    from dropper_jax.report.build import report_runs
+    from dropper_jax.report.settings import Settings
+    from dropper_jax.report.write import write_report
+
+    runs = {"run": solution}
+    write_report(report_runs(runs, Settings()), runs, folder, Settings())
 
 
 def _write_channels(source: str, solution: Solution, path: Path) -> None:
@@ -136,14 +158,23 @@ def _steps(solution: Solution) -> str:
 def draw(solution: Solution, target: Path) -> list[Path]:
     """A snapshot to a PNG file, or all pictures to a folder."""
     from dropper_jax import plots
+    from dropper_jax.plots.moving import anything_moves
+    from dropper_jax.plots.run import readable
 
     if target.suffix.lower() == ".png":
         plots.snapshot(solution, target)
         return [target]
     target.mkdir(parents=True, exist_ok=True)
     files = []
-    pictures = PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES}
-    pictures = {**pictures, **({"bodies": "body_motion"} if solution.scene.bodies else {})}
+    pictures = dict(PICTURES if solution.scene.sea is None else {**PICTURES, **WATER_PICTURES})
+    if solution.scene.sea is not None and solution.scene.sea.waves is None:
+        del pictures["elevation"]
+    if solution.scene.bodies:
+        pictures["bodies"] = "body_motion"
+    if not anything_moves(readable(solution)):
+        still = [name for name in pictures if name in OF_MOTION]
+        pictures = {name: function for name, function in pictures.items() if name not in still}
+        print_line(f"pictures: nothing moves; left out: {', '.join(still)}")
     for name, function in pictures.items():
         files.append(target / f"{name}.png")
         getattr(plots, function)(solution, files[-1])

@@ -10,7 +10,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, output_file, read_scene
-from dropper_jax.cli.output import done_object, listing, print_result, print_warnings, table
+from dropper_jax.cli.output import done_object, listing, print_warnings, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -20,13 +21,16 @@ help = "waves and current of a scene: theory, length, breaking, regime"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
+    add_plot(parser, "the map of theories and, behind lines, that of the current")
+    add_out(parser)
     parser.add_argument("--flow", metavar="FILE.png", help="map of the current behind the lines, from above")
     parser.add_argument("--regimes", metavar="FILE.png", help="theories by depth and height, the scene's wave marked")
 
 
 def run(args: argparse.Namespace) -> int:
-    picture = output_file(args.regimes, "--regimes", (".png", ".pdf", ".svg"))
+    regimes = output_file(args.regimes, "--regimes", (".png", ".pdf", ".svg"))
     flow = output_file(args.flow, "--flow", (".png", ".pdf", ".svg"))
+    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]; allowed: a scene with water")
@@ -39,15 +43,19 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.study.sea_facts import sea_facts
 
     found = sea_facts(scene)
+    if plot and scene.sea.waves is not None:
+        regimes = regimes or picture(plot, "regimes")
+    if plot and has_wakes(scene) and plot.suffix == "":
+        flow = flow or picture(plot, "flow")
     if follows(scene):
         found["coefficients"] = flow_table(overgrown(scene))
     if flow or has_wakes(scene):
         found["wakes"] = _wakes(scene, flow)
-    if picture:
-        _draw(scene.name, found, scene.sea.gravity, picture)
+    if regimes:
+        _draw(scene.name, found, scene.sea.gravity, regimes)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
     print_warnings(warnings)
-    print_result(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
+    deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), out)
     return OK
 
 

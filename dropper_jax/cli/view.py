@@ -1,4 +1,4 @@
-"""`dropper view RUN --out view.html`: a saved run as an interactive page."""
+"""`dropper view RUN [RUN] --out view.html`: a saved run, or two side by side, as an interactive page."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ help = "make an interactive 3D page of a saved run"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
+    parser.add_argument("other", metavar="RUN", nargs="?", help="a second one, beside the first")
     parser.add_argument("--out", required=True, metavar="FILE.html", help="the page; it needs no network")
     add_json(parser)
 
@@ -21,10 +22,11 @@ def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", (".html", ".htm"))
 
     solution = read_run(args.run_file)
+    other = None if args.other is None else read_run(args.other)
 
     from dropper_jax.view import write_view
 
-    write_view(solution, out)
+    write_view(solution, out, other)
     size = out.stat().st_size
     print_result(
         args.json,

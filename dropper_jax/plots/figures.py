@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.analysis.energy import balance_drift
-from dropper_jax.plots import panels, style
+from dropper_jax.plots import moving, panels, style
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.units import force_unit
 
 #: Drift below this part of the largest energy is rounding: the log axis ends there.
 ROUNDING = 1e-17
@@ -46,8 +47,11 @@ def energy_balance(run: Run, path: str | Path) -> Path:
 
 @style.styled
 def tension_traces(run: Run, path: str | Path) -> Path:
-    """Tension [N] of every link against time (a step average where the integrator gives one, at its own times)."""
-    return panels.traces(run, path, "link tensions", run.t_tension, [("tension [N]", run.tension)])
+    """Tension [N or kN] of every link against time (a mean of the step where the scheme gives one)."""
+    unit, size = force_unit(run.tension)
+    least = moving.TENSION * float(np.nanmax(np.abs(run.tension), initial=0.0)) / size
+    columns = [(f"tension [{unit}]", run.tension / size)]
+    return panels.traces(run, path, "link tensions", run.t_tension, columns, least)
 
 
 def _words(name: str) -> str:

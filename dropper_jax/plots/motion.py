@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from dropper_jax.analysis import spectrum
-from dropper_jax.plots import panels, style, view
+from dropper_jax.plots import moving, panels, style, view
 from dropper_jax.plots.run import Run
 
 #: Height of a spectrum's axis [decades], and the part of the power that its frequency axis shows.
@@ -24,12 +24,15 @@ def angle_traces(run: Run, path: str | Path) -> Path:
     columns = [("polar angle [rad]", polar)]
     if not view.planar(positions):
         columns.append(("azimuth [rad]", azimuth))
-    return panels.traces(run, path, "link angles", t, columns)
+    return panels.traces(run, path, "link angles", t, columns, moving.ANGLE, centred=True)
 
 
 @style.styled
 def phase_space(run: Run, path: str | Path) -> Path:
-    """Polar angle [rad] against its rate [rad/s], one panel per link (at most twelve, evenly chosen)."""
+    """Polar angle [rad] against its rate [rad/s], one panel per link that moves (at most twelve).
+
+    Of one line they are chosen evenly, of several lines each line's liveliest.
+    """
     (angle, _), (rate, _) = run.angles(), run.angle_rates()
     long = len(angle) > 4000
 
@@ -43,13 +46,16 @@ def phase_space(run: Run, path: str | Path) -> Path:
         axes.xaxis.set_major_locator(MaxNLocator(5))
 
     labels = ("polar angle [rad]", "rate [rad/s]")
-    return panels.grid(run, path, "phase space of the links", angle.shape[1], draw, labels, share=False)
+    return panels.grid(
+        run, path, "phase space of the links", moving.chosen_links(run, panels.MOST), draw, labels, False
+    )
 
 
 @style.styled
 def amplitude_spectrum(run: Run, path: str | Path) -> Path:
-    """Amplitude spectrum of each link's motion (Hann window), one panel per link (at most twelve, evenly chosen).
+    """Amplitude spectrum of each link's motion (Hann window), one panel per link that moves (at most twelve).
 
+    Of one line they are chosen evenly, of several lines each line's liveliest.
     In a plane of the polar angle [rad]; in space of the x and y components of the unit link vector [-], since the
     angles of a conical motion are constant or grow for ever.
     """
@@ -62,8 +68,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     else:
         spectra = {name: spectrum.amplitude_spectrum(t[:uniform], values[:uniform]) for name, values in series.items()}
     amplitudes = np.array([a for _, a in spectra.values()])
-    # Below 1e-12 is rounding: a link at rest has an empty panel.
-    top = max(amplitudes.max(), 1e-12)
+    top = max(amplitudes.max(), moving.ANGLE)
     floor = top * 10.0**-DECADES
     last = _last_frequency(next(iter(spectra.values()))[0], amplitudes)
 
@@ -80,7 +85,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
 
     labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
     what = "amplitude spectrum of the link angles" if flat else "amplitude spectrum of the link directions"
-    return panels.grid(run, path, what, run.tension.shape[1], draw, labels, share=True)
+    return panels.grid(run, path, what, moving.chosen_links(run, panels.MOST), draw, labels, share=True)
 
 
 def _directions(run: Run) -> dict[str, np.ndarray]:

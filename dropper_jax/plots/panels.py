@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.plots import style
+from dropper_jax.plots import moving, style
 from dropper_jax.plots.run import Run
 
 #: More links than this are drawn as a map over time and link (traces) or thinned out (grid).
@@ -20,24 +20,56 @@ MOST = 12
 Columns = list[tuple[str, np.ndarray]]
 
 
-def traces(run: Run, path: str | Path, what: str, t: np.ndarray, columns: Columns) -> Path:
+def traces(
+    run: Run,
+    path: str | Path,
+    what: str,
+    t: np.ndarray,
+    columns: Columns,
+    least: float = 0.0,
+    centred: bool = False,
+) -> Path:
     """Quantities (label with unit, values (k, n)) against time (k,): a row per link, a column per quantity.
 
-    The time axis spans the run, whichever times the values belong to.
+    The time axis spans the run, whichever times the values belong to. Links whose values change by no more than `least`
+    have no panel, and are named; where none changes, the values stand along the links. `centred`: a map of many links
+    shows the way from their means, since these differ by more than what moves.
     """
     links = columns[0][1].shape[1]
-    figure = (_map if links > MOST else _stack)(t, columns, run)
+    kept = np.flatnonzero(moving.changing([values for _, values in columns], least))
+    if len(t) > 1 and not len(kept):
+        figure = _along(columns, run)
+        what = f"{what}, from start to end"
+    elif links > MOST:
+        figure = _map(t, columns, run, centred)
+    else:
+        kept = kept if len(t) > 1 else np.arange(links)
+        figure = _stack(t, columns, run, kept)
+        if len(kept) < links:
+            what = f"{what} ({', '.join(run.labels[j] for j in range(links) if j not in kept)}: at rest)"
     style.title(figure, run, what)
     return style.save(figure, path)
 
 
-def _stack(t: np.ndarray, columns: Columns, run: Run) -> Figure:
+def _along(columns: Columns, run: Run) -> Figure:
+    """Values that do not change, along the links; of several lines each under its name."""
+    figure = style.new_figure(8.5, 0.9 + 2.4 * len(columns))
+    for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
+        for line in run.whole:
+            link = 1 + np.arange(line.links.start, line.links.stop)
+            axes.plot(link, values[-1, line.links], "-" if len(run.labels) > 60 else "-o", color=style.FIRST, ms=4)
+        axes.set_ylabel(label)
+        style.widen(values[-1], axes.set_ylim)
+        _link_axis(axes, run, "x")
+    return figure
+
+
+def _stack(t: np.ndarray, columns: Columns, run: Run, kept: np.ndarray) -> Figure:
     """A panel per link and quantity."""
-    links = columns[0][1].shape[1]
-    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * links))
-    grid = figure.subplots(links, len(columns), sharex=True, squeeze=False)
+    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(kept)))
+    grid = figure.subplots(len(kept), len(columns), sharex=True, squeeze=False)
     for column, (label, values) in enumerate(columns):
-        for link, axes in enumerate(grid[:, column]):
+        for link, axes in zip(kept, grid[:, column], strict=True):
             axes.plot(t, values[:, link], color=style.CYCLE[column], lw=0.9, marker=style.marker(t), ms=4)
             style.widen(values[:, link], axes.set_ylim)
             axes.yaxis.set_major_locator(MaxNLocator(3))
@@ -49,13 +81,19 @@ def _stack(t: np.ndarray, columns: Columns, run: Run) -> Figure:
     return figure
 
 
-def _map(t: np.ndarray, columns: Columns, run: Run) -> Figure:
-    """A picture per quantity, links against time, colours for values."""
+def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
+    """A picture per quantity, links against time, colours for values or, centred, for their way from the mean."""
     links = columns[0][1].shape[1]
     figure = style.new_figure(8.5, 1.0 + 3.0 * len(columns))
     edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]]) if len(t) > 1 else np.array([t[0], t[0] + 1.0])
     for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
-        image = axes.pcolormesh(edges, np.arange(links + 1) + 0.5, values.T, cmap="viridis", rasterized=True)
+        look = {"cmap": "viridis"}
+        if centred:
+            values = values - values.mean(axis=0)
+            half = float(np.percentile(np.abs(values), 99.5)) or 1.0
+            look = {"cmap": "RdBu_r", "vmin": -half, "vmax": half}
+            label = label.replace(" [", " from its mean [")
+        image = axes.pcolormesh(edges, np.arange(links + 1) + 0.5, values.T, rasterized=True, **look)
         figure.colorbar(image, ax=axes, label=label, pad=0.02)
         _link_axis(axes, run)
         axes.invert_yaxis()
@@ -64,29 +102,35 @@ def _map(t: np.ndarray, columns: Columns, run: Run) -> Figure:
     return figure
 
 
-def _link_axis(axes: Axes, run: Run) -> None:
+def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
     """Numbers of the links; of several lines their names, each in the middle of its links, and edges between them."""
-    if len(run.lines) == 1:
-        axes.set_ylabel("link")
-        axes.yaxis.set_major_locator(MaxNLocator(8, integer=True))
+    axis = {"x": axes.xaxis, "y": axes.yaxis}[letter]
+    if len(run.whole) == 1:
+        axis.set_label_text("link")
+        axis.set_major_locator(MaxNLocator(8, integer=True))
         return
+    edge, colour = (axes.axhline, "white") if letter == "y" else (axes.axvline, "#E3E5E8")
     for line in run.whole[1:]:
-        axes.axhline(line.links.start + 0.5, color="white", lw=1.0)
+        edge(line.links.start + 0.5, color=colour, lw=1.0)
     shown = run.whole[:: math.ceil(len(run.whole) / MOST)]
-    axes.set_yticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
+    axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
+    if letter == "x":
+        axes.tick_params(axis="x", rotation=45)
+        axes.grid(False, axis="x")
 
 
 def grid(
     run: Run,
     path: str | Path,
     what: str,
-    links: int,
+    chosen: np.ndarray,
     draw: Callable[[Axes, int], None],
     labels: tuple[str, str],
     share: bool,
 ) -> Path:
-    """A panel per link, drawn by `draw(axes, link)`; `labels` of both axes with units; `share` them or not."""
-    chosen = np.unique(np.linspace(0, links - 1, min(links, MOST)).round().astype(int))
+    """A panel for each chosen link, drawn by `draw(axes, link)`; `labels` of both axes with units; `share` or not."""
+    if not len(chosen):
+        return _nothing(run, path, what)
     # A little wider than high: 7 links make 2 rows of 4, 9 make 3 of 3.
     rows = max(1, round(0.85 * math.sqrt(len(chosen))))
     columns = math.ceil(len(chosen) / rows)
@@ -107,5 +151,13 @@ def grid(
     handles, names = panels[0].get_legend_handles_labels()
     if len(handles) > 1:
         figure.legend(handles, names, loc="outside lower left", ncols=len(names))
+    style.title(figure, run, what)
+    return style.save(figure, path)
+
+
+def _nothing(run: Run, path: str | Path, what: str) -> Path:
+    """A picture that says that there is nothing to show."""
+    figure = style.new_figure(6.0, 2.0)
+    figure.text(0.5, 0.45, f"no link turns by more than {moving.ANGLE:g} rad", ha="center", color=style.FAINT)
     style.title(figure, run, what)
     return style.save(figure, path)

@@ -42,6 +42,7 @@ class Run:
         held, joints: nodes of the held and of the free points of a system.
         buoys: its buoys.
         bodies: its rigid bodies; None without.
+        point_names: nodes of a system's points by name.
         extremes: smallest and largest tension (k, n) [N] since the sample before, where steps follow the snaps.
         surface: of a single line in water, the elevation (q, n) [m] at places (n, 3) and times (q,); else None.
     """
@@ -65,6 +66,7 @@ class Run:
     joints: tuple[int, ...] = ()
     buoys: tuple[Float, ...] = ()
     bodies: Bodies | None = None
+    point_names: dict[str, int] = dataclasses.field(default_factory=dict)
     extremes: tuple[np.ndarray, np.ndarray] | None = None
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
@@ -164,6 +166,7 @@ def _lines(solution: Solution) -> dict[str, Any]:
     return {
         "lines": solution.lines,
         "scene": scene,
+        "point_names": node,
         "held": tuple(node[p.name] for p in scene.points if p.kind == "fixed"),
         "joints": tuple(node[p.name] for p in scene.points if p.kind != "fixed"),
         "buoys": tuple(Float(node[b.point], b.diameter, b.height, b.attachment) for b in scene.buoys),

@@ -48,6 +48,9 @@ RC = {
     "grid.color": "#E3E5E8",
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
+    # an offset or a power of ten beside an axis stands over other labels
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 6),
     "lines.linewidth": 1.2,
     "lines.solid_capstyle": "round",
     # Runs of 10 000s of samples: Agg draws long paths in pieces.
@@ -102,7 +105,9 @@ def title(figure: Figure, run: Run, what: str) -> None:
     text, colour = how(run)
     figure.suptitle(heading(run, what), fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
-    figure.get_layout_engine().set(rect=(0.0, 0.025, 1.0, 0.97))
+    # a line of text at the foot and one at the head, however high the figure is
+    foot, head = (inch / figure.get_figheight() for inch in (0.17, 0.03))
+    figure.get_layout_engine().set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
 
 
 def time_axis(axes: Axes, t: np.ndarray) -> None:

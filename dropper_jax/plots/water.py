@@ -16,9 +16,10 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.surroundings import bed_height
-from dropper_jax.plots import panels, style, system
+from dropper_jax.plots import moving, panels, style, system, view
 from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.plots.units import force_unit
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
 from dropper_jax.sea import Sea
@@ -65,13 +66,18 @@ def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] =
 
 @_drawn
 def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = None) -> Path:
-    """The line [m] and the surface above it at a time [s] (default: the largest tension), seen from two sides."""
+    """The line [m] and the surface above it at a time [s] (default: the largest tension), seen from two sides.
+
+    A system that stays in the plane of x and z is seen from one side only.
+    """
     index = int(np.argmax(np.max(run.tension, axis=1))) if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
     middle, half = nodes.mean(axis=0), 0.75 * max(np.ptp(nodes, axis=0).max(), 1.0)
     low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < LOW * 2 * half
-    figure = style.new_figure(9.5, 5.6)
-    for axis, axes in enumerate(figure.subplots(*((2, 1) if low_and_long else (1, 2)), sharey=True)):
+    flat = run.scene is not None and view.planar(run.positions)
+    figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
+    shape = (1, 1) if flat else (2, 1) if low_and_long else (1, 2)
+    for axis, axes in enumerate(figure.subplots(*shape, sharey=True, squeeze=False).ravel()):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         places = np.tile(middle, (POINTS, 1))
         places[:, axis] = along
@@ -98,7 +104,7 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
         axes.set_aspect("equal", adjustable="box")
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
-        figure.axes[1].set_ylabel("z [m]")
+        figure.axes[-1].set_ylabel("z [m]")
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     else:
         figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
@@ -114,29 +120,39 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
 
 
 @_drawn
-def response(run: Run, sea: Sea, path: str | Path, link: int = 10) -> Path:
-    """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34."""
+def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> Path:
+    """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34.
+
+    Without a link the tenth as in the thesis; of several lines, or where that one stays, the one that turns the most.
+    """
     angles = run.angles()
-    index = min(link, run.tension.shape[1]) - 1
+    index = _lively(run) if link is None else min(link, run.tension.shape[1]) - 1
     eta = _surface(sea, np.zeros((1, 3)), run.t)[:, 0]
-    names = ("polar", "azimuth")
+    turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > moving.ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)
-    grid = figure.add_gridspec(3, 2, height_ratios=(1.0, 1.3, 1.6))
+    grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
     top = figure.add_subplot(grid[0, :])
     top.plot(run.t, eta, color=SURFACE)
     top.set_ylabel("elevation [m]")
     style.time_axis(top, run.t)
-    spectra, space = figure.add_subplot(grid[1, :]), [figure.add_subplot(grid[2, i]) for i in range(2)]
-    for i, name in enumerate(names):
-        value = angles[i][:, index]
+    spectra = figure.add_subplot(grid[1, :])
+    for place, i in enumerate(turning):
+        value, name = angles[i][:, index], ("polar", "azimuth")[i]
         frequency, size = amplitude_spectrum(run.t, value - value.mean())
         spectra.semilogx(frequency[1:], size[1:], color=style.CYCLE[i], label=name)
-        space[i].plot(value, np.gradient(value, run.t), color=style.CYCLE[i], lw=0.7)
-        space[i].set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
+        space = figure.add_subplot(grid[2, place])
+        space.plot(value, np.gradient(value, run.t), color=style.CYCLE[i], lw=0.7)
+        space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()
     style.title(figure, run, f"response of {run.labels[index]}")
     return style.save(figure, path)
+
+
+def _lively(run: Run) -> int:
+    """The link whose response is drawn."""
+    swing, tenth = moving.swing(run), min(10, run.tension.shape[1]) - 1
+    return tenth if len(run.whole) == 1 and swing[tenth] > moving.ANGLE else int(np.argmax(swing))
 
 
 @_drawn
@@ -151,10 +167,16 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     all_axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for spare in all_axes[len(shown) :]:
         spare.set_visible(False)
+    unit, scale = force_unit(sizes)
     for axes, line in zip(all_axes, shown, strict=False):
-        _envelope(axes, *(a[:, line.links] for a in (run.tension, run.least, run.largest)))
+        _envelope(axes, *(a[:, line.links] / scale for a in (run.tension, run.least, run.largest)))
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
+    for index, axes in enumerate(all_axes[: len(shown)]):
+        if index % columns == 0:
+            axes.set_ylabel(f"tension [{unit}]")
+        if index + columns >= len(shown):
+            axes.set_xlabel("link")
     if len(shown) == 1:
         all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     else:
@@ -174,5 +196,5 @@ def _envelope(axes: Axes, tension: np.ndarray, least: np.ndarray, largest: np.nd
         axes.fill_between(link, low, high, color=SURFACE, alpha=shade, lw=0, label=f"{part} to {100 - part} %")
     axes.plot(link, tension.mean(axis=0), "-o", color=style.DARK, ms=3.5, label="mean")
     axes.axhline(0.0, color=style.ALERT, lw=0.8)
-    axes.set(xlabel="link", ylabel="tension [N]", xlim=(0.5, link[-1] + 0.5))
+    axes.set(xlim=(0.5, link[-1] + 0.5))
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

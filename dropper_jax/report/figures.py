@@ -12,6 +12,7 @@ from matplotlib.patches import Circle
 
 from dropper_jax.plots import style
 from dropper_jax.plots.run import readable
+from dropper_jax.plots.units import force_unit
 from dropper_jax.report.extremes import Gumbel
 from dropper_jax.report.record import Record
 from dropper_jax.report.tension import point_load
@@ -64,9 +65,9 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
     """Least, mean, largest tension and percentiles against arc length, and the breaking load where it is near."""
     lines = [found["tension"][i] for i in _chosen([line["largest"]["n"] for line in found["tension"]])]
     figure, panels = _panels(len(lines), 3.0)
+    unit, scale = force_unit([line["largest"]["n"] for line in lines])
     for axes, line in zip(panels, lines, strict=True):
         s, percentiles = np.asarray(line["arc_length_m"]), line["percentiles_n"]
-        unit, scale = _newton(line["largest"]["n"])
         mark = {"marker": "o", "ms": 3} if len(s) <= 60 else {}
         axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="least to largest")
         for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
@@ -87,17 +88,13 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, _of("tension range", len(lines), len(found["tension"])), folder / "tension_range.png")
 
 
-def _newton(largest: float) -> tuple[str, float]:
-    return ("kN", 1e3) if abs(largest) >= 5e3 else ("N", 1.0)
-
-
 def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
     """Horizontal and vertical load of each held point against time."""
     anchors = [found["anchors"][i] for i in _chosen([a["total_n"]["max"] for a in found["anchors"]])]
     figure, panels = _panels(len(anchors), 2.6)
+    unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
     for axes, anchor in zip(panels, anchors, strict=True):
         load = point_load(part, anchor["point"])
-        unit, scale = _newton(anchor["total_n"]["max"])
         axes.plot(
             part.t_tension, np.hypot(load[:, 0], load[:, 1]) / scale, color=style.FIRST, lw=0.9, label="horizontal"
         )
@@ -119,15 +116,16 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
     damaged = all(line["damage"] is not None for line in lines)
     figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
     panels = figure.subplots(1 + damaged, 1, sharex=True, squeeze=False)[:, 0]
+    unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
     per_year = {
         line["line"]: line["damage_per_year"] / line["largest_damage"] for line in lines if line.get("largest_damage")
     }
     for colour, line in zip(style.CYCLE, lines, strict=False):
         s = line["arc_length_m"]
-        panels[0].plot(s, line["equivalent_range_n"], "o-", ms=3, color=colour, label=line["line"])
+        panels[0].plot(s, np.asarray(line["equivalent_range_n"]) / scale, "o-", ms=3, color=colour, label=line["line"])
         if damaged:
             panels[1].plot(s, np.array(line["damage"]) * per_year.get(line["line"], 0.0), "o-", ms=3, color=colour)
-    panels[0].set_ylabel("equivalent range [N]")
+    panels[0].set_ylabel(f"equivalent range [{unit}]")
     panels[0].set_ylim(0, None)
     if damaged:
         panels[1].set_ylabel("damage per year [-]")
@@ -180,9 +178,14 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
         "acceleration\n99 % [m/s²]": (found["acceleration"], "p99_m_per_s2", 1.0),
         "slack\n[% of time]": (found["snap"], "slack_share", 100.0),
     }
-    drawn = {label: section for label, section in sections.items() if section[0] is not None}
     kept = _chosen([line["largest_m_per_s2"] for line in found["acceleration"]])
-    figure = style.new_figure(7.5, 1.0 + 1.7 * len(drawn))
+    there = {label: section for label, section in sections.items() if section[0] is not None}
+    flat = {label: _constant(section, kept) for label, section in there.items()}
+    drawn = {label: section for label, section in there.items() if flat[label] is None}
+    if not drawn:
+        drawn = {label: section for label, section in there.items() if section[2] != 100.0}
+    same = [f"{label.split(chr(10))[0]} {flat[label]:g} % of the time" for label in there if label not in drawn]
+    figure = style.new_figure(7.5, 1.0 + 0.25 * bool(same) + 1.7 * len(drawn))
     for axes, (label, (lines, key, scale)) in zip(
         figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
     ):
@@ -198,7 +201,16 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     figure.axes[-1].set_xlabel("unstretched arc length [m]")
     if len(kept) > 1:
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
+    if same:  # a share that is the same everywhere is a word, not a panel
+        figure.axes[0].set_title("everywhere: " + ", ".join(same), loc="left", fontsize=9)
     return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
+
+
+def _constant(section: tuple[Any, str, float], kept: list[int]) -> float | None:
+    """The one value of a share [%] all along the lines; None where it differs, and of what is no share."""
+    lines, key, scale = section
+    values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in kept])
+    return float(values[0]) if scale == 100.0 and np.ptp(values) == 0 else None
 
 
 @style.look()
@@ -208,9 +220,9 @@ def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
     names = [names[i] for i in _chosen([extremes[n].get("gumbel_mode", -np.inf) for n in names])]
     names = [n for n in names if "skipped" not in extremes[n]]
     figure, panels = _panels(len(names), 3.0)
+    unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
     for axes, name in zip(panels, names, strict=True):
         one = extremes[name]
-        unit, scale = _newton(one["percentile_90"])
         fit, n = Gumbel(one["gumbel_mode"], one["gumbel_scale"]), one["runs"]
         place = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
         axes.plot(-np.log(-np.log(place)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs")

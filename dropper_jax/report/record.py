@@ -68,13 +68,6 @@ class Record:
         """Positions (k, 3) [m] of a point."""
         return self.positions[:, point_nodes(self.scene)[name]]
 
-    def nodes_at_tension(self, nodes: slice) -> np.ndarray:
-        """Positions (q, m, 3) [m] of nodes at the times of the tensions: linear between the saved samples."""
-        place = np.interp(self.t_tension, self.t, np.arange(len(self.t)))
-        low = np.minimum(place.astype(int), len(self.t) - 2)
-        share = (place - low)[:, None, None]
-        return (1 - share) * self.positions[low, nodes] + share * self.positions[low + 1, nodes]
-
 
 def record(solution: Solution, skip: float = 0.0) -> Record:
     """The finite part of a run after `skip` [s].

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
+from dropper_jax.run import loads
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
@@ -115,19 +116,7 @@ def _holding(anchor: AnchorSpec, across: np.ndarray, up: np.ndarray) -> dict[str
 
 def point_load(record: Record, name: str) -> np.ndarray:
     """Pull (q, 3) [N] of all lines on a point."""
-    total = np.zeros((len(record.t_tension), 3))
-    for spec, where in zip(record.scene.lines, record.lines, strict=True):
-        ends = (
-            (spec.start, slice(where.nodes.start, where.nodes.start + 2), where.links.start, 1.0),
-            (spec.end, slice(where.nodes.stop - 2, where.nodes.stop), where.links.stop - 1, -1.0),
-        )
-        for point, nodes, link, sign in ends:
-            if point == name:
-                both = record.nodes_at_tension(nodes)
-                along = sign * (both[:, 1] - both[:, 0])
-                size = np.linalg.norm(along, axis=1, keepdims=True)
-                total += record.tension[:, link, None] * along / np.where(size > 0, size, 1.0)
-    return total
+    return loads.point_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
+from dropper_jax.run import labelled
 from dropper_jax.run.solution import ARRAYS, BODIES, FORMAT, WITHIN, Solution
 
 if TYPE_CHECKING:
@@ -122,15 +123,17 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     for name, values in solution.own.items():
         inner = [f"{OWN}{name}.axis{i}" for i in range(1, values.ndim)]
         found[OWN + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})
+    found |= labelled.derived(solution)
     links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
         **_places(solution, links),
+        **labelled.places(solution),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
         **_bodies(solution),
         "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
     }
-    return xr.Dataset(found, coordinates, _attributes(solution))
+    return labelled.add_attributes(xr.Dataset(found, coordinates, _attributes(solution)))
 
 
 def _places(solution: Solution, links: int) -> dict[str, Any]:
@@ -168,6 +171,7 @@ def _attributes(solution: Solution) -> dict[str, Any]:
         "title": f"{solution.scene.name}: {solution.scene.description}".rstrip(": "),
         "source": f"dropper-jax {solution.versions.get('dropper-jax', '?')}, {used.get('integrator')}, "
         f"dt = {used.get('dt')} s, {used.get('dtype')}",
+        "history": f"written by dropper-jax {solution.versions.get('dropper-jax', '?')}",
         "status": solution.status,
         PROVENANCE: json.dumps(solution.provenance()),
     }
@@ -194,8 +198,7 @@ def write_netcdf(solution: Solution, path: str | Path) -> Path:
     """
     path = Path(path)
     netcdf_packages()
-    dataset = to_xarray(solution)
-    packed = {name: {"zlib": True, "complevel": 4} for name in dataset.data_vars if dataset[name].size}
+    dataset, packed = labelled.for_file(to_xarray(solution))
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
             part = Path(folder) / "run.nc"

@@ -1,5 +1,5 @@
 """`dropper view`: a run as one interactive HTML page that needs no network."""
 
-from dropper_jax.view.make import view_page, write_view
+from dropper_jax.view.make import pair_page, view_page, write_view
 
-__all__ = ["view_page", "write_view"]
+__all__ = ["pair_page", "view_page", "write_view"]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
@@ -19,12 +18,15 @@ from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.build import build_model
 from dropper_jax.run.solution import Solution
+from dropper_jax.sea import Sea
 from dropper_jax.view.bodies import body_data
+from dropper_jax.view.frames import elevation as _elevation
+from dropper_jax.view.frames import shown
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
-#: Frames and points per side of the water surface, which is larger than the line's data and moves more slowly.
-SURFACE_FRAMES, SURFACE_POINTS = 600, 19
+#: Points per side of the water surface.
+SURFACE_POINTS = 19
 #: Half width of the surface in sizes of the line's motion.
 SURFACE_REACH = 0.9
 #: The same of the bed, and its points per side.
@@ -32,33 +34,59 @@ BED_REACH, BED_POINTS = 0.75, 13
 COLOURS = 33
 
 
-def write_view(solution: Solution, path: str | Path) -> Path:
-    """Write the page of a solution, whole or not at all."""
-    return atomic_write(path, view_page(solution))
+def write_view(solution: Solution, path: str | Path, other: Solution | None = None) -> Path:
+    """Write the page of a solution, or of two side by side, whole or not at all."""
+    return atomic_write(path, view_page(solution) if other is None else pair_page(solution, other))
 
 
-def view_page(solution: Solution) -> str:
+def pair_page(first: Solution, second: Solution) -> str:
+    """Two runs side by side as one page: the same colours for the same tension, one clock and one camera."""
+    both = [readable(solution) for solution in (first, second)]
+    norms = [style.tension_norm(run.tension) for run in both]
+    shared = (min(float(norm.vmin) for norm in norms), max(float(norm.vmax) for norm in norms))
+    pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
+    title = html.escape(" and ".join(dict.fromkeys(run.name for run in both)))
+    return _filled("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
+
+
+def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> str:
     """The page as text: lines of nodes and links coloured by tension, their held ends, and water where there is some.
 
     Times [s], positions [m] and tensions [N] are float32: what the eye sees, not what a calculation needs.
+
+    Args:
+        limits: tensions [N] at the ends of the colours; None: the run's own.
     """
     run = readable(solution)
     # `<` would let a scene's name end the script element
-    data = json.dumps(_data(solution, run), allow_nan=False).replace("<", "\\u003c")
-    parts = {"TITLE": html.escape(run.name), "STYLE": _part("view.css"), "DATA": data, "SCRIPT": _part("view.js")}
-    text = _part("view.html")
-    for key, value in parts.items():
-        text = text.replace(f"/*{key}*/", value)
-    return text
+    data = json.dumps(_data(solution, run, limits), allow_nan=False).replace("<", "\\u003c")
+    return _filled("view.html", TITLE=html.escape(run.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script())
+
+
+def _filled(name: str, **parts: str) -> str:
+    """A page with its marks `/*NAME*/` replaced, each once: what is put in may hold such marks itself."""
+    pieces = re.split(r"/\*([A-Z]+)\*/", _part(name))
+    return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
+
+
+def _script() -> str:
+    """The page's program: its files one after another, those that others use at once before them."""
+    head, body = _part("view.js").split("// --- samples between frames", 1)
+    return "\n".join(
+        [head, _part("pick.js"), _part("solid.js"), _part("pair.js"), "// --- samples between frames" + body]
+    )
 
 
 def _part(name: str) -> str:
     return (resources.files("dropper_jax.view") / "page" / name).read_text(encoding="utf-8")
 
 
-def _data(solution: Solution, run: Run) -> dict[str, Any]:
-    kept = _even(len(run.t), FRAMES)
+def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> dict[str, Any]:
+    sea = None if solution.scene.sea is None else build_model(solution.scene, "float64").sea
+    part = shown(run, sea, FRAMES)
+    kept = part.frames
     norm = style.tension_norm(run.tension)
+    low, high = limits or (float(norm.vmin), float(norm.vmax))
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
     return {
         "name": run.name,
@@ -70,7 +98,10 @@ def _data(solution: Solution, run: Run) -> dict[str, Any]:
         "time": _pack(run.t[kept]),
         "positions": _pack(run.positions[kept]),
         "tension": _pack(run.tension[kept]),
-        "range": [float(norm.vmin), float(norm.vmax)],
+        "range": [low, high],
+        "notes": list(part.notes),
+        "diameter": _diameter(solution),
+        "lines": [{"name": line.name, "node": _middle(line.nodes)} for line in run.whole],
         "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
         "held": _held(solution, run),
         "first": run.first.tolist(),
@@ -79,7 +110,7 @@ def _data(solution: Solution, run: Run) -> dict[str, Any]:
         "buoys": [buoy._asdict() for buoy in run.buoys],
         "bodies": body_data(run.bodies, kept),
         "bed": _bed(run),
-        "water": _water(solution, run),
+        "water": None if sea is None else _water(sea, run, part.surface),
     }
 
 
@@ -113,28 +144,30 @@ def _round_step(least: float) -> float:
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= least * (1 - 1e-9)))
 
 
-def _even(count: int, most: int) -> np.ndarray:
-    """At most `most` of `count` samples, evenly, the first and the last included."""
-    return np.unique(np.rint(np.linspace(0, count - 1, min(count, most))).astype(int))
+def _diameter(solution: Solution) -> list[float] | None:
+    """Diameter of each link [m]; None where a line has none."""
+    found = [line.diameter for line in solution.scene.lines]
+    return None if any(d is None for d in found) else np.concatenate(found).tolist()
+
+
+def _middle(nodes: slice | np.ndarray) -> int:
+    """The node in the middle of a line."""
+    places = np.arange(nodes.start, nodes.stop) if isinstance(nodes, slice) else nodes
+    return int(places[len(places) // 2])
 
 
 def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-def _water(solution: Solution, run: Run) -> dict[str, Any] | None:
-    """Depth, a square grid of places and the elevation [m] over it for some of the frames; None without a sea."""
-    if solution.scene.sea is None:
-        return None
-    sea = build_model(solution.scene, "float64").sea
+def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
+    """Depth, a square grid of places and the elevation over it at times [s], in whole steps of `step` [m]."""
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     reach = SURFACE_REACH * max(float((high - low).max()), 1.0)
     x, y = (np.linspace(m - reach, m + reach, SURFACE_POINTS) for m in 0.5 * (low + high)[:2])
     places = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
-    times = run.t[_even(len(run.t), SURFACE_FRAMES)]
-    eta = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(r, one), t))(
-        jnp.asarray(places), jnp.asarray(times)
-    )
+    eta = np.asarray(_elevation(sea, places, times))
+    step = max(float(np.abs(eta).max()), 1e-9) / 32767
     return {
         "depth": float(sea.depth),
         "points": SURFACE_POINTS,
@@ -142,5 +175,6 @@ def _water(solution: Solution, run: Run) -> dict[str, Any] | None:
         "y": y.tolist(),
         "frames": len(times),
         "time": _pack(times),
-        "elevation": _pack(np.asarray(eta)),
+        "elevation": base64.b64encode(np.rint(eta / step).astype("<i2").tobytes()).decode(),
+        "step": step,
     }

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet, add_set, number, output_folder, read_scene
-from dropper_jax.cli.output import listing, print_line, print_result, print_warnings, progress, table
+from dropper_jax.cli.output import listing, print_line, print_warnings, progress, table
+from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -88,6 +89,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts samples window starts too"
     )
+    parser.add_argument("--plot", metavar="DIR", help="write the pictures of the fit alone")
+    add_out(parser)
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
     add_quiet(parser)
     add_json(parser)
@@ -96,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     spans = held_out_spans(args.held_out)
     free = None if args.free is None else args.free.split(",")
-    folder = output_folder(args.report, "--report")
+    folder, plot, out = output_folder(args.report, "--report"), output_folder(args.plot, "--plot"), out_file(args.out)
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
@@ -105,6 +108,8 @@ def run(args: argparse.Namespace) -> int:
     priors = {key: _prior(key, text) for key, text in _pairs("prior", args.prior)}
     scene = read_scene(args)
     if any(name.lower().endswith(".toml") for name in args.traces):
+        if plot:
+            raise SceneError("--plot: is for traces of angles; allowed: --report for channels, which draws every run")
         return fit_to_channels(args, scene, free, start, bounds, priors)
     if args.own is not None:
         raise SceneError("--own: is for channels named in a TOML file; allowed: without it for traces of angles")
@@ -145,8 +150,12 @@ def run(args: argparse.Namespace) -> int:
         from fitting.report.report import write_report
 
         write_report(result, folder)
+    if plot:
+        from fitting.report.report import draw_fit
+
+        draw_fit(result, plot)
     print_warnings(result.warnings)
-    print_result(args.json, result.to_json(), text(result))
+    deliver(args.json, result.to_json(), text(result), out)
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
     return OK if result.status == "ok" else FAILED
@@ -200,7 +209,7 @@ def fit_to_channels(
     print_warnings(result.warnings)
     tables = [parameter_rows(result), *([between_rows(result)] if result.between else []), channel_rows(result)]
     parts = [*(table(rows) for rows in tables), listing(summary(result)), result.outcome]
-    print_result(args.json, result.to_json(), "\n\n".join(parts))
+    deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out))
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
     return OK if result.status == "ok" else FAILED

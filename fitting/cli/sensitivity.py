@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, read_scene
-from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
+from dropper_jax.cli.output import print_line, print_warnings, progress
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from fitting.sensitivity import Global, Local, Study
@@ -17,15 +19,20 @@ if TYPE_CHECKING:
 name = "sensitivity"
 help = "how much a quantity depends on parameters: exact derivatives, Sobol indices, Morris screening"
 
+#: Signals and statistics of `fitting.sensitivity`, which imports JAX.
+SIGNALS = ("tension", "angle", "excursion", "x", "y", "z", "energy")
+STATISTICS = ("max", "min", "mean", "final", "std", "fatigue", "peak")
+OF = (
+    f"SIGNAL[.NUMBER].STATISTIC, such as tension.3.max; signals: {', '.join(SIGNALS)}; "
+    f"statistics: {', '.join(STATISTICS)}"
+)
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "dt", "duration")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument(
-        "--of", required=True, metavar="QUANTITY", help="such as tension.3.max, angle.1.std, excursion.max"
-    )
+    parser.add_argument("--of", required=True, metavar="QUANTITY", help=OF)
     parser.add_argument("--to", required=True, metavar="NAMES", help="parameters, such as b_l,b_q,line.0.mass")
     parser.add_argument("--global", dest="method", choices=("sobol", "morris"), help="indices over ranges instead")
     parser.add_argument(
@@ -37,14 +44,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=int, default=64, help="size of a global study (default: 64)")
     parser.add_argument("--seed", type=int, default=0, help="of a global study")
-    parser.add_argument("--picture", metavar="FILE.png", help="tornado picture")
+    add_plot(parser, "a tornado picture")
+    add_out(parser)
+    parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
-    picture = output_file(args.picture, "--picture", (".png",))
+    target = plot_folder(args.plot) or output_file(args.picture, "--picture", (".png",))
+    out = out_file(args.out)
     if args.samples < 2:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
@@ -52,14 +62,14 @@ def run(args: argparse.Namespace) -> int:
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
     found = _over_ranges(problem, args) if args.method else sensitivity.local(problem, progress(args.quiet) or silent)
-    if picture and found.finite:
+    if target and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 
         if args.method:
-            global_picture(found, args.of, picture)
+            global_picture(found, args.of, picture(target, "tornado"))
         else:
-            local_picture(found, picture)
-    return _report(found, args, problem.fallbacks.warnings())
+            local_picture(found, picture(target, "tornado"))
+    return _report(found, args, problem.fallbacks.warnings(), out)
 
 
 def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
@@ -69,18 +79,14 @@ def _over_ranges(problem: Study, args: argparse.Namespace) -> Global:
     return global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
 
 
-def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str]) -> int:
-    from dropper_jax.run.solution import jsonable
+def _report(found: Local | Global, args: argparse.Namespace, warnings: list[str], out: Path | None) -> int:
     from fitting.sensitivity.tables import global_text, local_text
 
     message = "" if found.finite else f"{args.of}: a step of the run failed; see `dropper run`"
     print_warnings(warnings)
-    if args.json:
-        head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
-        error = {"error": message} if message else {}
-        print_json(jsonable({**head, **found.to_json(), "warnings": warnings, **error}))
-    else:
-        print(global_text(found, args.of) if args.method else local_text(found))
+    head = {"schema": 1, "status": "not_converged" if message else "ok", "of": args.of}
+    whole = {**head, **found.to_json(), "warnings": warnings, **({"error": message} if message else {})}
+    deliver(args.json, whole, global_text(found, args.of) if args.method else local_text(found), out)
     if message:
         print_line(f"error: {message}")
     return FAILED if message else OK

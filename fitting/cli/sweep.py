@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_folder, read_scene
 from dropper_jax.cli.output import (
     failure_object,
     listing,
@@ -28,6 +28,8 @@ help = "run a grid of cases in batches and keep the results in a Zarr folder"
 
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
+#: Quantities of `fitting.sweep`, which imports JAX.
+KEPT = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
@@ -38,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; a part that is there is kept")
-    parser.add_argument("--quantities", metavar="NAMES", help="what to keep, separated by commas (default: all)")
+    parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over what is varied")
+    parser.add_argument("--quantities", metavar="NAMES", help=f"what to keep: {', '.join(KEPT)} (default: all)")
     parser.add_argument("--traces", action="store_true", help="also keep positions and tensions at every saved time")
     parser.add_argument("--chunk", type=int, default=64, help="cases advanced together on a device (default: 64)")
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
@@ -53,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
     if not Path(args.out).parent.is_dir():
         raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
+    plot = output_folder(args.plot, "--plot")
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)
 
@@ -94,6 +98,10 @@ def run(args: argparse.Namespace) -> int:
         "vmapped": sorted(result.fallbacks.operations),
         "warnings": warnings,
     }
+    if plot:
+        from fitting.sweep.pictures import draw_sweep
+
+        draw_sweep(result.path, plot)
     print_result(args.json, found, text(found))
     return OK
 

@@ -30,14 +30,21 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     fitted_values = fitted_scene(result.scene, result.model, result.parameters, result.values)
     files = [atomic_write(folder / "fitted.toml", as_toml(fitted_values.as_written()))]
     whole = {}
+    files += draw_fit(result, folder)
     for run, trace in fitted_runs(result):
-        for name, draw in PICTURES.items():
-            files.append(draw(result, run, folder / f"{name}_{run + 1}.png"))
         if (found := one_run(result, run)) is not None:
             whole[run] = found
             files.append(one_run_picture(found, trace.name, folder / f"one_run_{run + 1}.png"))
     files.append(atomic_write(folder / "report.md", report(result, whole)))
     return files
+
+
+def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
+    """The pictures of every fitted run, `NAME_RUN.png`, to a folder."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    named = [(run, name) for run, _ in fitted_runs(result) for name in PICTURES]
+    return [PICTURES[name](result, run, folder / f"{name}_{run + 1}.png") for run, name in named]
 
 
 def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,6 +87,9 @@ class Store:
         for name in (*self._variables(), "failed_at", "status"):
             group[name].attrs["coordinates"] = names  # plain xarray takes them as coordinates
         group.attrs.update({IDENTITY: json.dumps(plan.identity()), "versions": versions, "Conventions": "CF-1.11"})
+        with warnings.catch_warnings():  # readers of Zarr 3 take it, though its specification does not have it yet
+            warnings.simplefilter("ignore")
+            extra("zarr", "sweep").consolidate_metadata(group.store)
 
     def _variables(self) -> dict[str, tuple[Any, ...]]:
         plan, model = self.plan, self.plan.base[0]

@@ -192,7 +192,8 @@ def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
     assert solution.scene.effects["linear_damping"]["b_l"] == 0.01
     np.testing.assert_array_equal(solution.positions[-1], found["final_positions_m"])
     assert gif.stat().st_size > 0
-    assert {file.name for file in plots.iterdir()} == {"snapshot.png", "angles.png", "phase.png", "spectrum.png"}
+    names = ("snapshot", "tension", "motion", "angles", "phase", "spectrum")
+    assert {file.name for file in plots.iterdir()} == {f"{name}.png" for name in names}
 
 
 ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0", "--set", "line.0.axial.damping=0.05"]

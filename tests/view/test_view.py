@@ -98,7 +98,8 @@ def test_page_holds_the_positions_and_tensions_of_the_run(run):
 
 def test_surface_of_the_page_is_the_regular_wave(wet):
     found = data(view_page(wet))["water"]
-    eta = floats(found["elevation"]).reshape(found["frames"], found["points"], found["points"])
+    steps = np.frombuffer(base64.b64decode(found["elevation"]), "<i2")
+    eta = found["step"] * steps.reshape(found["frames"], found["points"], found["points"])
     x, t = np.array(found["x"]), floats(found["time"])
     k = 4 * np.pi**2 / 6.0**2 / 9.81  # deep water to 1 % at this depth
     phase = k * x[None, :] - 2 * np.pi / 6.0 * t[:, None]

@@ -3,7 +3,8 @@ const byId = (id) => document.getElementById(id);
 const run = JSON.parse(byId("data").textContent);
 const unpack = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 const time = unpack(run.time), place = unpack(run.positions), tension = unpack(run.tension);
-const water = run.water && { ...run.water, time: unpack(run.water.time), elevation: unpack(run.water.elevation) };
+const steps = (text, step) => Float32Array.from(new Int16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer), (v) => v * step);
+const water = run.water && { ...run.water, time: unpack(run.water.time), elevation: steps(run.water.elevation, run.water.step) };
 const nodes = run.nodes, links = run.first.length, start = time[0], end = time[run.frames - 1];
 const canvas = byId("scene"), pen = canvas.getContext("2d");
 
@@ -82,7 +83,10 @@ function bed() {
     pen.fillStyle = "rgba(216,203,180,0.45)"; pen.fill();
     pen.strokeStyle = "rgba(160,142,110,0.35)"; pen.lineWidth = 0.7 * ratio(); pen.stroke();
   }
-  const corner = at(n - 1, 0);
+  scale();
+}
+function scale() {  // how wide a cell of the bed's grid is
+  const { points: n, x, y, z } = run.bed, corner = project(x[n - 1], y[0], z[(n - 1) * n]);
   label(`grid ${+(x[1] - x[0]).toPrecision(2)} m`, [Math.min(corner[0], canvas.width - 80 * ratio()), corner[1]]);
 }
 function elevation(x, y) {
@@ -183,13 +187,13 @@ function surface() {
   cells.sort((a, b) => b.deep - a.deep);
   for (const { corners, shade } of cells) {
     path(corners, true);
-    pen.fillStyle = `rgba(${86 + 45 * shade},${180 + 30 * shade},${225 + 15 * shade},0.30)`; pen.fill();
+    pen.fillStyle = `rgba(${86 + 45 * shade},${180 + 30 * shade},${225 + 15 * shade},0.16)`; pen.fill();
     pen.strokeStyle = "rgba(40,120,170,0.22)"; pen.lineWidth = 0.7 * ratio(); pen.stroke();
   }
 }
 function trail(frame) {
   pen.lineWidth = ratio();
-  const from = locate(time, state.now - 0.06 * (end - start))[0], node = run.buoys.length ? run.buoys[0].node : Math.floor(nodes / 2), points = [];
+  const from = locate(time, state.now - 0.06 * (end - start))[0], node = picked.node !== null ? picked.node : run.buoys.length ? run.buoys[0].node : Math.floor(nodes / 2), points = [];
   for (let k = from; k <= frame[0]; k++) points.push(project(...place.subarray(3 * (k * nodes + node), 3 * (k * nodes + node) + 3)));
   pen.strokeStyle = "rgba(213,94,0,0.55)"; path(points); pen.stroke();
 }
@@ -199,33 +203,30 @@ function line(frame) {
   const depth = (j) => points[run.first[j]][2] + points[run.first[j] + 1][2];
   const order = Array.from({ length: links }, (_, j) => j).sort((a, b) => depth(b) - depth(a));
   pen.lineCap = "round";
-  for (const j of order) {
+  if (!solids) for (const j of order) {
     path([points[run.first[j]], points[run.first[j] + 1]]);
     pen.lineWidth = (nodes > 200 ? 3 : 5) * ratio(); pen.strokeStyle = colour(pull[j]); pen.stroke();
   }
-  const dot = nodes > 60 ? 0 : 3 * ratio();
+  const dot = nodes > 60 || solids ? 0 : 3 * ratio();
   points.forEach(([x, y], i) => {
     if (run.held.includes(i)) {
       const h = 6 * ratio(); pen.fillStyle = "#2b2f33"; pen.fillRect(x - h, y - h, 2 * h, 2 * h);
     } else if (run.joints.includes(i)) {
-      const h = 5 * ratio(); pen.fillStyle = "#e69f00"; path([[x - h, y], [x, y - h], [x + h, y], [x, y + h]], true); pen.fill();
+      const h = (solids ? 3.5 : 5) * ratio(); pen.fillStyle = "#e69f00"; path([[x - h, y], [x, y - h], [x + h, y], [x, y + h]], true); pen.fill();
     } else if (dot) { pen.beginPath(); pen.arc(x, y, dot, 0, 7); pen.fillStyle = "#2b2f33"; pen.fill(); }
   });
-  [...run.buoys].sort((a, b) => points[b.node][2] - points[a.node][2]).forEach((one) => buoy(r, one));
-  if (bodies) bodies.shapes.forEach((one) => solid(one, frame));
+  if (!solids) [...run.buoys].sort((a, b) => points[b.node][2] - points[a.node][2]).forEach((one) => buoy(r, one));
+  if (bodies && !solids) bodies.shapes.forEach((one) => solid(one, frame));
   return { points, pull, r };
 }
 function tell({ points, pull }) {
   const tip = byId("tip"); tip.hidden = true;
   if (!state.mouse) return;
   const [mx, my] = state.mouse.map((v) => v * ratio());
-  for (let j = 0; j < links; j++) {
-    const [a, b] = [points[run.first[j]], points[run.first[j] + 1]], [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-    const u = Math.min(1, Math.max(0, ((mx - a[0]) * dx + (my - a[1]) * dy) / (dx * dx + dy * dy || 1)));
-    if (Math.hypot(a[0] + u * dx - mx, a[1] + u * dy - my) > 7 * ratio()) continue;
-    tip.textContent = `${run.labels[j]}: ${pull[j].toPrecision(4)} N`; tip.hidden = false;
-    tip.style.left = `${state.mouse[0] + 14}px`; tip.style.top = `${state.mouse[1] + 6}px`;
-  }
+  const found = nearest(points, mx, my, 7 * ratio());
+  if (!found) return;
+  tip.textContent = `${run.labels[found.link]}: ${force(pull[found.link])}`; tip.hidden = false;
+  tip.style.left = `${state.mouse[0] + 14}px`; tip.style.top = `${state.mouse[1] + 6}px`;
 }
 function ratio() { return window.devicePixelRatio || 1; }
 function draw() {
@@ -233,18 +234,24 @@ function draw() {
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
   pen.clearRect(0, 0, w, h);
   const frame = locate(time, state.now), wet = water && byId("water").checked;
-  if (run.bed) bed(); else floor();
+  if (solids) {
+    if (!run.bed) floor();
+    pen.drawImage(solids.render(sample(place, 3 * nodes, frame), sample(tension, links, frame), frame, wet), 0, 0);
+    if (run.bed) scale();
+  } else if (run.bed) bed(); else floor();
   axes();
-  if (wet && eye.rise < 0) surface();  // seen from below, the surface lies behind the line
+  if (!solids && wet && eye.rise < 0) surface();  // seen from below, the surface lies behind the line
   if (byId("trail").checked) trail(frame);
   const drawn = line(frame);
-  if (wet && eye.rise >= 0) {
+  if (!solids && wet && eye.rise >= 0) {
     surface();
     run.buoys.forEach((one) => buoy(drawn.r, one, true));  // what stands out of the water hides it
     if (bodies) bodies.shapes.forEach((one) => solid(one, frame, true));
   }
-  tell(drawn);
-  byId("clock").textContent = `${state.now.toFixed(2)} / ${end.toFixed(2)} s`;
+  if (byId("names").checked) names(drawn.points);
+  state.points = drawn.points;
+  tell(drawn); trace(); tell_other();
+  byId("clock").textContent = `${clock(state.now)} / ${clock(end)} s`;
   byId("scrub").value = state.now;
   Object.assign(document.body.dataset, { time: state.now.toFixed(4), playing: state.playing, turn: eye.turn.toFixed(3), ready: 1 });
 }
@@ -269,7 +276,12 @@ function play(on) {
 function look(name) {
   [eye.turn, eye.rise] = VIEWS[name]; eye.zoom = 1; eye.shift = [0, 0]; draw();
 }
-canvas.addEventListener("pointerdown", (e) => { if (e.isTrusted) canvas.setPointerCapture(e.pointerId); canvas.classList.add("held"); state.grip = [e.clientX, e.clientY]; });
+canvas.addEventListener("pointerdown", (e) => { if (e.isTrusted) canvas.setPointerCapture(e.pointerId); canvas.classList.add("held"); state.grip = [e.clientX, e.clientY]; state.from = [e.clientX, e.clientY]; });
+canvas.addEventListener("pointerup", (e) => {  // a press that did not drag
+  if (!state.from || !state.points || Math.hypot(e.clientX - state.from[0], e.clientY - state.from[1]) > 4) return;
+  const edge = canvas.getBoundingClientRect();
+  pick(nearest(state.points, (e.clientX - edge.left) * ratio(), (e.clientY - edge.top) * ratio(), 9 * ratio()));
+});
 canvas.addEventListener("pointermove", (e) => {
   state.mouse = [e.offsetX, e.offsetY];
   if (state.grip) {
@@ -285,11 +297,13 @@ canvas.addEventListener("pointerleave", () => { state.mouse = null; draw(); });
 canvas.addEventListener("wheel", (e) => { e.preventDefault(); eye.zoom = Math.min(30, Math.max(0.2, eye.zoom * Math.exp(-0.0012 * e.deltaY))); draw(); }, { passive: false });
 byId("play").addEventListener("click", () => play(!state.playing));
 byId("scrub").addEventListener("input", (e) => { state.now = Number(e.target.value); draw(); });
-for (const id of ["trail", "water"]) byId(id).addEventListener("change", draw);
+byId("part-close").addEventListener("click", () => pick(null));
+for (const id of ["trail", "water", "names"]) byId(id).addEventListener("change", draw);
 for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => look(button.dataset.view));
 addEventListener("keydown", (e) => {
   if (["INPUT", "SELECT", "BUTTON"].includes(e.target.tagName)) return;
   const step = (end - start) / Math.max(run.frames - 1, 1);
+  if (e.key === "Escape") pick(null);
   if (e.key === " ") { e.preventDefault(); play(!state.playing); }
   if (e.key === "ArrowRight") { state.now = Math.min(end, state.now + step); draw(); }
   if (e.key === "ArrowLeft") { state.now = Math.max(start, state.now - step); draw(); }
@@ -297,11 +311,16 @@ addEventListener("keydown", (e) => {
 addEventListener("resize", draw);
 
 byId("name").textContent = run.name;
-byId("how").textContent = [run.description, run.how].filter(Boolean).join(" - ");
+byId("how").textContent = [run.how, ...run.notes].join("; ");
+byId("about").hidden = !run.description;
+byId("description").textContent = run.description;
+byId("names").checked = run.lines.length > 1 && run.lines.length <= 40;
+byId("named").hidden = run.lines.length < 2;
 byId("how").classList.toggle("bad", !run.ok);
 byId("sea").hidden = !water;
-byId("high").textContent = run.range[1].toPrecision(3);
-byId("low").textContent = run.range[0].toPrecision(3);
+byId("unit").textContent = `tension [${KILO ? "kN" : "N"}]`;
+byId("high").textContent = plain(run.range[1] / (KILO ? 1000 : 1));
+byId("low").textContent = Math.abs(run.range[0]) < 0.005 * run.range[1] ? "0" : plain(run.range[0] / (KILO ? 1000 : 1));
 Object.assign(byId("scrub"), { min: start, max: end });
 const bar = byId("bar").getContext("2d");
 for (let y = 0; y < 160; y++) { bar.fillStyle = colour(run.range[1] + (y / 159) * (run.range[0] - run.range[1])); bar.fillRect(0, y, 14, 1); }

@@ -82,7 +82,7 @@ def test_sweep_gives_the_numbers_of_single_runs(whole):
 
 
 def test_plain_xarray_reads_inputs_as_coordinates(whole):
-    with xarray.open_zarr(whole, consolidated=False) as found:
+    with xarray.open_zarr(whole) as found:  # its metadata are consolidated: no warning, which here is an error
         assert set(found.coords) == {"b_l", "start.polar.0"}
         assert found.sizes["case"] == 10
         assert found.tension_max.attrs["units"] == "N"
@@ -215,8 +215,9 @@ def test_command_line_sweeps_and_resumes(tmp_path, capsys):
     assert "scan" not in found["vmapped"]  # the loop over steps runs with the cases side by side
     tension = open_sweep(out).tension_max.values
     np.testing.assert_allclose(tension / tension[1], [0.5, 1.0, 1.5], rtol=1e-9)  # weights and inertia scale alike
-    assert main(argv) == 0
+    assert main([*argv, "--plot", str(tmp_path / "plots")]) == 0
     assert json.loads(capsys.readouterr().out)["resumed"] == 3
+    assert [path.name for path in (tmp_path / "plots").iterdir()] == ["tension_max.png"]
     assert main([*argv, "--vary", "line.0.length=oops"]) == 2
     assert "is not NAME=LO:HI:N" in json.loads(capsys.readouterr().out)["error"]
 

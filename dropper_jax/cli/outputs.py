@@ -1,0 +1,58 @@
+"""One vocabulary for what commands write: `--plot DIR` pictures, `--out FILE` the result, `--report DIR` both to read.
+
+`--plot` takes a file FILE.png too, for its first picture; the result is the JSON object that `--json` prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
+from dropper_jax.cli.options import output_file, output_folder
+from dropper_jax.cli.output import print_result
+
+
+def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
+    """--plot."""
+    parser.add_argument("--plot", metavar="DIR", help=f"write {what} to a folder (or FILE.png)")
+
+
+def add_out(parser: argparse.ArgumentParser) -> None:
+    """--out."""
+    parser.add_argument("--out", metavar="FILE.json", help="write the result, what --json prints")
+
+
+def plot_folder(text: str | None, option: str = "--plot") -> Path | None:
+    """Where the pictures go: a folder, or one file FILE.png; refused before the work starts."""
+    if text is None:
+        return None
+    if Path(text).suffix.lower() in (".png", ".pdf", ".svg"):
+        return output_file(text, option, (".png",))
+    if Path(text).suffix and not Path(text).is_dir():
+        raise SceneError(f"{option}: {text!r} has no known suffix; allowed: .png, or a folder, whose name has none")
+    return output_folder(text, option)
+
+
+def picture(target: Path, name: str) -> Path:
+    """The file of a picture: in the folder, which is made, or the file that was asked for."""
+    if target.suffix.lower() == ".png":
+        return target
+    target.mkdir(parents=True, exist_ok=True)
+    return target / f"{name}.png"
+
+
+def out_file(text: str | None) -> Path | None:
+    """The file of the result."""
+    return output_file(text, "--out", (".json",))
+
+
+def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None) -> None:
+    """The result to its file, where one was asked for, and printed."""
+    if out is not None:
+        atomic_write(out, json.dumps(jsonable(found), allow_nan=False, indent=1))
+    print_result(as_json, found, text)

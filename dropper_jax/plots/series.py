@@ -1,0 +1,166 @@
+"""Panels against time that stay legible: a long record as envelope and mean, with a zoom around its largest value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from dropper_jax.plots import style
+from dropper_jax.plots.run import Run
+
+#: More turns than this in a panel cannot be told apart: 1000 pixels hold about as many strokes.
+TURNS = 160
+#: Intervals of an envelope, and cycles of a zoom.
+INTERVALS, CYCLES = 320, 8
+#: A series that changes by less than this part of itself is rounding.
+ROUNDING = 1e-6
+
+
+class Curve(NamedTuple):
+    """One quantity against time: values (k,) at t (k,) [s], and the range (k,) of each sample where it has one."""
+
+    name: str
+    t: np.ndarray
+    values: np.ndarray
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
+    colour: str | None = None
+
+
+class Panel(NamedTuple):
+    """Label with unit, and what stands in it; `zero` draws the line of zero."""
+
+    label: str
+    curves: list[Curve]
+    title: str = ""
+    zero: bool = False
+
+
+def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
+    """Panels one above the other; of a long record the whole as an envelope on the left, a part of it on the right."""
+    zoom = None if sum(turns(c.values) > TURNS for p in panels for c in p.curves) == 0 else zoom_of(panels)
+    figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
+    columns = 1 if zoom is None else 2
+    ratios = [1.0] if zoom is None else [1.55, 1.0]
+    grid = figure.subplots(len(panels), columns, sharex="col", squeeze=False, width_ratios=ratios)
+    for row, panel in zip(grid, panels, strict=True):
+        _draw(row[0], panel, run, envelope=zoom is not None)
+        row[0].set_ylabel(panel.label)
+        if panel.title:
+            row[0].set_title(panel.title, loc="left", fontsize=9)
+        if zoom is not None:
+            row[0].axvspan(*zoom, color=style.FAINT, alpha=0.25, lw=0)
+            _draw(row[1], panel, run, part=zoom)
+    for above, panel, row in zip([None, *panels], panels, grid, strict=False):
+        names = [curve.name for curve in panel.curves]
+        if any(names) and (above is None or names != [curve.name for curve in above.curves]):
+            _legend(row[-1])
+    for axes in grid[-1]:
+        style.time_axis(axes, run.t)
+    if zoom is not None:
+        grid[-1, 1].set_xlim(*zoom)
+        grid[0, 0].set_title(_joined(panels[0].title, "mean and range"), loc="left", fontsize=9)
+        grid[0, 1].set_title(f"{zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
+    figure.align_ylabels()
+    style.title(figure, run, what)
+    return style.save(figure, path)
+
+
+def _joined(*parts: str) -> str:
+    return "; ".join(part for part in parts if part)
+
+
+def _legend(axes: Axes) -> None:
+    """Above the right end, where no title stands."""
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **place)
+
+
+def _draw(axes: Axes, panel: Panel, run: Run, envelope: bool = False, part: tuple[float, float] | None = None) -> None:
+    """All curves of a panel; as an envelope, or only of a part of the time."""
+    for index, curve in enumerate(panel.curves):
+        colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
+        t, values, low, high = _within(curve, part)
+        name = curve.name or None
+        if envelope and len(t) > 2 * INTERVALS:
+            edges, middle, least, largest = reduced(t, values, low, high)
+            middle = _without_beat(edges, middle, cycle(t, values))
+            axes.fill_between(edges, least, largest, color=colour, alpha=0.28, lw=0)
+            axes.plot(edges, middle, color=colour, lw=1.1, label=name)
+            continue
+        if low is not None:
+            axes.fill_between(t, low, high, color=colour, alpha=0.28, lw=0)
+        axes.plot(t, values, color=colour, lw=1.0, marker=style.marker(t), ms=4, label=name)
+    if panel.zero:
+        axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
+    known = np.concatenate([_within(curve, part)[1] for curve in panel.curves])
+    style.widen(known, axes.set_ylim)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.margins(y=0.08)
+
+
+def _within(
+    curve: Curve, part: tuple[float, float] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]:
+    if part is None:
+        return curve.t, curve.values, curve.low, curve.high
+    # one sample on either side, so that lines reach the edges
+    first = max(int(np.searchsorted(curve.t, part[0])) - 1, 0)
+    last = min(int(np.searchsorted(curve.t, part[1])) + 2, len(curve.t))
+    return tuple(None if a is None else a[first:last] for a in (curve.t, curve.values, curve.low, curve.high))
+
+
+def reduced(
+    t: np.ndarray, values: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Times, mean, least and largest (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
+    starts = np.unique(np.linspace(0, len(t), INTERVALS, endpoint=False).astype(int))
+    count = np.diff(np.append(starts, len(t)))
+    mean, at = (np.add.reduceat(a, starts) / count for a in (values, t))
+    least = np.minimum.reduceat(values if low is None else low, starts)
+    largest = np.maximum.reduceat(values if high is None else high, starts)
+    return at, mean, least, largest
+
+
+def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
+    """Means (m,) of stretches about as long as a cycle, over several of them: alone they beat with the cycles."""
+    stretch = float(t[-1] - t[0]) / (len(t) - 1)
+    if 4 * stretch < period:
+        return mean
+    half = min(int(np.ceil(2 * CYCLES * max(period, stretch) / stretch / 2)), len(mean) // 8)
+    window = np.ones(2 * half + 1)
+    return np.convolve(mean, window, mode="same") / np.convolve(np.ones_like(mean), window, mode="same")
+
+
+def turns(values: np.ndarray) -> int:
+    """How often a series (k,) changes its direction by more than about 3 % of its range."""
+    known = values[np.isfinite(values)]
+    if known.size < 3 or np.ptp(known) <= ROUNDING * np.abs(known).max():
+        return 0
+    steps = np.rint((known - known.min()) / (0.03 * np.ptp(known)))
+    way = np.diff(steps)
+    way = np.sign(way[way != 0])
+    return int(np.sum(way[1:] != way[:-1]))
+
+
+def zoom_of(panels: list[Panel]) -> tuple[float, float]:
+    """Part of the time [s] around the largest value of the first panel, a few of its cycles long."""
+    first = max(panels[0].curves, key=lambda c: float(np.nanmax(c.values if c.high is None else c.high)))
+    t, values = first.t, first.values
+    span = float(t[-1] - t[0])
+    period = max((cycle(c.t, c.values) for panel in panels for c in panel.curves), default=span)
+    width = min(max(CYCLES * period, 20 * span / max(len(t) - 1, 1)), span / 3)
+    peak = float(t[int(np.nanargmax(values if first.high is None else first.high))])
+    start = min(max(peak - width / 2, float(t[0])), float(t[-1]) - width)
+    return start, start + width
+
+
+def cycle(t: np.ndarray, values: np.ndarray) -> float:
+    """Mean time between upward crossings of the mean [s]; 0 where there are fewer than two."""
+    above = values > np.nanmean(values)
+    up = np.flatnonzero(above[1:] & ~above[:-1])
+    return float(t[up[-1]] - t[up[0]]) / (len(up) - 1) if len(up) > 1 else 0.0

@@ -1,0 +1,126 @@
+"""What a labelled run holds besides its own arrays: arc length, surface, loads of points and ends, CF's attributes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.surroundings import surface_over
+from dropper_jax.run.loads import end_tensions, held_points, point_load
+from dropper_jax.run.solution import Solution
+from dropper_jax.scene import whole_lines
+
+if TYPE_CHECKING:
+    import xarray
+
+#: Simulated time has no date: in files it counts from this one, since CF wants one.
+EPOCH = "seconds since 2000-01-01 00:00:00"
+#: CF's names, where it has one.
+STANDARD_NAMES = {"time": "time", "elevation": "sea_surface_height_above_mean_sea_level"}
+#: Values of a flag and their words.
+FLAGS = {"step_status": ((0, 1), "good failed")}
+Variables = dict[str, tuple[Any, ...]]
+
+
+def derived(solution: Solution) -> Variables:
+    """Variables computed from a run: surface at the origin, pull on held points, tension at the ends of lines."""
+    names, loads = held_points(solution.scene), []
+    for name in names:
+        arrays = (solution.t, solution.positions, solution.t_tension, solution.tension)
+        loads.append(point_load(solution.scene, name, *arrays))
+    told = "sum of the tensions of the lines that end at a held point, along them; at tension_time"
+    found: Variables = {}
+    if names:
+        found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _said("N", told))
+    ends = np.stack(list(end_tensions(solution.scene, solution.tension).values()), axis=1)
+    told = "tension of the first and the last link of each line; at tension_time"
+    found["end_tension"] = (("time", "line", "end"), ends, _said("N", told))
+    if solution.scene.sea is not None:
+        eta = surface_over(solution.scene, np.zeros((len(solution.t), 1, 3)), solution.t)[:, 0]
+        found["elevation"] = ("time", eta, _said("m", "elevation of the surface at x = 0, y = 0"))
+    return found
+
+
+def places(solution: Solution) -> Variables:
+    """Coordinates: arc length of nodes and links, names of held points, lines and ends."""
+    scene, nodes, links = solution.scene, [], []
+    written_node: list[str] = []
+    written_link: list[str] = []
+    for line in whole_lines(scene):
+        stops = np.concatenate([[0.0], np.cumsum(line.spec.length)])
+        # a node where pieces join stands in both of them
+        pieces = [w for w in solution.lines if line.links.start <= w.links.start < line.links.stop]
+        for piece in pieces:
+            first, count = piece.links.start - line.links.start, piece.links.stop - piece.links.start
+            nodes.append(stops[first : first + count + 1])
+            written_node += [line.name] * (count + 1)
+        links.append(0.5 * (stops[1:] + stops[:-1]))
+        written_link += [line.name] * len(links[-1])
+    along = "unstretched arc length from the beginning of the line"
+    found: Variables = {
+        "arc_length_of_node": ("node", np.concatenate(nodes), _said("m", along)),
+        "arc_length_of_link": ("link", np.concatenate(links), _said("m", f"{along} to the middle of the link")),
+        "line": ("line", np.array(list(dict.fromkeys(written_link)), dtype=str), {"long_name": "line as written"}),
+        "end": ("end", ["first", "last"], {"long_name": "end of a line"}),
+        "written_line_of_node": ("node", np.array(written_node, dtype=str), {"long_name": "line, pieces together"}),
+        "written_line_of_link": ("link", np.array(written_link, dtype=str), {"long_name": "line, pieces together"}),
+    }
+    if names := held_points(scene):
+        found["held_point"] = ("held_point", np.array(names, dtype=str), {"long_name": "held point"})
+    return found
+
+
+def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:
+    """The part of a labelled run that belongs to one line: its nodes, its links and its ends.
+
+    Args:
+        dataset: what `Solution.to_xarray` gives, or a file of `dropper run --out run.nc` as xarray opens it.
+        name: of the line as it was written; pieces between attached points go by their own names too.
+
+    Raises:
+        SceneError: there is no such line.
+    """
+    for kind in ("written_line_of", "line_of"):
+        if f"{kind}_link" in dataset.coords and name in dataset[f"{kind}_link"].values:
+            kept = {key: np.flatnonzero(dataset[f"{kind}_{key}"].values == name) for key in ("node", "link")}
+            found = dataset.isel(kept)
+            return found.sel(line=name) if name in dataset["line"].values else found
+    raise SceneError(f"line: {name!r} is not a line; {nearest(name, [str(n) for n in dataset['line'].values])}")
+
+
+def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[str, Any]]]:
+    """The dataset and its encoding as CF wants them in a file.
+
+    Time counts from a date; names are arrays of characters, since a coordinate variable must be a number; nothing is
+    missing, so coordinates have no fill value.
+    """
+    dataset = dataset.copy()
+    told = {"comment": "simulated time: the date means nothing", "units_metadata": "leap_seconds: none"}
+    dataset["time"].attrs.update(units=EPOCH, calendar="standard", **told)
+    packed: dict[str, dict[str, Any]] = {}
+    for name in dataset.variables:
+        variable = dataset[name]
+        if variable.dtype.kind in "UO":
+            packed[name] = {"dtype": "S1", "char_dim_name": f"{str(name).replace('.', '_')}_length"}
+        elif name in dataset.coords:
+            packed[name] = {"_FillValue": None}
+        elif variable.size:
+            packed[name] = {"zlib": True, "complevel": 4}
+    return dataset, packed
+
+
+def add_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
+    """CF's standard names and the meanings of flags."""
+    for name, standard in STANDARD_NAMES.items():
+        if name in dataset.variables:
+            dataset[name].attrs["standard_name"] = standard
+    for name, (values, meanings) in FLAGS.items():
+        dtype = dataset[name].dtype
+        dataset[name].attrs.update(flag_values=np.array(values, dtype), flag_meanings=meanings)
+    return dataset
+
+
+def _said(units: str, meaning: str) -> dict[str, str]:
+    return {"units": units, "long_name": meaning}

@@ -1,0 +1,67 @@
+// A click on a part: its tension over time in a panel, and the trail of its nearer node. Names, and numbers for people.
+const picked = { link: null, node: null };
+const KILO = Math.max(Math.abs(run.range[0]), Math.abs(run.range[1])) >= 5000;
+function plain(value, digits = 3) {  // no powers of ten: 12345 is 12300, 0.00123 is 0.00123
+  if (!Number.isFinite(value)) return "-";
+  const size = Math.abs(value), places = size > 0 ? Math.max(0, digits - 1 - Math.floor(Math.log10(size))) : 0;
+  return places > 6 ? "0" : String(+value.toFixed(places));
+}
+const force = (value) => (Math.abs(value) >= 1000 ? `${plain(value / 1000)} kN` : `${plain(value)} N`);
+function clock(seconds, digits = 2) {
+  if (end < 600) return seconds.toFixed(digits);
+  const [h, m, s] = [Math.floor(seconds / 3600), Math.floor(seconds / 60) % 60, seconds % 60];
+  return `${end >= 3600 ? `${h}:${String(m).padStart(2, "0")}` : Math.floor(seconds / 60)}:${s.toFixed(1).padStart(4, "0")}`;
+}
+function nearest(points, x, y, reach) {  // link and node under a place on the screen
+  let best = null;
+  for (let j = 0; j < links; j++) {
+    const [a, b] = [points[run.first[j]], points[run.first[j] + 1]], [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+    const u = Math.min(1, Math.max(0, ((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy || 1)));
+    const off = Math.hypot(a[0] + u * dx - x, a[1] + u * dy - y);
+    if (off <= reach && (!best || off < best.off)) best = { off, link: j, node: run.first[j] + (u > 0.5 ? 1 : 0) };
+  }
+  return best;
+}
+function pick(found) {
+  picked.link = found ? found.link : null; picked.node = found ? found.node : picked.node;
+  byId("part").hidden = !found;
+  if (found) {
+    let [least, largest, sum] = [Infinity, -Infinity, 0];
+    for (let k = 0; k < run.frames; k++) { const v = tension[k * links + found.link]; least = Math.min(least, v); largest = Math.max(largest, v); sum += v; }
+    Object.assign(picked, { least, largest });
+    byId("part-name").textContent = run.labels[found.link];
+    byId("part-range").textContent = `${force(least)} to ${force(largest)}, mean ${force(sum / run.frames)}`;
+    document.body.dataset.picked = run.labels[found.link];
+  } else delete document.body.dataset.picked;
+  draw();
+}
+function trace() {  // tension of the picked link over time, least and largest of every column of pixels
+  if (picked.link === null) return;
+  const sheet = byId("trace"), ink = sheet.getContext("2d"), w = sheet.width = Math.round(sheet.clientWidth * ratio()) || 320, h = sheet.height = Math.round(sheet.clientHeight * ratio()) || 110;
+  const { least, largest, link } = picked, span = largest - least || Math.abs(largest) || 1, foot = 14 * ratio(), top = 6 * ratio();
+  const x = (t) => (t - start) / (end - start || 1) * (w - 2) + 1, y = (v) => h - foot - (v - least) / span * (h - foot - top);
+  ink.strokeStyle = "#0072b2"; ink.lineWidth = 1.1 * ratio(); ink.beginPath();
+  let column = null, low = 0, high = 0;
+  for (let k = 0; k < run.frames; k++) {
+    const v = tension[k * links + link], at = Math.round(x(time[k]));
+    if (at === column) { low = Math.min(low, v); high = Math.max(high, v); } else { [column, low, high] = [at, v, v]; }
+    ink.lineTo(at, y(high)); if (low !== high) ink.lineTo(at, y(low));
+  }
+  ink.stroke();
+  ink.strokeStyle = "#b00020"; ink.beginPath(); ink.moveTo(x(state.now), top); ink.lineTo(x(state.now), h - foot); ink.stroke();
+  ink.fillStyle = "#5f6368"; ink.font = `${11 * ratio()}px system-ui, sans-serif`;
+  ink.fillText(`${clock(start, 0)} s`, 1, h - 2); ink.textAlign = "right"; ink.fillText(`${clock(end, 0)} s`, w - 2, h - 2);
+  ink.textAlign = "left"; ink.fillText(force(tension[locate(time, state.now)[0] * links + link]), Math.min(x(state.now) + 4, w - 60 * ratio()), top + 9 * ratio());
+}
+function names(points) {  // beside the middle of each line, where no other name stands
+  const taken = [], high = 15 * ratio();
+  pen.font = `${12 * ratio()}px system-ui, sans-serif`; pen.textBaseline = "middle";
+  for (const { name, node } of run.lines) {
+    const [x, y] = points[node], wide = pen.measureText(name).width + 8 * ratio(), box = [x + 8 * ratio(), y - high / 2, x + 8 * ratio() + wide, y + high / 2];
+    if (taken.some((b) => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3])) continue;
+    taken.push(box);
+    pen.fillStyle = "rgba(255,255,255,0.78)"; pen.fillRect(box[0], box[1], wide, high);
+    pen.fillStyle = "#2b2f33"; pen.fillText(name, box[0] + 4 * ratio(), y);
+  }
+  pen.textBaseline = "alphabetic";
+}

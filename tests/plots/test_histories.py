@@ -1,0 +1,105 @@
+"""Tension and motion over time: what is drawn is what moves, and a long record keeps its extremes."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dropper_jax import plots
+from dropper_jax.cli.run import draw
+from dropper_jax.plots import moving, series
+from dropper_jax.plots.run import readable
+from dropper_jax.plots.units import force_unit
+from dropper_jax.run.loads import end_tensions, held_points, point_load
+
+
+def test_envelope_of_a_long_record_holds_every_sample():
+    t = np.linspace(0.0, 3600.0, 50001)
+    values = np.sin(t) + 5.0 * np.exp(-((t - 1234.5) ** 2))  # one short peak
+    at, mean, least, largest = series.reduced(t, values)
+    assert len(at) == series.INTERVALS
+    assert (largest.max(), least.min()) == (values.max(), values.min())
+    assert np.all((least <= mean) & (mean <= largest))
+    assert mean.mean() == pytest.approx(values.mean(), abs=1e-3)
+
+
+def test_mean_of_a_long_record_has_no_beat_with_its_waves():
+    t = np.linspace(0.0, 3600.0, 36001)
+    values = 2.0 + np.sin(2 * np.pi * t / 8.33)
+    at, mean, _, _ = series.reduced(t, values)
+    assert np.ptp(mean) > 0.2  # stretches of 11 s beat with waves of 8.33 s
+    assert np.ptp(series._without_beat(at, mean, 8.33)[20:-20]) < 0.05
+    slow = np.linspace(0.0, 1.0, 320)
+    np.testing.assert_array_equal(series._without_beat(at, slow, 100.0), slow)
+
+
+def test_turns_count_waves_and_not_rounding():
+    t = np.linspace(0.0, 100.0, 20001)
+    assert series.turns(np.sin(2 * np.pi * t / 8.0)) == 25  # two in each of 12.5 waves
+    assert series.turns(1.0 + 1e-9 * np.sin(t)) == 0
+    assert series.cycle(t, 3.0 + np.sin(2 * np.pi * t / 8.0)) == pytest.approx(8.0, abs=0.01)
+
+
+def test_zoom_holds_the_largest_value_and_a_few_cycles():
+    t = np.linspace(0.0, 3600.0, 36001)
+    values = np.sin(2 * np.pi * t / 8.0) * (1.0 + np.exp(-(((t - 2000.0) / 20) ** 2)))
+    start, end = series.zoom_of([series.Panel("x [m]", [series.Curve("", t, values)])])
+    assert start < t[np.argmax(values)] < end
+    assert end - start == pytest.approx(series.CYCLES * 8.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("forces", "unit"), [([1.0, 4999.0], "N"), ([1.0, -5000.0], "kN"), ([np.nan], "N")])
+def test_one_unit_for_a_figure(forces, unit):
+    assert force_unit(np.array(forces))[0] == unit
+
+
+def test_links_at_rest_have_no_panel(longline):
+    solution = longline()
+    solution.positions[:, :5] = solution.positions[0, :5]  # the first line's nodes stay
+    run = readable(solution)
+    chosen = moving.chosen_links(run, 12)
+    assert len(chosen)
+    assert chosen.min() >= 4
+    assert len(moving.chosen_links(run, 3)) <= 3
+
+
+def test_loads_of_a_point_are_the_pull_of_its_lines_along_them():
+    scene = SimpleNamespace(
+        points=[SimpleNamespace(name=n, kind=k) for n, k in (("a", "fixed"), ("b", "free"), ("c", "fixed"))],
+        lines=[SimpleNamespace(name="l", links=1, start="a", end="b", piece_of=None)]
+        + [SimpleNamespace(name="m", links=1, start="b", end="a", piece_of=None)],
+    )
+    t = np.array([0.0, 1.0])
+    r = np.array([[0.0, 0, 0], [3, 0, 4], [3, 0, 4], [0, 0, 0]])
+    positions = np.stack([r, r + [[0, 0, 0], [2.0, 0, 0], [2, 0, 0], [0, 0, 0]]])
+    load = point_load(scene, "a", t, positions, np.array([0.0, 0.5]), np.array([[10.0, 20.0], [1.0, 2.0]]))
+    np.testing.assert_allclose(load[0], 30.0 * np.array([0.6, 0.0, 0.8]))
+    np.testing.assert_allclose(load[1], 3.0 * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0))  # half way: (4, 0, 4)
+    assert held_points(scene) == ["a"]
+
+
+def test_ends_of_a_line_are_its_first_and_last_link(longline):
+    solution = longline()
+    ends = end_tensions(solution.scene, solution.tension)
+    for line in solution.scene.lines:
+        where = next(w for w in solution.lines if w.name == line.name)
+        if line.name in ends:
+            np.testing.assert_array_equal(ends[line.name][:, 0], solution.tension[:, where.links.start])
+
+
+@pytest.mark.parametrize("name", ["tension_history", "motion_history"])
+@pytest.mark.parametrize("samples", [2, 41])
+def test_histories_of_a_system_are_pictures(longline, tmp_path, name, samples):
+    with Image.open(getattr(plots, name)(longline(1.0, samples=samples), tmp_path / "history.png")) as image:
+        assert len(np.unique(np.asarray(image.convert("L")))) > 10
+
+
+def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_path, capsys):
+    solution = longline()
+    for values in (solution.positions, solution.velocities, solution.tension):
+        values[:] = values[0]
+    names = {path.stem for path in draw(solution, tmp_path / "plots")}
+    assert names.isdisjoint({"motion", "phase", "spectrum", "response"})
+    assert {"snapshot", "tension", "angles", "surface"} <= names
+    assert "nothing moves" in capsys.readouterr().err

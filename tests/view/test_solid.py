@@ -1,0 +1,142 @@
+"""Which frames a page shows; and in a browser: ropes as solids, a click on a part, two runs side by side."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from dropper_jax.plots.run import readable
+from dropper_jax.run.build import build_model
+from dropper_jax.view import pair_page, view_page
+from dropper_jax.view.frames import IN_A_WAVE, shown, wave_period
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
+#: With WebGL in software, and without any.
+WITH = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+WITHOUT = ("--disable-gpu", "--disable-3d-apis")
+
+
+@pytest.fixture(scope="module")
+def solution(longline):
+    return longline()
+
+
+@pytest.fixture(scope="module")
+def page(solution):
+    return view_page(solution)
+
+
+def seen_in_browser(page, probe, tmp_path, options, after=500):
+    """What `probe`, an expression, gives in the page `after` so many ms."""
+    write = f"""<script>setTimeout(() => {{ const out = document.createElement("pre"); out.id = "seen";
+      out.textContent = JSON.stringify({probe}); document.body.append(out); }}, {after});</script></body>"""
+    file = tmp_path / "page.html"
+    file.write_text(page[: page.rindex("</body>")] + write, encoding="utf-8")
+    common = ["--headless", "--no-sandbox", "--virtual-time-budget=6000", "--window-size=900,600"]
+    command = [BROWSER, *common, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", file.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=90)
+    found = re.findall(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
+    assert found, done.stderr[-500:]
+    return json.loads(html.unescape(found[-1]))
+
+
+def test_waves_are_met_by_enough_frames_and_a_long_run_is_shown_in_part(longline):
+    solution = longline(samples=601)  # 60 s of waves of 6 s
+    run, sea = readable(solution), build_model(solution.scene, "float64").sea
+    assert wave_period(sea, run) == pytest.approx(6.0, rel=0.01)
+    whole = shown(run, sea, 3000)
+    assert (whole.frames[0], whole.frames[-1], whole.notes) == (0, 600, ())
+    part = shown(run, sea, 40)
+    assert np.diff(run.t[part.frames]).max() <= 1.4 * 6.0 / IN_A_WAVE  # whole samples of 0.1 s
+    assert np.diff(part.surface).max() <= 6.0 / IN_A_WAVE
+    assert run.t[part.frames[0]] <= run.t[np.argmax(run.largest.max(axis=1))] <= run.t[part.frames[-1]]
+    assert "of 60 s, around the largest tension" in part.notes[0]
+
+
+def test_frames_saved_too_far_apart_for_the_waves_are_told(longline):
+    solution = longline(samples=601)
+    for name in ("t", "positions", "velocities", "tension", "t_tension", "kinetic", "potential", "work", "step_status"):
+        setattr(solution, name, getattr(solution, name)[::40])
+    told = shown(readable(solution), build_model(solution.scene, "float64").sea, 3000).notes
+    assert "saved every 4 s in waves of 6" in told[0]
+
+
+@needs_browser
+@pytest.mark.parametrize("options", [WITH, WITHOUT], ids=["webgl", "canvas"])
+def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, tmp_path, options):
+    probe = """(() => {
+      const j = 5, a = state.points[run.first[j]], b = state.points[run.first[j] + 1];
+      const edge = canvas.getBoundingClientRect(), at = { clientX: edge.left + (a[0] + b[0]) / 2 / ratio(),
+        clientY: edge.top + (a[1] + b[1]) / 2 / ratio(), bubbles: true };
+      for (const act of ["pointerdown", "pointerup"]) canvas.dispatchEvent(new PointerEvent(act, at));
+      const count = (sheet, what) => { let n = 0;
+        const d = sheet.getContext("2d").getImageData(0, 0, sheet.width, sheet.height).data;
+        for (let i = 0; i < d.length; i += 4) if (d[i + 3] && what(d[i], d[i + 1], d[i + 2])) n++;
+        return n; };
+      return { solid: solids !== null, picked: document.body.dataset.picked, hidden: byId("part").hidden,
+        range: byId("part-range").textContent, node: picked.node,
+        blue: count(byId("trace"), (r, g, b) => r < 40 && g > 90 && b > 150),
+        vivid: count(canvas, (r, g, b) => Math.max(r, g, b) - Math.min(r, g, b) > 90),
+        long: [force(12345), force(57.54), plain(0.00123), clock(3.5)] };
+    })()"""
+    seen = seen_in_browser(page, probe, tmp_path, options)
+    assert seen["solid"] == (options == WITH)
+    assert seen["picked"] == "backbone 2"
+    assert seen["node"] in (6, 7)
+    # 1000 N (1 + 0.3 sin + 0.1 5/17): from 729.4 N to 1329.4 N
+    assert seen["range"] == "729 N to 1.33 kN, mean 1.03 kN"
+    assert not seen["hidden"]
+    assert seen["blue"] > 200
+    assert seen["vivid"] > 500
+    assert seen["long"] == ["12.3 kN", "57.5 N", "0.00123", "3.50"]
+
+
+@needs_browser
+def test_a_rope_as_solid_is_as_bright_as_its_tension_says_through_the_water(page, tmp_path):
+    """Colours between 0.7 of the scale's and the scale's own: nothing washes them out."""
+    probe = """(() => {
+      byId("names").checked = false; byId("trail").checked = false; eye.zoom = 2; draw();
+      const j = 5, a = state.points[run.first[j]], b = state.points[run.first[j] + 1];
+      const p = pen.getImageData(Math.round((a[0] + b[0]) / 2), Math.round((a[1] + b[1]) / 2), 1, 1).data;
+      const want = colour(sample(tension, links, locate(time, state.now))[j]).match(/\\d+/g).map(Number);
+      return { got: [...p].slice(0, 3), want };
+    })()"""
+    seen = seen_in_browser(page, probe, tmp_path, WITH)
+    share = np.array(seen["got"]) / np.maximum(seen["want"], 1)
+    strong = np.array(seen["want"]) > 60
+    assert np.all((share[strong] > 0.65) & (share[strong] < 1.05))
+    assert np.ptp(share[strong]) < 0.1
+
+
+@needs_browser
+def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline, tmp_path):
+    other = longline(0.0)
+    other.tension[:] *= 3.0
+    both = pair_page(solution, other)
+    ranges = [json.loads(m)["range"] for m in re.findall(r'json">(.*?)</script>', html.unescape(both), re.S)]
+    assert ranges[0] == ranges[1]
+    probe = """(() => { const [a, b] = [...document.querySelectorAll("iframe")].map((f) => f.contentWindow);
+      const both = (key) => [a, b].map((w) => w.document.body.dataset[key]);
+      return { clocks: both("time"), turns: both("turn") }; })()"""
+    act = """<script>setTimeout(() => document.querySelector("iframe").contentWindow.eval(
+      "eye.turn = 0.5; state.now = 2.5; draw()"), 1500);</script></body>"""
+    seen = seen_in_browser(both.replace("</body>", act), probe, tmp_path, WITH, 3000)
+    assert seen["clocks"] == ["2.5000", "2.5000"]
+    assert seen["turns"] == ["0.500", "0.500"]
+
+
+def test_a_description_with_the_page_s_own_marks_changes_nothing(solution):
+    import dataclasses
+
+    scene = dataclasses.replace(solution.scene, description="/*SCRIPT*/ /*DATA*/ </script>")
+    page = view_page(dataclasses.replace(solution, scene=scene))
+    data = json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.S)[1])
+    assert data["description"] == "/*SCRIPT*/ /*DATA*/ </script>"
+    assert page.count("function locate(") == 1

@@ -219,7 +219,7 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
     for name in QUANTITIES:
         values = {key: rows[i][name][0] for key, rows in made.items()}
         value, chance = first[name]
-        step = _step_error(*(values[str(n)] for n in FINER), chaotic)
+        step = step_error(*(values[str(n)] for n in FINER), chaotic)
         change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
         links = LINKS * abs(change["links"]) if "links" in change else None
         row[name] = {
@@ -233,7 +233,7 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
     return row
 
 
-def _step_error(whole: float, half: float, quarter: float, chaotic: bool) -> float:
+def step_error(whole: float, half: float, quarter: float, chaotic: bool) -> float:
     """See `load_errors`."""
     first, second = abs(whole - half), abs(half - quarter)
     if chaotic:

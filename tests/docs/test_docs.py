@@ -52,7 +52,7 @@ def test_the_scene_and_the_code_of_the_quick_start_run(tmp_path, monkeypatch):
     assert names["solution"].status == "ok"
 
 
-@pytest.mark.parametrize("page", ["your-own-video.md", "sweeps-and-sensitivity.md"])
+@pytest.mark.parametrize("page", ["your-own-video.md", "sweeps-and-sensitivity.md", "load-cases.md"])
 def test_code_of_other_pages_names_what_there_is(page):
     # what they call is run by the tests of tracking and sweeps
     for text in blocks(page, "python"):

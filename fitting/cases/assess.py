@@ -1,0 +1,301 @@
+"""Utilisation of parts and anchors over all load cases, from the runs that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.report.fatigue import YEAR, damage
+from dropper_jax.scene import whole_lines
+from fitting.cases.characteristic import ENOUGH, characteristic
+from fitting.cases.flags import flags_of
+from fitting.cases.one import STATUS
+from fitting.cases.store import Store
+from fitting.cases.tally import Found
+from fitting.site import Anchor, Case, Part, Site, Storm
+
+SCHEMA = 1
+#: Share of an anchor's mean load below which a load has no direction.
+LOADED = 0.01
+
+
+class Runs:
+    """The runs of a site that are kept, load case by load case; one at a time is in memory."""
+
+    def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
+        self.site, self.store = site, Store(folder, site, dt)
+        self.lines = whole_lines(site.scene)
+        self.held = [point.name for point in site.scene.points if point.kind == "fixed"]
+
+    def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
+        """Good runs of a load case, and a row for every other one."""
+        good, bad = [], []
+        for seed in self.site.seeds if seeds is None else seeds:
+            found = self.store.read(Case(storm, seed))
+            code = None if found is None else STATUS[int(found["status"])]
+            if code == "ok":
+                good.append(found)
+                continue
+            why = "" if found is None else str(found.get("message", ""))
+            at = float(found["failed_at"]) if found is not None and "failed_at" in found else None
+            row = {"case": storm.number, "seed": seed, "status": code or "missing", "time_s": at, "why": why}
+            bad.append(row)
+        return good, bad
+
+    def maxima(self, runs: Sequence[Found]) -> dict[str, np.ndarray]:
+        """Largest tension (seeds,) [N] of each line."""
+        return {w.name: np.array([run["largest"][w.links].max() for run in runs]) for w in self.lines}
+
+
+def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Everything the report says, as plain values.
+
+    The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`; its error
+    is that of the load by chance, and `step` that of the worst case by its step (see `fitting.cases.steps`).
+
+    Args:
+        step: errors by part, as `step_errors` gives them.
+    """
+    runs = Runs(site, folder, dt)
+    rows: dict[str, list[dict[str, Any]]] = {part.name: [] for part in site.parts}
+    held: dict[str, list[dict[str, Any]]] = {name: [] for name in runs.held}
+    cases, failed = [], []
+    for storm in site.storms:
+        good, bad = runs.of(storm)
+        failed += bad
+        cases.append({**_labels(storm), "runs": len(good), "failed": len(bad)})
+        if not good:
+            continue
+        cases[-1] |= _places(site, runs, good)
+        maxima = runs.maxima(good)
+        for part in site.parts:
+            rows[part.name].append(_part_row(site, part, storm, maxima, runs, good))
+        for name in runs.held:
+            held[name].append(_anchor_row(site, name, storm, runs, good))
+    parts = [_part(part, rows[part.name], site, None if step is None else step.get(part.name)) for part in site.parts]
+    found = {
+        "schema": SCHEMA,
+        "site": site.name,
+        "scene": site.scene.name,
+        "dt_s": dt,
+        "duration_s": site.run.duration,
+        "skip_s": site.run.skip,
+        "seeds": len(site.seeds),
+        "final_check": len(site.seeds) >= ENOUGH and not failed,
+        "characteristic": site.run.characteristic,
+        "factors": {"source": site.factors.source, "edition": site.factors.edition},
+        "cases": cases,
+        "parts": parts,
+        "anchors": [_anchor(site, name, held[name]) for name in runs.held],
+        "exclusion": _exclusion(site, cases),
+        "backbone": _backbone(site, cases),
+        "failed": failed,
+    }
+    found["flags"] = flags_of(found, site)
+    found["passes"] = _passes(found)
+    return {"status": "failed" if failed else "ok", **found}
+
+
+def _labels(storm: Storm) -> dict[str, Any]:
+    return {
+        "case": storm.number,
+        "name": storm.name,
+        "sea_state": storm.sea_state.name,
+        "direction_deg": float(np.degrees(storm.direction)),
+        "current": storm.current_name,
+        "level_m": storm.level,
+        "month": storm.month,
+        "state": storm.state,
+    }
+
+
+def _places(site: Site, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+    """Largest excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
+    found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
+    index = {line.name: i for i, line in enumerate(runs.lines)}
+    if site.exclusion is not None:
+        rows = [index[name] for name in site.matching(site.exclusion.lines)]
+        found["excursion_m"] = characteristic(np.array([run["excursion"][rows].max() for run in good]), site.run)
+    if site.backbone is not None:
+        rows = [index[name] for name in site.matching(site.backbone.lines)]
+        depth = good[0]["depth"][rows]
+        found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
+    return found
+
+
+def _part_row(
+    site: Site, part: Part, storm: Storm, maxima: dict[str, np.ndarray], runs: Runs, good: Sequence[Found]
+) -> dict[str, Any]:
+    """A part in a case, by its worst line."""
+    factor = part.factor[storm.kind]
+    found = [characteristic(maxima[name], site.run) for name in part.lines]
+    share = np.array([load["value"] for load in found]) * factor / part.capacity
+    worst = int(np.argmax(share))
+    load, scale = found[worst], factor / float(part.capacity[worst])
+    name = part.lines[worst]
+    links = next(line.links for line in runs.lines if line.name == name)
+    first = good[0]
+    at = links.start + int(np.argmax(first["largest"][links]))
+    return {
+        "case": storm.number,
+        "line": name,
+        "load_n": load["value"],
+        "load_error_n": load["error"],
+        "interval_n": load["interval"],
+        "kind": load["kind"],
+        "at_rest_n": float(first["rest"][links].max()),
+        "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
+        "capacity_n": float(part.capacity[worst]),
+        "factor": factor,
+        "utilisation": float(share[worst]),
+        "utilisation_error": None if load["error"] is None else load["error"] * scale,
+        "after_break_s": float(first["when"][at]) - site.break_time if storm.broken is not None else None,
+        "damage_per_hour": _damage(part, good, site.run.duration - site.run.skip),
+    }
+
+
+def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
+    """Damage per hour of the part's worst line, mean over the seeds; None without a curve or without cycles."""
+    if part.curve is None:
+        return None
+    most = None
+    for name, capacity in zip(part.lines, part.capacity, strict=True):
+        keys = [[key for key in run if key.startswith(f"cycles:{name}:")] for run in good]
+        if not all(keys):
+            return None
+        own = [max(_miner(run[key], float(capacity), part) for key in of) for run, of in zip(good, keys, strict=True)]
+        most = max(most or 0.0, float(np.mean(own)) * 3600.0 / counted)
+    return most
+
+
+def _miner(rows: np.ndarray, capacity: float, part: Part) -> float:
+    wide = np.column_stack([rows[:, 0], np.zeros(len(rows)), rows[:, 1]]).astype(float)
+    return damage(wide, capacity, part.curve.k, part.curve.m)
+
+
+def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, Any] | None) -> dict[str, Any]:
+    found = {
+        "part": part.name,
+        "lines": len(part.lines),
+        "cases": rows,
+        "worst": max(rows, key=lambda row: row["utilisation"]) if rows else None,
+        "step": step,
+        "fatigue": _fatigue(part, rows, site),
+    }
+    return found
+
+
+def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, Any]:
+    """Damage of a year over the intact cases: hours of a sea state, spread evenly over its cases."""
+    if part.curve is None:
+        return {"skipped": "no curve given"}
+    if any(row["damage_per_hour"] is None for row in rows):
+        return {"skipped": "cycles were not counted: the package rainflow is missing (extra `fatigue`)"}
+    storms = {storm.number: storm for storm in site.storms}
+    intact = [row for row in rows if storms[row["case"]].broken is None]
+    curve = {"k": part.curve.k, "m": part.curve.m, "source": part.curve.source}
+    hourly = max((row["damage_per_hour"] for row in rows), default=None)
+    found = {"curve": curve, "largest_damage_per_hour": hourly, "damage_per_year": None, "life_years": None}
+    given = [state for state in site.sea_states if state.hours is not None]
+    if not given:
+        return {**found, "why": "no sea state has `hours`"}
+    yearly = 0.0
+    for state in given:
+        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
+        yearly += state.hours * float(np.mean(own)) if own else 0.0
+    hours = sum(state.hours for state in given)
+    life = 1.0 / yearly if yearly > 0.0 else None
+    return {**found, "damage_per_year": yearly, "life_years": life, "share_of_year": hours * 3600.0 / YEAR}
+
+
+def _anchor_row(site: Site, name: str, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+    """A held point in a case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima."""
+    number = runs.held.index(name)
+    loads = [run["held_loads"][:, number].astype(float) for run in good]
+    anchor = anchor_of(site, name)
+    row: dict[str, Any] = {
+        "case": storm.number,
+        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), site.run),
+        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), site.run),
+        "uplift_deg": max(_uplift(load) for load in loads),
+        "utilisation": None,
+        "utilisation_error": None,
+    }
+    if anchor is not None:
+        factor = anchor.factor[storm.kind]
+        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), site.run)
+        error = None if used["error"] is None else factor * used["error"]
+        row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
+    return row
+
+
+def _uplift(load: np.ndarray) -> float:
+    """Largest angle [deg] of loads (k, 2) over the horizontal, of those that have a direction."""
+    size = np.hypot(*load.T)
+    loaded = size >= max(LOADED * size.mean(), 1e-12)
+    return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
+
+
+def anchor_of(site: Site, name: str) -> Anchor | None:
+    """What holds a point, None where the site does not say."""
+    return next((anchor for anchor in site.anchors if name in anchor.points), None)
+
+
+def _anchor(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    anchor = anchor_of(site, name)
+    by = (lambda row: row["total_n"]["value"]) if anchor is None else (lambda row: row["utilisation"])
+    return {
+        "point": name,
+        "anchor": None if anchor is None else anchor.name,
+        "cases": rows,
+        "worst": max(rows, key=by) if rows else None,
+        "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
+        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
+    }
+
+
+def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The case that carries nodes farthest."""
+    if site.exclusion is None:
+        return None
+    rows = [case for case in cases if "excursion_m" in case]
+    if not rows:
+        return None
+    worst = max(rows, key=lambda case: case["excursion_m"]["value"])
+    value, limit = worst["excursion_m"], site.exclusion.excursion
+    return {"case": worst["case"], **value, "allowed_m": limit, "utilisation": value["value"] / limit}
+
+
+def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Depths of the backbone at rest over all cases."""
+    rows = [case for case in cases if "depth_m" in case]
+    if site.backbone is None or not rows:
+        return None
+    high, low = min(rows, key=lambda c: c["depth_m"][0]), max(rows, key=lambda c: c["depth_m"][1])
+    own = site.backbone
+    return {
+        "shallowest_m": high["depth_m"][0],
+        "shallowest_case": high["case"],
+        "deepest_m": low["depth_m"][1],
+        "deepest_case": low["case"],
+        "allowed_m": [own.shallowest, own.deepest],
+        "holds": (own.shallowest is None or high["depth_m"][0] >= own.shallowest)
+        and (own.deepest is None or low["depth_m"][1] <= own.deepest),
+    }
+
+
+def _passes(found: dict[str, Any]) -> bool:
+    """Whether every limit holds in every case, nothing failed, and enough seeds and small enough steps say so."""
+    parts = [part["worst"]["utilisation"] for part in found["parts"] if part["worst"] is not None]
+    anchors = [a["worst"]["utilisation"] for a in found["anchors"] if a["worst"] and a["worst"]["utilisation"]]
+    exclusion = [] if found["exclusion"] is None else [found["exclusion"]["utilisation"]]
+    limits = max([*parts, *anchors, *exclusion], default=0.0) <= 1.0
+    backbone = found["backbone"] is None or found["backbone"]["holds"]
+    uplift = all(
+        a["allowed_uplift_deg"] is None or a["uplift_deg"] is None or a["uplift_deg"] <= a["allowed_uplift_deg"]
+        for a in found["anchors"]
+    )
+    return limits and backbone and uplift and not found["failed"] and bool(parts)

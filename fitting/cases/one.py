@@ -1,0 +1,109 @@
+"""One run of a load case, from its scene to the arrays that are kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model, State
+from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.failures import breaks
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.pieces import compile_run
+from dropper_jax.run.start import initial_state
+from dropper_jax.statics.static_pose import equilibrium
+from dropper_jax.stepping.adaptive import Adaptive
+from fitting.cases.tally import Found, Tally
+from fitting.site import Case, Site, Storm
+
+STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
+
+
+class Runner:
+    """Runs of one site with one step: what cases share is found once.
+
+    Cases share one compiled program, each run on its own: side by side in one batch (`dropper_jax.lanes`) a step of
+    such a system costs more than by itself (dropper-farm-2 in a storm: 2.7 ms against 1.2 to 2.2), for there the
+    means for steps that resist are gone through in every step.
+    """
+
+    def __init__(self, site: Site, dt: float | None = None) -> None:
+        self.site, self.base = site, site.prepared(dt=dt)
+        self.curved = [name for part in site.parts if part.curve is not None for name in part.lines]
+        self._scenes: dict[Any, Scene] = {}
+        self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
+
+    def __call__(self, case: Case) -> Found:
+        """Arrays of a run: those of `Tally`, `status`, `failed_at` [s], `message`, `broken` (time [s] of the break),
+        `rest` (n,) [N] and `depth` (lines, 2) [m], least and largest depth below the level, of the pose at rest."""
+        try:
+            return self._run(case)
+        except SceneError as error:
+            return {"status": np.array(STATUS.index("invalid_input")), "message": np.array(str(error))}
+
+    def scene(self, case: Case) -> Scene:
+        """The scene of a case, its mussels in the masses and diameters."""
+        key = case.storm.still
+        if key not in self._scenes:
+            self._scenes[key] = overgrown(self.base.with_values(self.site.still_changes(case.storm)))
+        return self._scenes[key].with_values(self.site.moving_changes(case))
+
+    def _run(self, case: Case) -> Found:
+        scene = self.scene(case)
+        model = build_model(scene)
+        stepper = stepper_of(model, scene.run, track_work=False)
+        start, places, rest = self._start(scene, model, case.storm)
+        tally = Tally(scene, self.site.run.skip, places, self.curved)
+        run = compile_run(stepper, model, start, scene.run)
+        carry, done, told = run.carry, 0, {"status": np.array(0)}
+        retried = 0
+        while done < scene.run.saves:
+            carry, (rows, within) = run.go_on(carry, scene.run.saves - done)
+            t = (done + 1 + np.arange(len(rows.r))) * scene.run.dt
+            good = int(np.argmax(rows.first_bad >= 0)) if np.any(rows.first_bad >= 0) else len(t)
+            largest = rows.tension if within is None else within.largest
+            nodes = np.asarray(_nodes(model, rows.r, t))
+            tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
+            done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
+            if good < len(t):
+                code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
+                told = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
+                break
+        state = (carry.progress if isinstance(carry, Adaptive) else carry).state
+        broken = [row["time_s"] for row in breaks(scene, state.parted)]
+        depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
+        more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
+        return {**tally.found(), **told, **more}
+
+    def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
+        """The state at the start, places of all nodes in still water, and tensions at rest (n,) [N]."""
+        key = storm.still
+        if key not in self._starts:
+            start = initial_state(model, scene.start)
+            places = _rest_nodes(model, start)
+            if self.site.exclusion is not None and model.sea.current is not None:
+                still = equilibrium(dataclasses.replace(model, sea=dataclasses.replace(model.sea, current=None)))
+                if still.status != "ok":
+                    raise SceneError(f"exclusion: no pose in still water: {still.message}")
+                places = still.positions
+            self._starts[key] = start, np.asarray(places), np.asarray(start.tension)
+        return self._starts[key]
+
+
+def _nodes(model: Model, r: Any, t: np.ndarray) -> jax.Array:
+    """All nodes (k, nodes, 3) [m], line after line, of saved free nodes."""
+    return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, np.asarray(t, model.dtype))
+
+
+def _rest_nodes(model: Model, start: State) -> np.ndarray:
+    return np.asarray(model.nodes(start.r, model.ends(start.t)))
+
+
+def _depth(start: State, model: Model, nodes: np.ndarray, level: float) -> np.ndarray:
+    below = level - _rest_nodes(model, start)[nodes, 2]
+    return np.array([below.min(), below.max()])

@@ -1,0 +1,195 @@
+"""The report of load cases: one page of Markdown with a picture, and one CSV of every part in every case."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
+from dropper_jax.report.sections import table
+from fitting.cases.picture import draw_utilisation
+
+#: Load cases in the page's table; the CSV has all.
+MOST = 12
+LABELS = ("case", "sea_state", "direction_deg", "current", "level_m", "month", "state")
+COLUMNS = (
+    *("kind", "part", *LABELS, "line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
+    *(
+        "at_rest_n",
+        "mean_n",
+        "capacity_n",
+        "factor",
+        "utilisation",
+        "utilisation_error",
+        "step_error",
+        "damage_per_hour",
+    ),
+)
+
+
+def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+    """Write cases.md, cases.csv, cases.json and utilisation.png into a folder; returns their paths by name."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return {
+        "picture": draw_utilisation(found, folder / "utilisation.png"),
+        "csv": atomic_write(folder / "cases.csv", _csv(found)),
+        "json": atomic_write(folder / "cases.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
+        "page": atomic_write(folder / "cases.md", page(found)),
+    }
+
+
+def page(found: dict[str, Any]) -> str:
+    """The page's text."""
+    storms = {case["case"]: case for case in found["cases"]}
+    verdict = "All limits hold." if found["passes"] else "Not all limits hold, or not all runs are there: see below."
+    what = "mean of the seeds' maxima" if found["characteristic"] == "mean" else "most probable maximum of the storm"
+    parts = [
+        f"# Load cases: {found['site']}",
+        f"{verdict} {len(storms)} load cases with {found['seeds']} seeds each, {found['duration_s']:g} s of which the "
+        f"first {found['skip_s']:g} s do not count, steps of {found['dt_s']:g} s. Characteristic load: {what}. "
+        f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
+        "\n".join(f"- {flag}" for flag in found["flags"]),
+        "## Parts, each in its worst case",
+        table(
+            ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],
+            [_part_cells(part, storms) for part in found["parts"]],
+        ),
+        f"![Utilisation]({'utilisation.png'})",
+        "## Anchors",
+        table(
+            ["point", "held by", "load [N]", "upward [N]", "uplift [deg]", "utilisation", "case"],
+            [_anchor_cells(anchor, storms) for anchor in found["anchors"]],
+        ),
+        "## Place",
+        "\n".join(_place_lines(found, storms)),
+        "## Fatigue",
+        table(
+            ["part", "curve", "damage per hour, worst case", "damage per year", "life [years]"],
+            [_fatigue_cells(part) for part in found["parts"]],
+        ),
+        "## Load cases",
+        _worst_cases(found, storms),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+    row = part["worst"]
+    if row is None:
+        return [part["part"], str(part["lines"]), *["-"] * 7]
+    return [
+        part["part"],
+        str(part["lines"]),
+        row["line"],
+        f"{row['load_n']:.0f}",
+        _number(row["load_error_n"], ".0f"),
+        _step(part["step"]),
+        f"{row['at_rest_n']:.0f}",
+        f"**{row['utilisation']:.2f}**" + _plus(row["utilisation_error"]),
+        storms[row["case"]]["name"],
+    ]
+
+
+def _step(step: dict[str, Any] | None) -> str:
+    if step is None or "skipped" in step:
+        return "not known"
+    return f"{step['error_n']:.0f} ({step['relative']:.0%})"
+
+
+def _plus(error: float | None) -> str:
+    return "" if error is None else f" +- {error:.2f}"
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+    row = anchor["worst"]
+    if row is None:
+        return [anchor["point"], *["-"] * 6]
+    used = "not given" if row["utilisation"] is None else f"**{row['utilisation']:.2f}**"
+    allowed = anchor["allowed_uplift_deg"]
+    return [
+        anchor["point"],
+        anchor["anchor"] or "not given",
+        f"{row['total_n']['value']:.0f}",
+        f"{row['upward_n']['value']:.0f}",
+        f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
+        used + _plus(row["utilisation_error"]),
+        storms[row["case"]]["name"],
+    ]
+
+
+def _place_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+    lines = []
+    zone, backbone = found["exclusion"], found["backbone"]
+    if zone is None:
+        lines.append("- No exclusion zone is given.")
+    else:
+        lines.append(
+            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {storms[zone['case']]['name']}."
+        )
+    if backbone is not None:
+        low, high = ("-" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
+        lines.append(
+            f"- Backbone at rest {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below the water's "
+            f"level; allowed {low} to {high} m."
+        )
+    return lines
+
+
+def _fatigue_cells(part: dict[str, Any]) -> list[str]:
+    own = part["fatigue"]
+    if "skipped" in own:
+        return [part["part"], own["skipped"], "-", "-", "-"]
+    curve = own["curve"]
+    yearly = own.get("why") if own["damage_per_year"] is None else f"{own['damage_per_year']:.2g}"
+    return [
+        part["part"],
+        f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
+        _number(own["largest_damage_per_hour"], ".2g"),
+        yearly or "-",
+        _number(own["life_years"], ".3g"),
+    ]
+
+
+def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
+    """The cases that use parts most."""
+    by_case: dict[int, tuple[float, str]] = {}
+    for part in found["parts"]:
+        for row in part["cases"]:
+            by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
+    ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
+    rows = [[str(n), storms[n]["name"], part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST]]
+    more = f"\n\n{len(ordered) - MOST} more in cases.csv." if len(ordered) > MOST else ""
+    return table(["case", "", "part used most", "utilisation"], rows) + more
+
+
+def _csv(found: dict[str, Any]) -> str:
+    storms = {case["case"]: case for case in found["cases"]}
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="")
+    writer.writeheader()
+    for part in found["parts"]:
+        step = part["step"] or {}
+        for row in part["cases"]:
+            low, high = row["interval_n"] or (None, None)
+            own = {key: row[key] for key in COLUMNS if key in row and key not in LABELS}
+            labels = {key: storms[row["case"]][key] for key in LABELS}
+            more = {"load_low_n": low, "load_high_n": high, "step_error": step.get("relative")}
+            writer.writerow({**labels, **own, **more, "kind": "part", "part": part["part"]})
+    for anchor in found["anchors"]:
+        for row in anchor["cases"]:
+            load = row["total_n"]
+            low, high = load["interval"] or (None, None)
+            own = {"load_n": load["value"], "load_error_n": load["error"], "load_low_n": low, "load_high_n": high}
+            used = {key: row.get(key) for key in ("factor", "utilisation", "utilisation_error")}
+            labels = {key: storms[row["case"]][key] for key in LABELS}
+            writer.writerow({**labels, **own, **used, "kind": "anchor", "part": anchor["point"]})
+    return text.getvalue()

@@ -1,0 +1,147 @@
+"""All runs of a site: here, over the cores of this machine, or over the workers of a Dask cluster; resumable."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.run.storage import extra
+from fitting.cases.one import Runner
+from fitting.cases.store import Store
+from fitting.cases.tally import Found
+from fitting.site import Case, Site, read_site
+
+#: How often a worker looks whether the process that started it still lives [s].
+WATCH = 2.0
+
+
+class CasesStopped(RuntimeError):
+    """Runs that could not go on (a full disk, a worker that died); what was kept is whole, the same call goes on."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What a call did: runs in all, those that were there before, wall time [s] of the others."""
+
+    runs: int
+    resumed: int
+    run_s: float
+
+
+def run_cases(
+    site: Site,
+    folder: str | Path,
+    *,
+    cases: Sequence[Case] | None = None,
+    dt: float | None = None,
+    workers: int = 1,
+    scheduler: Any = None,
+    progress: Progress | None = None,
+) -> Done:
+    """Run what is not kept yet.
+
+    Args:
+        folder: where runs are kept, one file each; killed at any moment, the same call goes on.
+        cases: all of the site where left out; dt: step [s], the site's where left out.
+        workers: processes of this machine, each with one compiled program.
+        scheduler: a Dask client or the address of a scheduler, whose workers run the cases.
+
+    Raises:
+        CasesStopped: the disk or the workers refuse; what was run is kept.
+    """
+    cases = list(site.cases if cases is None else cases)
+    dt = site.prepared().run.dt if dt is None else dt
+    store, say = Store(folder, site, dt), progress or silent
+    todo = [case for case in cases if not store.has(case)]
+    kept, begun = len(cases) - len(todo), time.perf_counter()
+    if scheduler is not None:
+        source = _remote(site, todo, dt, scheduler)
+    elif workers > 1 and len(todo) > 1:
+        source = _local(site, todo, dt, min(workers, len(todo)))
+    else:
+        source = _here(site, todo, dt)
+    try:
+        for i, (case, found) in enumerate(source, start=1):
+            store.write(case, found)
+            left = (time.perf_counter() - begun) / i * (len(todo) - i)
+            say((kept + i) / len(cases), f"{kept + i} of {len(cases)} runs, {left:.0f} s left")
+    except OSError as error:
+        raise CasesStopped(
+            f"{store.folder}: cannot be written: {error.strerror or error}; the same call goes on"
+        ) from None
+    return Done(len(cases), kept, time.perf_counter() - begun)
+
+
+def _here(site: Site, todo: list[Case], dt: float) -> Iterator[tuple[Case, Found]]:
+    runner = Runner(site, dt) if todo else None
+    for case in todo:
+        yield case, runner(case)
+
+
+@lru_cache(maxsize=2)
+def _runner(identity: str, dt: float) -> Runner:
+    """One for all runs of a worker."""
+    return Runner(read_site(json.loads(identity)), dt)
+
+
+def run_one(identity: str, dt: float, number: int, seed: int) -> Found:
+    """A run on a worker: the load case of that number of the site with these values."""
+    runner = _runner(identity, dt)
+    return runner(Case(runner.site.storms[number], seed))
+
+
+def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tuple[Case, Found]]:
+    """Over processes of this machine, as they finish."""
+    identity = json.dumps(site.portable())
+    with ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_watch, initargs=(os.getpid(),)
+    ) as pool:
+        futures = {pool.submit(run_one, identity, dt, c.storm.number, c.seed): c for c in todo}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except RuntimeError as error:  # a worker that died takes the pool with it
+            raise CasesStopped(f"a worker ended: {error or type(error).__name__}; the same call goes on") from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _watch(parent: int) -> None:
+    """End with the process that started this one, however that ended."""
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH)
+        os._exit(1)
+
+    threading.Thread(target=look, daemon=True).start()
+
+
+def _remote(site: Site, todo: list[Case], dt: float, scheduler: Any) -> Iterator[tuple[Case, Found]]:
+    """Over a cluster; a run of a worker that died is done elsewhere."""
+    distributed = extra("distributed", "sweep")
+    own = isinstance(scheduler, str)
+    try:
+        client = distributed.Client(scheduler, timeout=10) if own else scheduler
+    except (OSError, ValueError) as error:
+        raise SceneError(f"--scheduler: {scheduler}: cannot be reached: {' '.join(str(error).split())}") from None
+    try:
+        identity = json.dumps(site.portable())
+        futures = {client.submit(run_one, identity, dt, c.storm.number, c.seed, pure=False, retries=3): c for c in todo}
+        for future in distributed.as_completed(list(futures)):
+            yield futures[future], future.result()
+            future.release()
+    finally:
+        if own:
+            client.close()

@@ -1,0 +1,65 @@
+"""Error of the largest loads by the step: the worst case of every part again with halved steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.progress import Progress
+from dropper_jax.study.load_errors import step_error
+from fitting.cases.assess import Runs
+from fitting.cases.run import run_cases
+from fitting.site import Case, Site
+
+
+def step_errors(
+    site: Site,
+    folder: str | Path,
+    dt: float,
+    found: dict[str, Any],
+    *,
+    workers: int = 1,
+    scheduler: Any = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Error of the load of each part in its worst case, by runs with half the step (and a quarter, `halvings` = 2).
+
+    With q the mean over the first `step_seeds` seeds of the worst line's maxima, one halving: `2 |q(h) - q(h/2)|`, the
+    error of a scheme of first order, as contact and slack leave of one of second; two: as in
+    `study.load_errors.load_errors`, with the order that the three show.
+
+    Returns:
+        by part {value_n, error_n, relative, by_step} or {skipped}.
+    """
+    if not site.run.halvings:
+        return {part["part"]: {"skipped": "run.halvings is 0"} for part in found["parts"]}
+    worst = {part["part"]: part["worst"] for part in found["parts"] if part["worst"] is not None}
+    storms = {site.storms[row["case"]].number: site.storms[row["case"]] for row in worst.values()}
+    seeds = site.seeds[: site.run.step_seeds]
+    cases = [Case(storm, seed) for storm in storms.values() for seed in seeds]
+    steps = [dt / 2**i for i in range(min(site.run.halvings, 2) + 1)]
+    for finer in steps[1:]:
+        run_cases(site, folder, cases=cases, dt=finer, workers=workers, scheduler=scheduler, progress=progress)
+    return {name: _error(site, folder, row, steps, seeds) for name, row in worst.items()}
+
+
+def _error(site: Site, folder: str | Path, row: dict[str, Any], steps: list[float], seeds: Any) -> dict[str, Any]:
+    means = []
+    for dt in steps:
+        runs = Runs(site, folder, dt)
+        good, bad = runs.of(site.storms[row["case"]], seeds)
+        if bad:
+            return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
+        means.append(float(np.mean(runs.maxima(good)[row["line"]])))
+    error = 2.0 * abs(means[0] - means[1]) if len(means) == 2 else step_error(*means, chaotic=False)
+    return {
+        "case": row["case"],
+        "line": row["line"],
+        "value_n": means[0],
+        "error_n": error,
+        "relative": error / max(means[0], 1e-300),
+        "by_step": {f"{dt:g}": value for dt, value in zip(steps, means, strict=True)},
+        "seeds": len(seeds),
+    }

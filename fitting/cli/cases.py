@@ -1,0 +1,100 @@
+"""`dropper cases SITE.toml --out FOLDER`: all load cases of a site, utilisation of its parts, a page of report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_json, add_quiet, output_folder, whole_number
+from dropper_jax.cli.output import failure_object, listing, print_json, print_line, print_result, progress
+
+name = "cases"
+help = "run the load cases of a site and report how far each part is used"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("site", metavar="SITE.toml", help="the site: scene, sea states, parts; or a packaged one")
+    parser.add_argument("--out", metavar="FOLDER", help="runs, and cases.md, cases.csv, cases.json")
+    parser.add_argument("--resume", action="store_true", help="go on with the runs that the folder holds already")
+    parser.add_argument("--list", action="store_true", help="only say which cases there are")
+    parser.add_argument("--print", action="store_true", help="only print the site's file, to keep and edit")
+    parser.add_argument("--workers", type=whole_number, metavar="N", help="processes (default: one per core)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the cases")
+    add_json(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.print:
+        print_result(args.json, {"schema": 1, "status": "ok", "toml": _file(args.site)}, _file(args.site))
+        return OK
+    out = output_folder(args.out, "--out")
+    if out is None and not args.list:
+        raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
+    if out is not None and out.is_dir() and any(out.glob("runs/*.npz")) and not (args.resume or args.list):
+        raise SceneError(f"--out: {args.out!r} holds runs of before; allowed: --resume, or another folder")
+
+    from dropper_jax.effects import register_installed
+    from fitting.site import read_site
+
+    register_installed()
+    site = read_site(args.site)
+    if args.list:
+        return _list(site, args.json)
+
+    from fitting.cases.assess import assess
+    from fitting.cases.page import write_page
+    from fitting.cases.run import CasesStopped, run_cases
+    from fitting.cases.steps import step_errors
+
+    dt = site.prepared().run.dt
+    how = {"workers": args.workers or _cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
+    try:
+        done = run_cases(site, out, dt=dt, **how)
+        found = assess(site, out, dt)
+        steps = step_errors(site, out, dt, found, **how)
+    except CasesStopped as error:
+        print_line(f"error: {error}")
+        if args.json:
+            print_json(failure_object("interrupted", str(error)))
+        return FAILED
+    found = assess(site, out, dt, steps)
+    files = write_page(found, out)
+    found |= {"out": str(out), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
+    print_result(args.json, found, text(found, files))
+    return FAILED if found["failed"] else OK
+
+
+def _file(site: str) -> str:
+    from fitting.site import site_text
+
+    return site_text(site).decode().rstrip()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _list(site: Any, as_json: bool) -> int:
+    names = [storm.name for storm in site.storms]
+    found = {"schema": 1, "status": "ok", "site": site.name, "cases": names, "runs": len(site.cases)}
+    lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\n{len(names)} cases, {len(site.cases)} runs"]
+    print_result(as_json, found, "\n".join(lines))
+    return OK
+
+
+def text(found: dict[str, Any], files: dict[str, Path]) -> str:
+    """The result for people."""
+    storms = {case["case"]: case["name"] for case in found["cases"]}
+    pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} were there before")]
+    for part in found["parts"]:
+        row = part["worst"]
+        told = "no run" if row is None else f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
+        pairs.append((part["part"], told))
+    flags = "\n".join(f"- {flag}" for flag in found["flags"])
+    verdict = "all limits hold" if found["passes"] else "not all limits hold"
+    return "\n\n".join(p for p in (listing(pairs), flags, f"{verdict}: {files['page']}") if p)

@@ -1,0 +1,52 @@
+"""`dropper season SITE.toml`: mussels month by month, the floats that carry them, and a schedule of least handling."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from dropper_jax.cli.codes import OK
+from dropper_jax.cli.options import add_json, add_quiet, output_folder
+from dropper_jax.cli.output import listing, print_result, progress
+
+name = "season"
+help = "floats that carry the mussels of each month, and how the farm then lies"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("site", metavar="SITE.toml", help="the site, with [season] and [[growth]]")
+    parser.add_argument("--out", metavar="FOLDER", help="write season.md, season.csv, season.json and season.png")
+    add_json(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    out = output_folder(args.out, "--out")
+
+    from dropper_jax.effects import register_installed
+    from fitting.season import season, write_season
+    from fitting.site import read_site
+
+    register_installed()
+    found = season(read_site(args.site), progress(args.quiet))
+    if out is not None:
+        write_season(found, out)
+        found["out"] = str(out)
+    print_result(args.json, found, text(found))
+    return OK
+
+
+def text(found: dict[str, Any]) -> str:
+    """The result for people."""
+    pairs = [
+        (
+            row["month"],
+            f"{row['floats']} floats ({row['least']} to {row['most']}), {row['need_n']:.0f} N to carry, backbone "
+            f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep",
+        )
+        for row in found["months"]
+    ]
+    flags = "\n".join(f"- {flag}" for flag in found["flags"])
+    verdict = "the schedule holds" if found["holds"] else "the schedule does not hold"
+    last = f"{verdict}: {found['visits']} visits, {found['handled']} floats handled"
+    return "\n\n".join(part for part in (listing(pairs), flags, last) if part)

@@ -1,0 +1,149 @@
+"""Poses at rest of a month: with the floats' points held, for what they need, and free on their floats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.run.growth import overgrown
+from dropper_jax.scene import LineSpec, held_loads, whole_lines
+from dropper_jax.statics.static_pose import equilibrium
+from fitting.site import Site
+
+#: What a point gets from its floats, and loses without any.
+BODY = ("mass", "volume", "drag_area", "added_mass")
+#: Drag coefficient on the frontal area and added mass of a float, a sphere (as floats of scenes).
+DRAG, ADDED_MASS = 0.5, 0.5
+
+
+class Water(NamedTuple):
+    """A state of the tide: level [m], speed of the current [m/s], None as in the scene."""
+
+    level: float
+    speed: float | None
+
+
+def waters(site: Site) -> tuple[Water, ...]:
+    """Every level with every current of `[season]`, else of `[cases]`."""
+    own = site.season
+    levels = site.lists.levels if own.levels is None else own.levels
+    speeds: Sequence[float | None] = [None]
+    if own.currents is not None:
+        speeds = [float(speed) for speed in own.currents]
+    elif site.lists.currents:
+        speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
+    return tuple(Water(float(level), speed) for level in levels for speed in speeds)
+
+
+def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, Any]]) -> Scene:
+    """The farm of a month at rest in the water: mussels on its lines, some of its points in the place of theirs."""
+    table = site.scene.as_written()
+    for line in table["line"]:
+        growth = site.growth[month].get(line.get("name"))
+        if growth is not None:
+            line["growth"] = dict(growth)
+    table["point"] = [points.get(point["name"], point) for point in table["point"]]
+    sea = {key: value for key, value in table["sea"].items() if key not in ("waves", "wave_current", "ramp")}
+    sea["level"] = {"offset": water.level}
+    if water.speed is not None:
+        own = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
+        heading = site.lists.current_direction
+        more = {} if heading is None else {"direction": float(np.radians(heading))}
+        sea["current"] = {**own, "speed": water.speed, **more}
+    table["sea"] = sea
+    return overgrown(Scene.from_dict(table, site.scene.name))
+
+
+#: What makes a current change in time: a state of the tide has one speed.
+CHANGING = ("time", "factor", "amplitude", "period", "phase")
+
+
+def bare_points(site: Site, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The points as they are written, without what floats give them."""
+    points = {point["name"]: point for point in site.scene.as_written()["point"]}
+    return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
+
+
+def wet_weights(scene: Scene) -> dict[str, float]:
+    """Weight in water [N] of each line, `g sum (m - rho pi/4 D^2 L)`."""
+    return {where.name: float(_wet(scene, where.spec).sum()) for where in whole_lines(scene)}
+
+
+def _wet(scene: Scene, line: LineSpec) -> np.ndarray:
+    """Weight in water of each link (n,) [N]."""
+    area = 0.0 if line.diameter is None else 0.25 * np.pi * np.asarray(line.diameter) ** 2
+    mass, volume = np.broadcast_arrays(np.asarray(line.mass, float), area * np.asarray(line.length, float))
+    return scene.sea.gravity * (mass - scene.sea.density * volume)
+
+
+def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
+    """What the lines pull down on each float point (points,) [N] where the scene puts it, and the lines' wet weights.
+
+    Raises:
+        SceneError: no pose at rest.
+    """
+    held = {name: {**point, "kind": "fixed"} for name, point in bare_points(site, names).items()}
+    scene = scene_of(site, month, water, held)
+    pose = equilibrium(build_model(scene))
+    if pose.status != "ok":
+        raise SceneError(f"season: {month}, level {water.level:+g} m: no pose at rest: {pose.message}")
+    loads = held_loads(scene, pose.positions, pose.tension)
+    ends = _end_weights(scene)
+    return np.array([ends[name] - loads[name][2] for name in names]), wet_weights(scene)
+
+
+def _end_weights(scene: Scene) -> dict[str, float]:
+    """Weight in water [N] of the half links next to each point: it stands on the point's node, in no link's tension."""
+    found = {point.name: 0.0 for point in scene.points}
+    for line in scene.lines:
+        own = 0.5 * _wet(scene, line)
+        found[line.start] += float(own[0])
+        found[line.end] += float(own[-1])
+    return found
+
+
+def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> dict[str, Any]:
+    """The pose on its floats: depths [m] below the level of the backbone, status.
+
+    Returns:
+        {level_m, speed_m_per_s, status, shallowest_m, deepest_m}: of the lines of `[backbone]`, else of the points.
+    """
+    points = bare_points(site, list(floats))
+    for name, count in floats.items():
+        points[name] |= _body(site, count)
+    scene = scene_of(site, month, water, points)
+    pose = equilibrium(build_model(scene))
+    z = pose.positions[:, 2]
+    lines = whole_lines(scene)
+    if site.backbone is not None:
+        own = set(site.matching(site.backbone.lines))
+        height = np.concatenate([z[line.nodes] for line in lines if line.name in own])
+    else:
+        height = np.array([z[line.nodes[stop]] for line in lines for stop, at in line.stops.items() if at in floats])
+    below = water.level - height
+    return {
+        "level_m": water.level,
+        "speed_m_per_s": water.speed,
+        "status": pose.status,
+        "shallowest_m": float(below.min()),
+        "deepest_m": float(below.max()),
+    }
+
+
+def _body(site: Site, count: int) -> dict[str, Any]:
+    """Mass, volume, drag and added mass of some floats at a point."""
+    if not count:
+        return {}
+    own = site.season
+    frontal = 0.25 * np.pi * (6.0 * own.volume / np.pi) ** (2.0 / 3.0)
+    return {
+        "mass": count * own.density * own.volume,
+        "volume": count * own.volume,
+        "drag_area": count * DRAG * float(frontal),
+        "added_mass": ADDED_MASS,
+    }

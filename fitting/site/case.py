@@ -1,0 +1,169 @@
+"""Load cases of a site: what is combined, and what each changes in the scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import refuse
+from dropper_jax.load.scene import Scene
+from dropper_jax.scene import LineSpec, whole_lines
+from fitting.site.parts import matched
+from fitting.site.sections import GrowthTable, SeaState
+
+INTACT, BROKEN = "intact", "broken"
+#: Time [s] of a break that does not happen in a case: entries of other cases stay in the one compiled program.
+NEVER = 1e9
+#: Profile of a current over depth, which cases keep; its change in time they do not.
+PROFILE = ("kind", "exponent", "reference", "veer")
+
+
+@dataclasses.dataclass(frozen=True)
+class Break:
+    """A state with a broken line: its label, the line (or piece of one) and link that parts, and its `[[failure]]`."""
+
+    name: str
+    line: str
+    link: int
+    entry: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Storm:
+    """A load case: everything but the seed.
+
+    Attributes:
+        number: from 0.
+        direction: of the waves [rad]; `level` [m]; `current`: table of `[sea.current]`, None as in the scene.
+        current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
+    """
+
+    number: int
+    sea_state: SeaState
+    direction: float
+    current: dict[str, Any] | None
+    current_name: str | None
+    level: float
+    month: str | None
+    broken: Break | None
+
+    @property
+    def state(self) -> str:
+        return INTACT if self.broken is None else self.broken.name
+
+    @property
+    def kind(self) -> str:
+        """`intact` or `broken`: which factor counts."""
+        return INTACT if self.broken is None else BROKEN
+
+    @property
+    def still(self) -> tuple[Any, ...]:
+        """What the pose at rest depends on."""
+        heading = None if self.current is None else self.current["direction"]
+        return self.current_name, heading, self.level, self.month
+
+    @property
+    def name(self) -> str:
+        """A label of few words."""
+        parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
+        parts += [f"level {self.level:+g} m" if self.level else None, self.month]
+        return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A run: a load case with a seed."""
+
+    storm: Storm
+    seed: int
+
+
+def storms(site: Any) -> tuple[Storm, ...]:
+    """All load cases of a site; states run fastest, sea states slowest."""
+    lists = site.lists
+    combined = itertools.product(
+        site.sea_states,
+        np.radians(lists.directions).tolist(),
+        lists.currents or (None,),
+        np.asarray(lists.levels, float).tolist(),
+        lists.months or (None,),
+        site.states,
+    )
+    return tuple(
+        Storm(i, sea, way, *_current(site, current, way), level, month, state)
+        for i, (sea, way, current, level, month, state) in enumerate(combined)
+    )
+
+
+def _current(site: Any, given: dict[str, Any] | None, way: float) -> tuple[dict[str, Any] | None, str | None]:
+    """Table of a case's current and its name."""
+    if given is None:
+        return None, None
+    heading = site.lists.current_direction
+    own = site.scene.sea.current
+    profile = {} if own is None else {k: v for k, v in own.table().items() if k in PROFILE}
+    table = {**(profile if "kind" not in given else {}), **{k: v for k, v in given.items() if k != "name"}}
+    table.setdefault("direction", way if heading is None else float(np.radians(heading)))
+    return table, given["name"]
+
+
+def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | None, ...]:
+    """States of `[cases]`: None for intact, else what breaks; patterns give one state for each of their lines.
+
+    Raises:
+        SceneError: no such line or link, or a state that is named twice.
+    """
+    lines = {line.name: line for line in whole_lines(scene)}
+    found: list[Break | None] = []
+    for i, state in enumerate(states):
+        if state == INTACT:
+            found.append(None)
+            continue
+        pattern, colon, link = state.rpartition(":") if ":" in state else (state, "", "")
+        if colon and not link.isdecimal():
+            raise refuse(f"{path}.{i}", state, "has no link number after its colon", "LINE or LINE:LINK, links from 1")
+        for name in matched([pattern], list(lines), f"{path}.{i}"):
+            entry = len(scene.failures) + sum(item is not None for item in found)
+            found.append(Break(name, *_place(scene, name, int(link) if link else None, f"{path}.{i}"), entry))
+    names = [INTACT if item is None else item.name for item in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise refuse(path, name, "is given twice", "every state once")
+    return tuple(found)
+
+
+def _place(scene: Scene, name: str, link: int | None, path: str) -> tuple[str, int]:
+    """Line or piece and link (from 1) of a link of a whole line; the middle one where none is given."""
+    pieces: list[LineSpec] = [line for line in scene.lines if name in (line.name, line.piece_of)]
+    total = sum(line.links for line in pieces)
+    at = total // 2 + 1 if link is None else link
+    if not 1 <= at <= total:
+        raise refuse(path, f"{name}:{link}", "is not a link of it", f"{name}:1 to {name}:{total}")
+    for line in pieces:
+        if at <= line.links:
+            break
+        at -= line.links
+    if line.rigid:
+        raise SceneError(f"{path}: the links of {name!r} are rigid and do not break; allowed: a line that stretches")
+    return line.name, at
+
+
+def growth_of(tables: tuple[GrowthTable, ...], lines: tuple[str, ...], path: str) -> dict[str, dict[str, Any]]:
+    """`[line.growth]` by line, of a month's tables.
+
+    Raises:
+        SceneError: a pattern that matches nothing, or a line that two tables claim.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for table in tables:
+        for name in matched(table.lines, lines, f"{path}.{table.month}.lines"):
+            if name in found:
+                raise SceneError(
+                    f"{path}.{table.month}.lines: {name!r} has mussels of this month already; allowed: once a month"
+                )
+            found[name] = table.growth.table()
+    return found

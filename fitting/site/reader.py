@@ -1,0 +1,272 @@
+"""SITE.toml: read, checked against its scene, and refused in one line where it cannot be used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import check_keys, plain, read_list, read_table, read_text, refuse
+from dropper_jax.load.named import find_scene
+from dropper_jax.load.packaged import is_packaged, parse_toml
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import plain_values
+from dropper_jax.scene import whole_lines
+from fitting.site.breaking import check_breaking
+from fitting.site.case import breaks, growth_of
+from fitting.site.parts import Anchor, Part, matched, refuse_overlap, short
+from fitting.site.sections import (
+    AnchorTable,
+    Backbone,
+    CaseLists,
+    Curve,
+    Exclusion,
+    Factors,
+    GrowthTable,
+    PartTable,
+    RunValues,
+    SeasonValues,
+    SeaState,
+)
+from fitting.site.site import Site
+
+#: Sections that are read here, and those that others read.
+OWN = (
+    *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
+    *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season"),
+)
+PASSED = ("variable", "objective", "constraint", "optimise")
+
+
+def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None = None) -> Site:
+    """The site of a TOML file, of a packaged name, or of plain values.
+
+    Args:
+        folder: where the scene's file is looked for first; the site's own where left out.
+
+    Raises:
+        SceneError: one line with the section, the value and what is allowed.
+    """
+    file = None if isinstance(source, Mapping) else Path(source)
+    table = read_table(source if file is None else _parse(file), "site")
+    check_keys(table, (*OWN, *PASSED), "")
+    scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
+    if scene.sea is None:
+        raise SceneError(f"scene: {scene.name!r} has no [sea]; allowed: a scene with water")
+    lines = tuple(line.name for line in whole_lines(scene))
+    run = RunValues.read(table.get("run", {}), "run")
+    lists = CaseLists.read(table.get("cases", {}), "cases")
+    states = tuple(SeaState.read(item, f"sea_state.{i}") for i, item in _items(table, "sea_state"))
+    if not states:
+        raise SceneError("sea_state: missing; needed: one or more [[sea_state]] tables")
+    _unique("sea_state", [state.name for state in states])
+    broken = breaks(scene, lists.states, "cases.states")
+    kinds = {"intact" if state is None else "broken" for state in broken}
+    _check_times(run, lists, "broken" in kinds)
+    factors = Factors.read(table.get("factors", {}), "factors")
+    growth = _growth(table, lines)
+    for i, month in enumerate(lists.months):
+        read_text(month, f"cases.months.{i}", growth)
+    _unique("cases.months", list(lists.months))
+    unchecked = table.get("unchecked", [])
+    unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
+    held = [point.name for point in scene.points if point.kind == "fixed"]
+    free = [point.name for point in scene.points if point.kind == "free"]
+    sections = {
+        "exclusion": Exclusion.read(table["exclusion"], "exclusion") if "exclusion" in table else None,
+        "backbone": Backbone.read(table["backbone"], "backbone") if "backbone" in table else None,
+        "season": SeasonValues.read(table["season"], "season") if "season" in table else None,
+    }
+    for name, section in sections.items():
+        if section is not None and name != "season":
+            matched(section.lines, lines, f"{name}.lines")
+    if sections["season"] is not None:
+        matched(sections["season"].points, free, "season.points", "free point")
+    site = Site(
+        name=read_text(table.get("name", scene.name if file is None else file.stem), "name"),
+        description=read_text(table.get("description", ""), "description"),
+        scene=scene,
+        run=run,
+        sea_states=states,
+        lists=lists,
+        growth=growth,
+        states=broken,
+        factors=factors,
+        parts=_parts(table, scene, lines, factors, kinds, unchecked),
+        anchors=_anchors(table, held, factors, kinds),
+        raw={key: plain(table[key]) for key in PASSED if key in table},
+        table=plain(dict(table)),
+        file=file,
+        **sections,
+    )
+    _check_currents(site)
+    check_breaking(site)
+    site.prepared()
+    return site
+
+
+def packaged_sites() -> dict[str, Traversable]:
+    """Files of the packaged sites by name."""
+    folder = resources.files("dropper_jax") / "data" / "sites"
+    return {item.name.removesuffix(".toml"): item for item in folder.iterdir() if item.name.endswith(".toml")}
+
+
+def site_text(source: str | Path) -> bytes:
+    """What stands in a site's file, or in that of a packaged site.
+
+    Raises:
+        SceneError: there is no such file, nor a packaged site of that name.
+    """
+    file, packaged = Path(source), packaged_sites()
+    if str(source) in packaged and not file.exists():
+        return packaged[str(source)].read_bytes()
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        hint = "" if file.suffix else f"; {nearest(str(source), packaged)}"
+        raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}{hint}") from None
+
+
+def _parse(file: Path) -> dict[str, Any]:
+    return parse_toml(site_text(file), str(file))
+
+
+def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene with `[parameters]` and `[set]` put in."""
+    if "scene" not in table:
+        raise SceneError("scene: missing; needed: a scene's file beside this one, or the name of a packaged scene")
+    source: Any = table["scene"]
+    if isinstance(source, Mapping):
+        scene = Scene.from_dict(source)
+    else:
+        source = read_text(source, "scene")
+        if not is_packaged(source) and (folder / source).exists():
+            source = folder / source
+        found, name = find_scene(source)
+        scene = Scene.from_dict(plain_values(found), name)
+    values = {f"parameters.{key}": value for key, value in _table(table, "parameters").items()}
+    values |= _flat(_table(table, "set"))
+    return scene.with_values(values) if values else scene
+
+
+def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    return read_table(table.get(key, {}), key)
+
+
+def _flat(table: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Values by path, `sea.depth = 25` written with or without quotes; waves and currents go whole."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        inner = f"{path}.{key}" if path else key
+        whole = inner in ("sea.waves", "sea.current", "sea.level")
+        found |= _flat(value, inner) if isinstance(value, Mapping) and not whole else {inner: value}
+    return found
+
+
+def _items(table: Mapping[str, Any], section: str) -> list[tuple[int, Any]]:
+    return list(enumerate(read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")))
+
+
+def _unique(path: str, names: Sequence[str]) -> None:
+    for name in names:
+        if list(names).count(name) > 1:
+            raise refuse(path, name, "is used twice", "a name of its own")
+
+
+def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
+    if run.skip >= run.duration:
+        raise refuse("run.skip", run.skip, "leaves nothing of the run", f"0 to less than {run.duration:g} s")
+    if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
+        why = "is not in the part of the run that counts"
+        raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
+
+
+def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Tables of `[line.growth]` by month and line."""
+    tables = [GrowthTable.read(item, f"growth.{i}") for i, item in _items(table, "growth")]
+    months = dict.fromkeys(item.month for item in tables)
+    return {month: growth_of(tuple(t for t in tables if t.month == month), lines, "growth") for month in months}
+
+
+def _parts(
+    table: Mapping[str, Any],
+    scene: Scene,
+    lines: tuple[str, ...],
+    factors: Factors,
+    kinds: set[str],
+    unchecked: Sequence[str],
+) -> tuple[Part, ...]:
+    specs = {line.name: line.spec for line in whole_lines(scene)}
+    found, groups = [], [("unchecked", matched(unchecked, lines, "unchecked"))]
+    for i, item in _items(table, "part"):
+        path, own = f"part.{i}", dict(read_table(item, f"part.{i}"))
+        given, curve = own.pop("factor", None), own.pop("curve", None)
+        part = PartTable.read(own, path)
+        names = matched(part.lines, lines, f"{path}.lines")
+        groups.append((f"{path} ({part.name!r})", names))
+        found.append(
+            Part(
+                part.name,
+                names,
+                np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names]),
+                _factor(given, factors, kinds, f"{path}.factor"),
+                None if curve is None else Curve.read(curve, f"{path}.curve"),
+            )
+        )
+    _unique("part.name", [part.name for part in found])
+    refuse_overlap(groups, "line")
+    taken = {name for _, names in groups for name in names}
+    left = [name for name in lines if name not in taken]
+    if left:
+        raise SceneError(f"part: no part has the lines {short(left)}; allowed: a [[part]] with them, or `unchecked`")
+    return tuple(found)
+
+
+def _capacity(part: PartTable, own: Any, line: str, path: str) -> float:
+    if part.capacity is not None:
+        return part.capacity
+    if own is None:
+        raise SceneError(
+            f"{path}.capacity: missing; needed: the breaking load [N] of {part.name!r}, for {line!r} has no "
+            "`breaking_load` in the scene"
+        )
+    return float(np.min(own))
+
+
+def _factor(given: Any, table: Factors, kinds: set[str], path: str) -> dict[str, float | None]:
+    own = Factors() if given is None else Factors.of(given, path)
+    found = {kind: getattr(own, kind) or getattr(table, kind) for kind in ("intact", "broken")}
+    for kind in sorted(kinds):
+        if found[kind] is None:
+            raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], for cases are {kind}")
+    return found
+
+
+def _anchors(table: Mapping[str, Any], held: Sequence[str], factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
+    found, groups = [], []
+    for i, item in _items(table, "anchor"):
+        path, own = f"anchor.{i}", dict(read_table(item, f"anchor.{i}"))
+        given = own.pop("factor", None)
+        anchor = AnchorTable.read(own, path)
+        points = matched(anchor.points, held, f"{path}.points", "held point")
+        groups.append((path, points))
+        factor = _factor(given, factors, kinds, f"{path}.factor")
+        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor))
+    refuse_overlap(groups, "point")
+    _unique("anchor.name", [anchor.name for anchor in found])
+    return tuple(found)
+
+
+def _check_currents(site: Site) -> None:
+    """Currents of one kind: cases share a compiled program."""
+    kinds = {storm.current.get("kind", "uniform") for storm in site.storms if storm.current is not None}
+    if len(kinds) > 1:
+        raise refuse("cases.currents", sorted(kinds), "are of different kinds", "currents of one kind")
+    if "table" in kinds and any("velocities" not in (s.current or {}) for s in site.storms):
+        why = "the scene's current is a table of heights; a speed does not say how it scales"
+        raise SceneError(f"cases.currents: {why}; allowed: tables as [sea.current] with heights and velocities")

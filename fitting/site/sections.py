@@ -1,0 +1,263 @@
+"""Sections of a site as they are written, each with the ranges of its values."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Self
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import count as whole_number
+from dropper_jax.base.read import plain, read_fields, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.scene import GrowthSpec
+from dropper_jax.scene.anchor import KINDS
+from dropper_jax.sea.spectrum import SHAPES
+
+#: Density of a float's foam and shell over its volume [kg/m^3], as that of `float` in scenes.
+FLOAT_DENSITY = 80.0
+
+
+class Section:
+    """A section whose fields are declared; `PATTERNS` names the keys that take a pattern or a list of them."""
+
+    PATTERNS: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> Self:
+        """A checked section.
+
+        Raises:
+            SceneError: the first key or value that cannot be used.
+        """
+        table = dict(read_table(table, path))
+        for key in cls.PATTERNS:
+            if isinstance(table.get(key), str):
+                table[key] = [table[key]]
+        return cls(**read_fields(cls, table, path, {}))
+
+
+def patterns(meaning: str, **kwargs: Any) -> Any:
+    """Declare a pattern of names, or a list of them."""
+    return option(meaning, type=list, **kwargs)
+
+
+@dataclasses.dataclass(frozen=True)
+class RunValues(Section):
+    """`[run]`: how every case is run and what is made of its seeds."""
+
+    duration: float = parameter("simulated time of a run", unit="s", low=0.0, open_low=True)
+    dt: float | None = parameter("time step", unit="s", low=0.0, open_low=True, optional=True)
+    seeds: int = whole_number("realisations of each sea", default=10)
+    first_seed: int = whole_number("seed of the first one", low=0, default=1)
+    skip: float = parameter("time at the start that counts for nothing", unit="s", low=0.0, default=30.0)
+    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
+    storm: float = parameter("duration of the storm", unit="s", low=0.0, open_low=True, default=10800.0)
+    characteristic: str = option("characteristic load", choices=("mean", "most_probable"), default="mean")
+    confidence: float = parameter("level of intervals", unit="-", low=0.5, high=0.999, default=0.9)
+    halvings: int = whole_number("of the step, for its error", low=0, default=1)
+    step_seeds: int = whole_number("seeds of the runs with halved steps", default=3)
+
+
+@dataclasses.dataclass(frozen=True)
+class SeaState(Section):
+    """`[[sea_state]]`: an irregular sea; Hs of 0 is calm."""
+
+    name: str = option("name", type=str)
+    hs: float = parameter("significant wave height", unit="m", low=0.0)
+    tp: float = parameter("peak period", unit="s", low=0.0, open_low=True)
+    spectrum: str = option("shape", choices=SHAPES, default="jonswap")
+    gamma: float = parameter("peak factor", unit="-", low=1.0, default=3.3)
+    count: int = whole_number("number of frequencies", default=200)
+    frequencies: str = option(
+        "how they are chosen", choices=("equal_energy", "equal_frequency", "even"), default="equal_energy"
+    )
+    spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
+    directions: int = whole_number("directions per frequency", default=1)
+    hours: float | None = parameter("of it in a year", unit="h", low=0.0, high=8766.0, optional=True)
+
+    def waves(self, direction: float, seed: int) -> dict[str, Any]:
+        """`[sea.waves]` of its travel direction [rad] and seed."""
+        keys = ("hs", "tp", "spectrum", "gamma", "count", "frequencies", "spreading", "directions")
+        given = {key: getattr(self, key) for key in keys if getattr(self, key) is not None}
+        return {"kind": "spectrum", **given, "direction": direction, "seed": seed}
+
+
+@dataclasses.dataclass(frozen=True)
+class CaseLists(Section):
+    """`[cases]`: what is combined."""
+
+    PATTERNS = ("states", "months")
+
+    directions: Any = parameter("towards which the waves travel", unit="deg", shape="table", default=(0.0,))
+    currents: tuple[dict[str, Any], ...] = ()
+    current_direction: float | None = None
+    levels: Any = parameter("of the tide", unit="m", shape="table", default=(0.0,))
+    months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
+    states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
+    break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> Self:
+        """A checked section; currents become tables with `name`, those without `direction` go as the others."""
+        own = dict(read_table(table, path))
+        currents = own.pop("currents", [])
+        heading = own.pop("current_direction", "waves")
+        if heading != "waves":
+            heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
+        found = super().read(own, path)
+        for key in ("directions", "levels", "states"):
+            if len(getattr(found, key)) == 0:
+                raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
+        for key in ("directions", "levels"):
+            values = [float(x) for x in getattr(found, key)]
+            if len(set(values)) < len(values):
+                raise refuse(f"{path}.{key}", values, "has a value twice", "every value once")
+        tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(_list(currents, f"{path}.currents"))]
+        names = [item["name"] for item in tables]
+        if len(set(names)) < len(names):
+            raise refuse(f"{path}.currents", names, "has a current twice", "every current once")
+        heading = None if heading == "waves" else heading
+        return dataclasses.replace(found, currents=tuple(tables), current_direction=heading)
+
+
+def _list(value: Any, path: str) -> list[Any]:
+    return read_list(value, path, None, "a list of speeds [m/s], or of tables as [sea.current]")
+
+
+def _current(item: Any, path: str) -> dict[str, Any]:
+    """A current as a table with a name; of a number its speed."""
+    if not isinstance(item, Mapping):
+        speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
+        return {"name": f"{speed:g} m/s", "speed": speed}
+    found = plain(item)
+    speed = found.get("speed")
+    own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
+    return {**found, "name": read_text(found.get("name", own), f"{path}.name")}
+
+
+@dataclasses.dataclass(frozen=True)
+class GrowthTable(Section):
+    """`[[growth]]`: mussels of a month on some lines."""
+
+    month: str = option("name of the month", type=str)
+    lines: tuple[str, ...] = patterns("lines that carry them")
+    growth: GrowthSpec | None = None
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> Self:
+        own = dict(read_table(table, path))
+        known = {key: own.pop(key) for key in ("month", "lines") if key in own}
+        if isinstance(known.get("lines"), str):
+            known["lines"] = [known["lines"]]
+        head = read_fields(cls, known, path, {})
+        return cls(**{**head, "growth": GrowthSpec.read(own, path)})
+
+
+@dataclasses.dataclass(frozen=True)
+class Factors(Section):
+    """`[factors]`: the user's table of factors on loads."""
+
+    intact: float | None = parameter("with all lines whole", unit="-", low=1.0, optional=True)
+    broken: float | None = parameter("where a line breaks", unit="-", low=1.0, optional=True)
+    source: str = option("where they are from", type=str, default="not given: check against your standard")
+    edition: str = option("edition of the source", type=str, default="not given")
+
+    @classmethod
+    def of(cls, value: Any, path: str) -> Factors:
+        """Those of a part: a number for all states, or a table."""
+        if isinstance(value, Mapping):
+            return cls.read(value, path)
+        number = read_number(value, path, {"low": 1.0}, "a number >= 1, or { intact = ..., broken = ... }")
+        return cls(number, number)
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve(Section):
+    """A part's own fatigue curve, `N = k (range/capacity)^-m`."""
+
+    k: float = parameter("cycles at a range of the capacity", unit="-", low=0.0, open_low=True)
+    m: float = parameter("slope", unit="-", low=0.0, open_low=True)
+    source: str = option("where it is from", type=str, default="not given")
+
+
+@dataclasses.dataclass(frozen=True)
+class PartTable(Section):
+    """`[[part]]` as it is written, its factor and curve apart."""
+
+    PATTERNS = ("lines",)
+
+    name: str = option("name in reports", type=str)
+    lines: tuple[str, ...] = patterns("lines of the part")
+    capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorTable(Section):
+    """`[[anchor]]` as it is written: kinds as in scenes."""
+
+    PATTERNS = ("points",)
+
+    points: tuple[str, ...] = patterns("held points")
+    name: str | None = option("name in reports", type=str, default=None)
+    kind: str = option("how it holds", choices=tuple(KINDS), default="tested")
+    weight: float | None = parameter("weight in water", unit="N", low=0.0, open_low=True, optional=True)
+    friction: float | None = parameter("friction against the bed", unit="-", low=0.0, open_low=True, optional=True)
+    capacity: float | None = parameter("load it was tested to", unit="N", low=0.0, open_low=True, optional=True)
+    uplift: float | None = parameter("largest angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> Self:
+        found = super().read(table, path)
+        for key in ("weight", "friction", "capacity"):
+            given, needed = getattr(found, key) is not None, key in KINDS[found.kind]
+            if given != needed:
+                what = "missing" if needed else "is not used"
+                raise SceneError(f"{path}.{key}: {what}; kind {found.kind!r} takes {' and '.join(KINDS[found.kind])}")
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Exclusion(Section):
+    """`[exclusion]`: how far nodes may go from where calm water leaves them."""
+
+    PATTERNS = ("lines",)
+
+    excursion: float = parameter("largest horizontal way", unit="m", low=0.0, open_low=True)
+    lines: tuple[str, ...] = patterns("lines whose nodes count", default=("*",))
+
+
+@dataclasses.dataclass(frozen=True)
+class Backbone(Section):
+    """`[backbone]`: depths below the water's level between which lines are to stay at rest."""
+
+    PATTERNS = ("lines",)
+
+    lines: tuple[str, ...] = patterns("lines of the backbone")
+    shallowest: float | None = parameter("least depth", unit="m", optional=True)
+    deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, optional=True)
+
+    @classmethod
+    def read(cls, table: Any, path: str) -> Self:
+        found = super().read(table, path)
+        if None not in (found.shallowest, found.deepest) and not found.shallowest < found.deepest:
+            raise refuse(f"{path}.deepest", found.deepest, "is not below shallowest", f"> {found.shallowest:g} m")
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
+class SeasonValues(Section):
+    """`[season]`: floats that carry the growing weight."""
+
+    PATTERNS = ("points",)
+
+    points: tuple[str, ...] = patterns("free points with a volume that carry floats")
+    volume: float = parameter("of one float", unit="m^3", low=0.0, open_low=True)
+    density: float = parameter("of a float over its volume", unit="kg/m^3", low=0.0, default=FLOAT_DENSITY)
+    reserve: float = parameter("lift of all floats over what is needed, at least", unit="-", low=1.0, default=1.3)
+    least_share: float = parameter(
+        "what is needed over the lift, at least: floats that carry less rise", unit="-", low=0.0, high=1.0, default=0.1
+    )
+    start: int | None = whole_number("floats in place before the first month", low=0, default=None)
+    currents: Any = parameter("of the static poses", unit="m/s", shape="table", optional=True)
+    levels: Any = parameter("of the static poses", unit="m", shape="table", optional=True)

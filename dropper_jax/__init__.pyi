@@ -15,11 +15,14 @@ from dropper_jax.model.state import State as State
 from dropper_jax.model.state import state as state
 from dropper_jax.run.build import build as build
 from dropper_jax.run.build import equilibrium as equilibrium
+from dropper_jax.run.build import linearised as linearised
 from dropper_jax.run.simulate import simulate as simulate
 from dropper_jax.run.solution import Solution as Solution
 from dropper_jax.run.start import from_angles as from_angles
 from dropper_jax.run.start import initial_state as initial_state
+from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle
+from dropper_jax.statics.stiffness import mooring_stiffness as mooring_stiffness
 from dropper_jax.stepping.adaptive import followed_steps as followed_steps
 from dropper_jax.stepping.choose import make_stepper as make_stepper
 from dropper_jax.stepping.controlled import controlled_steps as controlled_steps

@@ -15,7 +15,7 @@ from dropper_jax.cli.output import done_object, failure_object, print_json, prin
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.scene.slices import LineSlice
-    from dropper_jax.statics.static_pose import Equilibrium
+    from dropper_jax.statics.search import Equilibrium
 
 help = "find the static pose of a scene, held by its release force where it has one"
 

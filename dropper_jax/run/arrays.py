@@ -16,7 +16,8 @@ from dropper_jax.run.bodies import make_bodies, make_vessels
 from dropper_jax.run.failures import make_failures
 from dropper_jax.scene import LineSpec, PointSpec, SceneData, joined
 from dropper_jax.sea.make import make_sea
-from dropper_jax.statics.static_pose import Equilibrium, equilibrium, nodal_loads
+from dropper_jax.statics.search import Equilibrium
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
 
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
@@ -19,7 +20,10 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec
-from dropper_jax.statics.static_pose import Equilibrium
+from dropper_jax.statics.linear import Linearised, linearised_about
+from dropper_jax.statics.search import Equilibrium
+from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
+from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
@@ -83,7 +87,39 @@ def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:
     return model, initial_state(model, scene.start)
 
 
-def equilibrium(scene: SceneLike) -> Equilibrium:
-    """The static pose of a scene, held by its release force where it has one."""
+def equilibrium(
+    scene: SceneLike | Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None
+) -> Equilibrium:
+    """The static pose of a scene, held by its release force where it has one, or of a model (see `build`).
+
+    Of a model it is a function with derivatives, forward and reverse (implicit function theorem):
+
+        model, start = dj.build("dropper-farm")
+        jax.grad(lambda m: dj.equilibrium(m).tension.max())(model)          # sought on the host
+        jax.jit(lambda m, near: dj.equilibrium(m, near=near).tension)       # next to a pose near by
+
+    Args:
+        scene: packaged name, TOML file, plain values, a `Scene` or a `Model`.
+        loads, t, near: of a model: forces (free nodes, 3) [N], time [s], a pose to start from
+            (see `statics.static_pose.equilibrium`).
+    """
+    if isinstance(scene, Model):
+        return model_equilibrium(scene, loads, t, near)
+    if loads is not None or near is not None or t:
+        raise SceneError("loads, t, near: belong to a model; allowed: `equilibrium(build(scene)[0], ...)`")
     scene = load_scene(scene)
     return static_pose(scene, build_model(scene))
+
+
+def linearised(scene: SceneLike) -> Linearised:
+    """Small motions of a scene about its static pose: M, C, K, and what moving ends do to the tensions.
+
+    Raises:
+        SceneError: no static pose, or a scene that is not smooth there (see `statics.linear`).
+    """
+    scene = load_scene(scene)
+    model = build_model(scene)
+    pose = static_pose(scene, model)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    return linearised_about(model, pose.state, nodal_loads(model, scene.start.release_nodes, scene.start.release_force))

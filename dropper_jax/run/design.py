@@ -13,7 +13,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike, equilibrium
 from dropper_jax.scene import line_slices, whole_lines
-from dropper_jax.statics.static_pose import Equilibrium
+from dropper_jax.statics.search import Equilibrium
 
 #: Relative change of the value at which the search ends.
 PRECISION = 1e-9

@@ -12,7 +12,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Displacement, Model, State, state
 from dropper_jax.scene import StartSpec
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads, settle
 
 
 def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Array:
@@ -44,8 +44,10 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
-def between_points(model: Model) -> State:
+def between_points(model: Model, near: State | None = None) -> State:
     """At rest with all points where the scene puts them and the lines settled between them.
+
+    With `near`, such a state of a design near by, differentiable in the model.
 
     Raises:
         SceneError: the lines do not settle.
@@ -58,25 +60,38 @@ def between_points(model: Model) -> State:
     if not graph.free:
         return state(model, jnp.stack(places))
     held = replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
-    pose = equilibrium(held)
-    if pose.status != "ok":
+    beside = None if near is None else state(held, near.r[: graph.free], tension=near.tension)
+    s = _found(held, None) if beside is None else settle(held, beside)
+    r = jnp.concatenate([s.r, jnp.stack(places)]) if places else s.r
+    return state(model, r, tension=s.tension)
+
+
+def _found(model: Model, loads: jax.Array | None) -> State:
+    pose = equilibrium(model, loads)
+    if pose.status not in ("ok", "traced"):
         raise SceneError(f"start: {pose.message}")
-    r = jnp.concatenate([pose.state.r, jnp.stack(places)]) if places else pose.state.r
-    return state(model, r, tension=pose.state.tension)
+    return pose.state
 
 
-def initial_state(model: Model, start: StartSpec) -> State:
+def initial_state(model: Model, start: StartSpec, near: State | None = None) -> State:
     """The state at t = 0 that a scene's `[start]` describes.
+
+    A static pose, and lines settled between given points, follow the model, with derivatives by the implicit function
+    theorem. Inside `jit` and `vmap` they need the state `near` of a design near by, from which they are found.
 
     Raises:
         SceneError: a static pose that was not found; the message says which node and why.
     """
     if start.kind == "static":
-        pose = equilibrium(model, nodal_loads(model, start.release_nodes, start.release_force))
-        if pose.status != "ok":
-            raise SceneError(f"start: {pose.message}")
-        return _pushed(model, pose.state)
-    return _under_tension(model, _pushed(model, _given(model, start)))
+        loads = nodal_loads(model, start.release_nodes, start.release_force)
+        s = _found(model, loads) if near is None else settle(model, _still(model, near), loads)
+        return _pushed(model, s)
+    return _under_tension(model, _pushed(model, _given(model, start, near)))
+
+
+def _still(model: Model, near: State) -> State:
+    """The places and tensions of a state, at t = 0."""
+    return state(model, near.r, tension=near.tension)
 
 
 def _pushed(model: Model, s: State) -> State:
@@ -86,9 +101,9 @@ def _pushed(model: Model, s: State) -> State:
     return s
 
 
-def _given(model: Model, start: StartSpec) -> State:
+def _given(model: Model, start: StartSpec, near: State | None) -> State:
     if start.kind == "points":
-        return between_points(model)
+        return between_points(model, near)
     if start.kind == "angles":
         return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
     free = slice(1, 1 + model.free_nodes)

@@ -1,5 +1,7 @@
 """Poses at rest."""
 
-from dropper_jax.statics.static_pose import Equilibrium, equilibrium, nodal_loads, rest, settle
+from dropper_jax.statics.calm import rest
+from dropper_jax.statics.search import Equilibrium
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads, settle
 
 __all__ = ["Equilibrium", "equilibrium", "nodal_loads", "rest", "settle"]

@@ -19,6 +19,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.place import place
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Model, State
 from dropper_jax.residual import GRAVITY_SCALE
@@ -44,25 +45,29 @@ class LaidOut(Effect):
         return -jnp.minimum(self.grip, slides)[:, None] * u
 
 
-def laid_out(model: Model, s: State, mu: jax.Array) -> tuple[Model, float]:
+def laid_out(model: Model, s: State, mu: jax.Array) -> tuple[Model, jax.Array]:
     """The model of a static pose with friction on the inner nodes of all lines, and what rounding leaves of its rows.
 
-    The latter is in `force_scale`, as `system_tolerance` is.
+    The latter is in `force_scale`, as `system_tolerance` is. Differentiable in model and pose.
     """
-    graph, length = model.geometry, np.asarray(model.line.length, float)
-    ends = np.asarray(model.ends(s.t).places, float)
-    field = np.asarray(graph.everywhere(s.r, jnp.asarray(ends)), float)
-    place, grip = np.zeros((graph.free, 2)), np.zeros(graph.free)
-    stiffness = np.asarray(model.line.axial.EA, float) / length
+    graph, length = model.geometry, model.line.length
+    ends = model.ends(s.t).places
+    field = graph.everywhere(s.r, ends)
+    stiffness = model.line.axial.EA / length
+    inner, places, grips = [], [jnp.zeros((0, 2), model.dtype)], [jnp.zeros(0, model.dtype)]
     for path, span in zip(graph.paths, graph.spans, strict=True):
         start, end = field[path[0], :2], field[path[-1], :2]
-        across = np.linalg.norm(end - start)
-        if across == 0.0:
-            continue  # a line that hangs straight down, or a loop, has nowhere to be laid
-        along = np.cumsum(length[span])[:-1, None]
-        place[path[1:-1]] = start + along * (end - start) / across
-        grip[path[1:-1]] = GRIP * stiffness[span][:-1]
-    grip = np.minimum(grip, GRAVITY_SCALE * float(mu) * np.asarray(model.line.node_mass) / GIVE)
-    rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * np.max(grip) * (np.max(np.abs(field)) + np.max(length))
-    held = LaidOut(place=jnp.asarray(place), grip=jnp.asarray(grip), mu=jnp.asarray(mu))
-    return replace(model, effects=(*model.effects, held)), rounding / float(force_scale(model))
+        across = safe_norm(end - start)
+        laid = across > 0.0  # a line that hangs straight down, or a loop, has nowhere to be laid
+        along = jnp.cumsum(length[span])[:-1, None]
+        inner.append(path[1:-1])
+        places.append(jnp.where(laid, start + along * (end - start) / jnp.where(laid, across, 1.0), 0.0))
+        grips.append(jnp.where(laid, GRIP * stiffness[span][:-1], 0.0))
+    where = np.concatenate(inner).astype(int)
+    at = place(where, jnp.concatenate(places), graph.free)
+    grip = place(where, jnp.concatenate(grips), graph.free)
+    grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / GIVE)
+    size = jnp.max(jnp.abs(field)) + jnp.max(length)
+    rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * size
+    held = LaidOut(place=at, grip=grip, mu=jnp.asarray(mu))
+    return replace(model, effects=(*model.effects, held)), rounding / force_scale(model)

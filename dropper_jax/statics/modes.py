@@ -10,10 +10,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State
-from dropper_jax.statics.bodies import Coordinates, free_motions, generalised
-from dropper_jax.statics.static_pose import rest
-from dropper_jax.statics.system import RestProblem
+from dropper_jax.statics.bodies import free_motions, generalised
+from dropper_jax.statics.calm import rest
+from dropper_jax.statics.tangent import unbalanced_rows
+
+#: Stiffness over the largest one (per mass) that is rounding; swinging is 1e-11 of the axial stiffness of a chain.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -50,17 +54,12 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     Raises:
         SceneError: rigid links, whose tensions do not follow from lengths.
     """
-    if not model.line.axial.elastic:
-        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed for modes: elastic, rope, tabulated")
-    stiffness, mass = _matrices(rest(model), pose)
-    motions = None
-    if model.ties:  # only motions that leave bodies rigid
-        motions = np.asarray(free_motions(model, pose)).reshape(len(mass), -1)
-        mass, stiffness = motions.T @ mass @ motions, _turning(rest(model), pose)
+    _refuse_rigid(model)
+    stiffness, mass, motions = (np.asarray(part) for part in _matrices(model, pose))
     value, vector = eigh(stiffness, mass)
-    stiff = value > 1e-13 * value[-1]  # rounding; swinging is 1e-11 of the axial stiffness of a chain
+    stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]
-    shape = (vector if motions is None else motions @ vector).T.reshape(len(value), -1, 3)
+    shape = (motions @ vector).T.reshape(len(value), -1, 3)
     largest = np.take_along_axis(
         shape.reshape(len(value), -1), np.argmax(np.abs(shape.reshape(len(value), -1)), axis=1)[:, None], axis=1
     )
@@ -68,11 +67,30 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     return Modes(2 * np.pi / np.sqrt(value), shape, _of_bodies(model, pose, shape) if model.ties else None)
 
 
-def _turning(model: Model, pose: State) -> np.ndarray:
-    """Stiffness in the coordinates of `statics.bodies`, what forces do as bodies turn included."""
-    loads, zero = jnp.zeros_like(pose.r), jnp.zeros(Coordinates.of(model).size, model.dtype)
-    found = np.asarray(jax.jit(jax.jacfwd(lambda q: generalised(model, pose, loads, q)))(zero))
-    return 0.5 * (found + found.T)
+def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
+    """The longest natural periods (count,) [s] about a static pose, differentiable in model and pose.
+
+    With `K x = omega^2 M x`, x'Mx = 1:  d(omega^2) = x'(dK - omega^2 dM) x, where K follows the pose. Take the pose
+    from `equilibrium` or `settle` of the same model, so that it does. Of modes with equal periods only the sum of
+    omega^2 has a derivative; NaN where there are not so many modes with a stiffness.
+
+    Raises:
+        SceneError: rigid links.
+    """
+    _refuse_rigid(model)
+    stiffness, mass, _ = _symmetric(model, pose)
+    lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
+    solved = lambda a: jax.scipy.linalg.solve_triangular(lower, a, lower=True)  # noqa: E731
+    value, vector = jnp.linalg.eigh(solved(solved(jax.lax.stop_gradient(stiffness)).T))
+    number = jnp.sum(value <= ROUNDING * value[-1]) + jnp.arange(count)
+    x = jax.scipy.linalg.solve_triangular(lower.T, vector, lower=False)[:, jnp.minimum(number, len(value) - 1)]
+    square = jnp.sum(x * (stiffness @ x), axis=0) / jnp.sum(x * (mass @ x), axis=0)
+    return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
+
+
+def _refuse_rigid(model: Model) -> None:
+    if not model.line.axial.elastic:
+        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed for modes: elastic, rope, tabulated")
 
 
 def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
@@ -85,20 +103,32 @@ def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
 
 
-def _matrices(model: Model, pose: State) -> tuple[np.ndarray, np.ndarray]:
-    size = 3 * model.free_nodes
-    problem = RestProblem(model, pose, jnp.zeros_like(pose.r), jnp.zeros((), model.dtype))
+@kept()
+def _matrices(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
+    return _symmetric(model, pose)
 
-    def force(x: jax.Array) -> jax.Array:
-        x = x.reshape(-1, 3)
-        d = problem.link_vectors(x)
-        return (problem.node_rows(x, ())[0] - model.gather(problem.link_rows(d, problem.tension(x))[0])).ravel()
+
+def _symmetric(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Stiffness and mass (k, k), made symmetric, and the motions of the free nodes (3 free, k) that they are of.
+
+    With rigid bodies only motions that leave these rigid, what forces do as bodies turn included.
+    """
+    full, model = model, rest(model)
+    size = 3 * model.free_nodes
+    loads, none = jnp.zeros_like(pose.r), jnp.zeros(size, model.dtype)
 
     def inertia(a: jax.Array) -> jax.Array:
-        k = problem.place(jnp.zeros_like(pose.r))
+        k = model.instant(pose.r, jnp.zeros_like(pose.r), pose.t, model.ends(pose.t))
         return model.inertia(k, a.reshape(-1, 3)).ravel()
 
-    zero = jnp.zeros(size, model.dtype)
-    stiffness = np.asarray(jax.jit(jax.jacfwd(force))(zero))
-    mass = np.asarray(jax.jit(jax.jacfwd(inertia))(zero))
-    return 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
+    mass = jax.jacfwd(inertia)(none)
+    if model.ties:
+        motions = free_motions(full, pose).reshape(size, -1)
+        zero = jnp.zeros(motions.shape[1], model.dtype)
+        stiffness = jax.jacfwd(lambda q: generalised(model, pose, loads, q))(zero)
+        mass = motions.T @ mass @ motions
+    else:
+        motions = jnp.eye(size, dtype=model.dtype)
+        rows = lambda x: unbalanced_rows(model, pose, loads, x.reshape(-1, 3)).ravel()  # noqa: E731
+        stiffness = jax.jacfwd(rows)(none)
+    return 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), motions

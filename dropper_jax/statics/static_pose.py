@@ -1,12 +1,14 @@
-"""Static equilibrium: the stable pose of dead loads, Newton with load continuation, exact derivatives of the pose.
+"""Static equilibrium as a function of model and loads, with exact derivatives of the pose.
 
-F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
+    R(theta, u) = 0,    du = -R_u^-1 R_theta dtheta        (theta: model and loads, u: places and tensions)
+
+The pose is sought on the host (`search`), or found next to one that is given, in the compiled program. Its derivatives
+follow from the implicit function theorem, by one linear solve at the pose.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from operator import itemgetter
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -17,65 +19,18 @@ from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.place import place
-from dropper_jax.base.programs import kept
-from dropper_jax.model import Ends, Graph, Law, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Unknowns
+from dropper_jax.model import Graph, Model, State, state
+from dropper_jax.residual import Unknowns
+from dropper_jax.residual.unknowns import norm
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.statics.bodies import rest_with_bodies, settled_with_bodies
-from dropper_jax.statics.catenary import catenary_guess
-from dropper_jax.statics.hanging import hang
+from dropper_jax.statics import bodies
+from dropper_jax.statics.calm import rest
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.relaxation import relax, steadied
-from dropper_jax.statics.rest_problem import (
-    DENSE_LIMIT,
-    LeastNorm,
-    StaticProblem,
-    solve_statics,
-    static_tolerance,
-)
-from dropper_jax.statics.stability import leave, stable
-from dropper_jax.statics.system import (
-    find_rest,
-    find_softened,
-    guess,
-    springy,
-    system_tolerance,
-    tighten,
-    unsettled,
-)
-
-#: Smallest share of the loads that continuation tries to add before it gives up.
-SMALLEST_INCREMENT = 1.0 / 1024
-
-
-@dataclass(frozen=True)
-class Equilibrium:
-    """A static pose.
-
-    Attributes:
-        positions: nodes (n + 1, 3) [m]; of a system those of all lines, line after line.
-        tension: links (n,) [N].
-        residual: largest scaled row.
-        status: `ok` or `not_converged`.
-        message: what went wrong, else empty.
-        state: the same as a `State` at rest.
-    """
-
-    positions: np.ndarray
-    tension: np.ndarray
-    residual: float
-    status: str
-    message: str = ""
-    state: State | None = field(default=None, repr=False)
-
-
-def rest(model: Model) -> Model:
-    """The model without laws of their own and without waves.
-
-    Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
-    """
-    effects = tuple(e for e in model.effects if not isinstance(e, Law))
-    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
+from dropper_jax.statics.rest_problem import DENSE_LIMIT, StaticProblem, static_tolerance
+from dropper_jax.statics.search import Equilibrium, outward, search
+from dropper_jax.statics.settled import settled
+from dropper_jax.statics.system import force_scale, system_tolerance
+from dropper_jax.statics.tangent import unbalanced_rows
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
@@ -88,168 +43,100 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
     return place(index, jnp.asarray(forces, model.dtype), model.free_nodes)
 
 
-def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0) -> Equilibrium:
+def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:
     """The pose in which the model rests at time t under additional nodal `loads` (free nodes, 3) [N].
 
     Works for hanging strings, slack loops, ends at different heights or at the same point, loops nearly as long as
-    they are straight, and lifted nodes. Runs on the host; see `settle` for derivatives of the pose it finds.
+    they are straight, and lifted nodes. Sought on the host.
+
+    Differentiable in model and loads, forward and reverse, by the implicit function theorem (see `settle`): inside
+    `grad`, `jvp` and `jacfwd` the pose is sought on the host all the same; inside `jit` and `vmap` it is the one next
+    to `near`. Where a link is on the verge of going slack, or a node of touching the bed, the derivative is that of
+    one side.
+
+    Args:
+        loads: additional forces on the free nodes (free nodes, 3) [N].
+        t: time [s], for ends that move.
+        near: a pose to start from, such as that of another design: Newton from there, not on the host.
 
     Raises:
-        SceneError: where nothing gives the line a shape (no weight).
+        SceneError: where nothing gives the line a shape (no weight); traced values without a pose near by.
     """
-    if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # stiff links' balance would drown in rounding
-        exact = equilibrium(model.cast(jnp.float64), loads, t)
-        return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
-    full, model = model, rest(model)
+    if near is not None or _traced((model, loads)):
+        return _differentiable(model, loads, t, near)
+    return search(model, loads, t)
+
+
+def _traced(tree: object) -> bool:
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State | None) -> Equilibrium:
+    """The pose next to one that is given, or that is found on the host for the values that are differentiated at."""
+    if near is None:
+        at = jax.lax.stop_gradient((model, loads))
+        if _traced(at):
+            raise SceneError(
+                "near: no pose to start from inside jit or vmap; allowed: `equilibrium(...).state` of a design near by"
+            )
+        found = equilibrium(*at, t)
+        if found.status != "ok":
+            raise SceneError(f"equilibrium: {found.message}")
+    there, near = near is None, found.state if near is None else near
+    near = replace(near, t=jnp.asarray(t, model.dtype))
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    s, acting = _settle(model, near, loads, there)
+    residual, tolerance = _left(acting, s, loads)
+    status, message = "traced", ""
+    if not _traced((model, s)):
+        message = "" if float(residual) <= tolerance else "no equilibrium found next to the pose that was given"
+        status = "not_converged" if message else "ok"
+    return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
+
+
+def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
+    """Largest scaled row of a settled pose, and what it may be (NaN where that is not known in a trace)."""
     if model.ties:
-        return _result(full, *rest_with_bodies(model, loads, t))
-    if isinstance(model.geometry, Graph):
-        return _by_descent(full, model, loads, t)
-    share, message = 1.0, ""
-    s, residual = _hang_and_solve(model, loads, t)
-    if not (residual <= static_tolerance(model) and stable(model, s)):
-        s, residual, share = _continue(model, loads, t)
-    if share == 1.0 and residual <= static_tolerance(model) and not stable(model, s):
-        s, residual = leave(model, s, loads, residual)
-    if share < 1.0 or not residual <= static_tolerance(model):
-        message = _complaint(model, s, loads, share, residual)
-    elif not stable(model, s):
-        message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
-    if message and not model.line.compound:  # slack links, a bed or the surface on the way
-        lower = _by_descent(full, model, loads, t)
-        if lower.status == "ok" and stable(model, lower.state):
-            return lower
-    return _result(full, s, residual, message)
+        rows = bodies.generalised(model, s, loads, jnp.zeros(bodies.Coordinates.of(model).size, model.dtype))
+        size = jnp.max(jnp.abs(rows / jnp.maximum(bodies.arms(model), 1.0)))
+        return size / bodies.bodies_scale(model), bodies.TOLERANCE
+    if not model.line.axial.elastic:
+        problem = StaticProblem(model, s, loads)
+        return norm(problem.residual(Unknowns(s.r, s.tension)), problem.row_scale()), static_tolerance(model)
+    rows = unbalanced_rows(model, s, loads, jnp.zeros_like(s.r))
+    tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
+    return jnp.max(jnp.abs(rows)) / force_scale(model), tolerance
 
 
-def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
-    rigid, model = model.line, model if model.line.axial.elastic else springy(model)
-    tolerance = system_tolerance(model)
-    s, residual = find_rest(model, guess(model, t), loads, tolerance)
-    for otherwise in (find_softened, relax):
-        if not residual <= tolerance:
-            s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
-    drifting = model.sea is not None and model.sea.current is not None and bool(jnp.any(s.tension <= 0.0))
-    if residual <= tolerance and drifting:
-        s, residual = steadied(model, s, residual, loads, tolerance)
-    message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
-    friction = full.effect("seabed_friction")
-    outward = friction is not None and friction.statics == "outward" and isinstance(model.geometry, Graph)
-    if not message and outward:
-        model, rounding = laid_out(model, s, friction.kinetic)
-        tolerance = max(tolerance, rounding)
-        s, residual = find_rest(model, s, loads, tolerance)
-        message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
-    if not message and model.line is not rigid:
-        s, residual = tighten(replace(model, lines=(rigid,)), s, loads)
-        residual = float(residual)
-        message = (
-            "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
-        )
-    return _result(full, s, residual, message)
+def _large(model: Model) -> bool:
+    return SOLVERS["dense"].size(model) > DENSE_LIMIT
 
 
-def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
-    """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
-    s = _hang(model, loads, None, t)
-    for _ in range(1 if model.constant_force else 4):
-        s = _hang(model, loads, s, t)
-    return solve_statics(model, s, loads, t)
-
-
-def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
-    line = model.line
-    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
-    total = np.asarray(force, float) + np.asarray(loads, float)
-    if not np.any(total):
-        raise SceneError(
-            "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
-            "'angles' or 'positions'"
-        )
-    flexibility = 1.0 / line.axial.EA if line.axial.elastic else 0.0
-    end = None if ends.end is None else np.asarray(ends.end, float)
-    nodes, tension = hang(
-        np.asarray(ends.start, float),
-        end,
-        np.asarray(line.length, float),
-        total,
-        np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
-    )
-    return state(model, nodes, tension=tension, t=t)
-
-
-@kept()
-def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
-    """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
-    ends = model.ends(t)
-    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
-    k = model.kinematics(r, jnp.zeros_like(r), t, ends)
-    return ends, model.force(model.kinematics(r, jnp.zeros_like(r), t, ends, prepared=model.prepare(k)))
-
-
-def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
-    """The loads added little by little to the catenary; returns the share that was reached."""
-    solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
-    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
-    if not np.any(np.asarray(loads)):
-        return s, residual, 1.0
-    share, increment = 0.0, 0.125
-    while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
-        step = min(increment, 1.0 - share)
-        trial, trial_residual = solve_statics(model, s, (share + step) * loads, t, solver)
-        if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
-            s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
-        else:
-            increment = step / 2.0
-    return s, residual, share
-
-
-def _catenary(model: Model, t: float) -> State:
-    ends, line = model.ends(jnp.asarray(t, model.dtype)), model.line
-    weight = model.effect("weight")
-    total = GRAVITY_SCALE * float(jnp.sum(line.mass)) if weight is None else float(jnp.sum(weight.per_link(line)))
-    end = None if ends.end is None else np.asarray(ends.end, float)
-    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
-    return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
-
-
-def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
-    """A load increment that moves a node by more than half a line length may have jumped to another branch."""
-    return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
-
-
-def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
-    rows = StaticProblem(model, s, share * loads).residual(Unknowns(s.r, s.tension)).x
-    worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
-    return (
-        f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "
-        f"node {worst} is farthest from balance"
-    )
-
-
-def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
-    ends = model.ends(s.t)
-    return Equilibrium(
-        positions=np.asarray(model.nodes(s.r, ends)),
-        tension=np.asarray(s.tension),
-        residual=residual,
-        status="not_converged" if message else "ok",
-        message=message,
-        state=state(model, s.r, tension=s.tension, t=s.t),
-    )
-
-
-def settle(model: Model, near: State, loads: jax.Array | None = None) -> State:
+def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:
     """The equilibrium next to the pose `near`, as a differentiable, batchable function of model and loads.
 
-    Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem.
+    Newton from `near` (found once with `equilibrium`); derivatives by the implicit function theorem. Lines that stretch
+    are solved in O(n); rigid ones, and rigid bodies, with dense matrices. Places are NaN where no pose of lines that
+    stretch is found, and derivatives where a motion that nothing holds has no answer to what changes.
+
+    With `there`, lines that stretch are not moved from `near`, which must be the pose of this model: its derivatives
+    alone are computed, in a smaller program.
     """
-    full, model = model, rest(model)
-    loads = jnp.zeros_like(near.r) if loads is None else loads
+    return _settle(model, near, jnp.zeros_like(near.r) if loads is None else loads, there)[0]
+
+
+def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
+    """The pose, and the model that is at rest there."""
+    model = rest(full)
     if model.ties:
-        found = settled_with_bodies(model, near, loads)
-        return state(full, found.r, tension=found.tension, t=near.t)
+        found = bodies.settled_with_bodies(model, near, loads)
+        return state(full, found.r, tension=found.tension, t=near.t), model
+    if model.line.axial.elastic and (isinstance(model.geometry, Graph) or _large(model)):
+        friction = outward(full)
+        if friction is not None:
+            model = laid_out(model, settled(model, near, loads), friction.kinetic)[0]
+        found = settled(model, near, loads, there)
+        return state(full, found.r, tension=found.tension, t=near.t), model
     guess = jax.lax.stop_gradient(Unknowns(near.r, near.tension))
     problem = StaticProblem(model, near, loads)
     flat, unravel = ravel_pytree(guess)
@@ -264,4 +151,4 @@ def settle(model: Model, near: State, loads: jax.Array | None = None) -> State:
         return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
 
     u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))
-    return state(full, u.x, tension=u.y, t=near.t)
+    return state(full, u.x, tension=u.y, t=near.t), model

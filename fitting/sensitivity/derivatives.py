@@ -84,14 +84,19 @@ def local(problem: Study, say: Progress = silent) -> Local:
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
     forward, value = jax.jit(jax.jacfwd(lambda p: 2 * (problem(p),), has_aux=True))(at)
-    if not (np.isfinite(value) or problem.retries):
+    if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return local(dataclasses.replace(problem, retries=True), say)
+    if np.isfinite(value) and not np.isfinite(forward).all():
+        problem.check_held()
     say(0.4, "reverse derivatives")
     reverse = jax.jit(jax.grad(partial(problem, checkpoint=True)))(at)
-    say(0.7, "trust horizon")
     run = problem.scene.run
-    growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
-    limit = horizon(growth, run.dt, GROWTH)
+    limit, exponent, duration = 0.0, 0.0, 0.0
+    if not problem.of.at_rest:
+        say(0.7, "trust horizon")
+        duration = run.steps * run.dt
+        growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
+        limit, exponent = horizon(growth, run.dt, GROWTH), float(growth.exponent)
     found = Local(
         names=problem.names,
         units=[p.unit for p in problem.parameters],
@@ -102,10 +107,10 @@ def local(problem: Study, say: Progress = silent) -> Local:
         forward=np.asarray(forward),
         reverse=np.asarray(reverse),
         horizon=limit,
-        duration=run.steps * run.dt,
-        exponent=float(growth.exponent),
+        duration=duration,
+        exponent=exponent,
     )
-    if limit >= (1 - 1e-9) * run.steps * run.dt:
+    if limit >= (1 - 1e-9) * duration:
         say(1.0, "ok")
         return found
     mean, error, length = windows(problem, at, limit)

@@ -14,17 +14,18 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Model, State, state
+from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, equal_steps
-from dropper_jax.run.start import from_angles
-from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.run.start import initial_state
+from dropper_jax.statics.static_pose import nodal_loads
+from dropper_jax.statics.tangent import free_motion
 from dropper_jax.stepping.integrate import Trajectory, integrate
 from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.naming import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
 from fitting.parameters.place import Direction
-from fitting.sensitivity.quantities import Quantity, quantity
+from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Runs advanced together in global studies.
 CHUNK = 64
@@ -62,13 +63,8 @@ class Study:
         return equal_steps(self.model, self.scene.run, track_work=False, **more)
 
     def begin(self, model: Model) -> State:
-        """The start of the changed model: a static pose follows it, given angles keep theirs."""
-        start = self.scene.start
-        if start.kind == "static":
-            return settle(model, self.start, nodal_loads(model, start.release_nodes, start.release_force))
-        if start.kind == "angles":
-            return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
-        return state(model, self.start.r, self.start.v)
+        """The start of the changed model: static poses follow it, angles and places that are given stay."""
+        return initial_state(model, self.scene.start, near=self.start)
 
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""
@@ -78,13 +74,30 @@ class Study:
 
     def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
         """The quantity, NaN where a step failed."""
+        if self.of.at_rest:
+            return self.of(model, s.r, run, s.t[None])
         t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.scene.run.dt * self.scene.run.save_every)
         return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
 
     def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
         model = apply(self.model, self.parameters, values)
         s = self.begin(model)
-        return self.measure(model, s, self.march(model, s, self.scene.run.saves, checkpoint))
+        run = standing(s) if self.of.at_rest else self.march(model, s, self.scene.run.saves, checkpoint)
+        return self.measure(model, s, run)
+
+    def check_held(self) -> None:
+        """Refuse a static start that is free to move, where derivatives were not found.
+
+        Raises:
+            SceneError: naming the node.
+        """
+        start = self.scene.start
+        if start.kind != "static":
+            return
+        free = free_motion(self.model, self.start, nodal_loads(self.model, start.release_nodes, start.release_force))
+        if free:
+            why = "allowed: a pose that is held on all sides"
+            raise SceneError(f"start: the static pose does not follow the parameters: {free}; {why}")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
         """The quantity of many values (cases, p) -> (cases,), `CHUNK` at a time in one compiled program."""
@@ -93,6 +106,15 @@ class Study:
         return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // CHUNK)])[
             : len(values)
         ]
+
+
+def standing(s: State) -> Trajectory:
+    """The saved states of a run that has not begun: its start alone."""
+    one = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
+    none, never = jnp.zeros((1,), jnp.int32), jnp.full((1,), -1, jnp.int32)
+    return Trajectory(
+        *one((s.r, s.v, s.tension, s.work)), jnp.zeros_like(s.t)[None], none, none, never, one(s.parted), one(s.own)
+    )
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
@@ -106,7 +128,10 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     scene = with_effects(scene, names)
     model, start = build(scene)
     parameters = find_parameters(scene, model, names, "to")
-    return Study(scene, quantity(of, model), parameters, model, start)
+    wanted = quantity(of, model)
+    if wanted.signal == PERIOD and scene.start.kind != "static":
+        raise SceneError(f"of: {of!r}: the scene starts at {scene.start.kind!r}; allowed: start.kind = 'static'")
+    return Study(scene, wanted, parameters, model, start)
 
 
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:

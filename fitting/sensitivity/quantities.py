@@ -10,7 +10,8 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model import Model
+from dropper_jax.model import Model, state
+from dropper_jax.statics.modes import natural_periods
 from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.stepping.observe import observe
 
@@ -25,6 +26,7 @@ SIGNALS = {
     "x": ("m", "node", "position of a free node"),
     "y": ("m", "node", "position of a free node"),
     "z": ("m", "node", "position of a free node"),
+    "period": ("s", "mode", "natural period about the static pose, the longest first; of the start alone"),
     "energy": ("J", None, "kinetic and potential energy"),
 }
 
@@ -49,13 +51,20 @@ def _std(x: jax.Array) -> jax.Array:
     return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
 
 
-#: Statistics of a signal (times, members); `fatigue` is `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at
-#: an equal rate of cycles; `peak` the height of the largest line of the amplitude spectrum (Hann window).
+#: The statistic of the start alone: for a static start it is statics, and nothing is run for it.
+START = "start"
+#: The signal that only a start has.
+PERIOD = "period"
+
+#: Statistics of a signal (times, members); `start` is of the state at t = 0; `fatigue` is
+#: `(mean |x - mean x|^3)^(1/3)`, the amplitude of equal damage at an equal rate of cycles; `peak` the height of the
+#: largest line of the amplitude spectrum (Hann window).
 STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
     "max": jnp.max,
     "min": jnp.min,
     "mean": jnp.mean,
     "final": lambda x: jnp.mean(x[-1]),
+    START: lambda x: jnp.mean(x[0]),
     "std": _std,
     "fatigue": _fatigue,
     "peak": _peak,
@@ -81,8 +90,16 @@ class Quantity:
     def unit(self) -> str:
         return SIGNALS[self.signal][0]
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is of the start alone."""
+        return self.statistic == START
+
     def __call__(self, model: Model, start: jax.Array, run: Trajectory, t: jax.Array) -> jax.Array:
         """The number for saved states at times t (k,) [s] of a run from the free nodes `start` (nodes, 3)."""
+        if self.signal == PERIOD:
+            pose = state(model, start, tension=run.tension[0], t=t[0])
+            return natural_periods(model, pose, self.number)[-1]
         values = _signal(self.signal, model, start, run, t)
         if self.number is not None:
             values = values[:, self.number - 1 : self.number]
@@ -116,12 +133,14 @@ def quantity(name: str, model: Model) -> Quantity:
             raise SceneError(
                 f"of: {name!r}: {word!r} is no {what}; {nearest(word, known)}; allowed: SIGNAL[.NUMBER].STATISTIC"
             )
+    if signal == PERIOD and statistic != START:
+        raise SceneError(f"of: {name!r}: a natural period is of the static pose; allowed: period.1.start")
     counted = SIGNALS[signal][1]
     if not middle:
-        if signal in ("angle", "x", "y", "z"):
+        if signal in ("angle", "x", "y", "z", PERIOD):
             raise SceneError(f"of: {name!r} names no {counted}; allowed: such as {signal}.1.{statistic}")
         return Quantity(name, signal, None, statistic)
-    most = {"link": model.line.links, "node": model.free_nodes, None: 0}[counted]
+    most = {"link": model.line.links, "node": model.free_nodes, "mode": 3 * model.free_nodes, None: 0}[counted]
     if len(middle) > 1 or not middle[0].isdecimal() or not 1 <= int(middle[0]) <= most:
         raise SceneError(f"of: {name!r}: {'.'.join(middle)!r} is no {counted or 'part'}; allowed: 1 to {most}")
     return Quantity(name, signal, int(middle[0]), statistic)

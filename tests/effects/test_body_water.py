@@ -13,6 +13,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import natural_modes
+from dropper_jax.statics.stiffness import mooring_stiffness
 
 RHO, G = 1025.0, 9.81
 D, H, DRAUGHT, KG, AREA = 1.0, 9.0, 5.0, 2.0, np.pi / 4
@@ -48,6 +49,8 @@ def test_coupled_surge_heave_and_pitch_of_a_moored_spar(spar):
     displaced = RHO * AREA * draught
     upright = G * (displaced * (draught / 2 + (D**2 / 16) / draught) - MASS * KG)
     spring = np.diag([pull / length, RHO * G * AREA + stiffness / tight, upright])
+    own = mooring_stiffness(model, pose.state, ["float"]).matrix[np.ix_([0, 2, 4], [0, 2, 4])]
+    np.testing.assert_allclose(own, spring, rtol=2e-3, atol=1e-3 * np.min(np.diag(spring)))
     expected = 2 * np.pi / np.sqrt(np.linalg.eigvals(np.linalg.solve(inertia, spring)).real)
     modes = natural_modes(model, pose.state)
     moving = [m for m in range(len(modes.period)) if abs(modes.bodies[m, 0, 1]) + abs(modes.bodies[m, 0, 3]) < 1e-6]

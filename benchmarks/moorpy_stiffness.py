@@ -1,0 +1,171 @@
+"""Mooring stiffness beside MoorPy's, of its own sample systems.
+
+    python -m venv /tmp/moorpy && /tmp/moorpy/bin/pip install moorpy
+    /tmp/moorpy/bin/python benchmarks/moorpy_stiffness.py --reference     # writes results/moorpy_stiffness.json
+    python benchmarks/moorpy_stiffness.py                                 # prints the difference of ours
+
+The systems are those of MoorPy's `examples/sample.txt` (three chains to a platform in 600 m), `tests/case8.dat` (a spar
+on three polyester bridles) and `tests/test_system.py::test_basicU` (two floats, with a chain between them that sags to
+the bed), written anew as plain numbers. Fairleads and floats are the points whose stiffness is asked for. MoorPy's is
+the analytic one (`getCoupledStiffnessA`) of exact catenaries on a rigid bed without friction; of the floats it is that
+of differences over 1 cm (`getCoupledStiffness`): the analytic one is the same but for the signs of two entries of the
+line that sags to the bed, which break the mirror symmetry of the floats.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FILE = Path(__file__).parent / "results" / "moorpy_stiffness.json"
+DENSITY, GRAVITY = 1025.0, 9.81
+#: Displacement of MoorPy's differences [m].
+MOVE = 0.01
+
+
+def spread() -> dict[str, Any]:
+    """Three chains to fairleads that are held."""
+    anchors = [[800.0, 1385.64, -600.0], [-1600.0, 0.0, -600.0], [800.0, -1385.64, -600.0]]
+    fairleads = [[10.0, 17.32, -21.0], [-20.0, 0.0, -21.0], [10.0, -17.32, -21.0]]
+    return {
+        "depth": 600.0,
+        "type": {"diameter": 0.216, "mass": 286.56, "EA": 1.23e9},
+        "points": {
+            **{f"anchor{i}": {"position": x} for i, x in enumerate(anchors)},
+            **{f"fairlead{i}": {"position": x} for i, x in enumerate(fairleads)},
+        },
+        "lines": [(f"anchor{i}", f"fairlead{i}", 1800.0, 240) for i in range(3)],
+        "asked": [f"fairlead{i}" for i in range(3)],
+    }
+
+
+def bridles() -> dict[str, Any]:
+    """Three polyester lines that each part in two, to six fairleads that are held."""
+    points: dict[str, Any] = {}
+    lines, asked = [], []
+    anchors = [[172.7, -100.0, -100.0], [0.0, 200.0, -100.0], [-172.7, -100.0, -100.0]]
+    joints = [[34.64, -20.0, -50.0], [0.0, 40.0, -50.0], [-34.64, -20.0, -50.0]]
+    right, left, back = [6.82, 3.9375, -21.0], [-6.82, 3.9375, -21.0], [0.0, -7.875, -21.0]
+    for i, pair in enumerate([(right, back), (left, right), (back, left)]):
+        points[f"anchor{i}"] = {"position": anchors[i]}
+        points[f"joint{i}"] = {"position": joints[i], "free": True}
+        lines.append((f"anchor{i}", f"joint{i}", 160.0, 40))
+        for side, place in zip("ab", pair, strict=True):
+            points[f"fairlead{i}{side}"] = {"position": place}
+            lines.append((f"joint{i}", f"fairlead{i}{side}", 45.36, 16))
+            asked.append(f"fairlead{i}{side}")
+    kind = {"diameter": 0.15, "mass": 25.0, "EA": 30e6}
+    return {"depth": 100.0, "type": kind, "points": points, "lines": lines, "asked": asked}
+
+
+def floats() -> dict[str, Any]:
+    """Two floats of 50 m3 on chains, and a chain of 250 m between them that lies on the bed in its middle."""
+    return {
+        "depth": 100.0,
+        "type": {"diameter": 0.216, "mass": 286.56, "EA": 1.23e9},
+        "points": {
+            "west": {"position": [-200.0, 0.0, -100.0]},
+            "a": {"position": [-100.0, 0.0, -50.0], "free": True, "volume": 50.0},
+            "b": {"position": [100.0, 0.0, -40.0], "free": True, "volume": 50.0},
+            "east": {"position": [200.0, 0.0, -100.0]},
+        },
+        "lines": [("west", "a", 120.0, 180), ("a", "b", 250.0, 380), ("b", "east", 120.0, 180)],
+        "asked": ["a", "b"],
+        "differences": True,
+    }
+
+
+SYSTEMS = {"spread": spread, "bridles": bridles, "floats": floats}
+
+
+def scene_of(system: dict[str, Any]) -> dict[str, Any]:
+    """Plain values of a scene."""
+    points = []
+    for name, point in system["points"].items():
+        free = {"kind": "free", "mass": 0.0, "volume": point.get("volume", 0.0)} if point.get("free") else {}
+        points.append({"name": name, "position": point["position"], **free})
+    return {
+        "name": "sample",
+        "run": {"dt": 0.01, "duration": 0.01},
+        "line_type": [{"name": "main", **system["type"]}],
+        "point": points,
+        "line": [
+            {"name": f"line{i}", "from": a, "to": b, "type": "main", "length": length, "links": links}
+            for i, (a, b, length, links) in enumerate(system["lines"])
+        ],
+        "sea": {"depth": system["depth"], "density": DENSITY, "gravity": GRAVITY},
+        "effects": {"weight": {"gravity": GRAVITY}, "buoyancy": {}, "seabed": {}},
+    }
+
+
+def reference(system: dict[str, Any]) -> dict[str, Any]:
+    """MoorPy's matrix of the points that are asked for [N/m], and where they are [m]."""
+    import moorpy
+
+    ms = moorpy.System(depth=system["depth"], rho=DENSITY, g=GRAVITY)
+    kind = system["type"]
+    wet = (kind["mass"] - DENSITY * np.pi / 4.0 * kind["diameter"] ** 2) * GRAVITY
+    own = {"name": "main", "d_vol": kind["diameter"], "w": wet, "m": kind["mass"], "EA": kind["EA"]}
+    ms.setLineType(lineType=own | {"material": "chain", "d_nom": kind["diameter"]}, name="main")
+    number = {name: i + 1 for i, name in enumerate(system["points"])}
+    for name, point in system["points"].items():
+        held = -1 if name in system["asked"] else 1
+        ms.addPoint(0 if point.get("free") else held, point["position"], m=0.0, v=point.get("volume", 0.0))
+    for a, b, length, _ in system["lines"]:
+        ms.addLine(length, "main", pointA=number[a], pointB=number[b])
+    ms.initialize()
+    ms.solveEquilibrium(DOFtype="free", tol=1e-7)
+    asked = [ms.pointList[number[name] - 1] for name in system["asked"]]
+    for point in asked:
+        point.type = -1
+    if system.get("differences"):
+        matrix = ms.getCoupledStiffness(dx=MOVE, lines_only=True)
+    else:
+        matrix = ms.getCoupledStiffnessA(lines_only=True)
+    order = np.argsort(np.argsort([p.number for p in asked]))  # MoorPy's is in the order of its points
+    rows = (3 * order[:, None] + np.arange(3)).ravel()
+    return {"stiffness": matrix[np.ix_(rows, rows)].tolist(), "positions": [p.r.tolist() for p in asked]}
+
+
+def ours(system: dict[str, Any]) -> np.ndarray:
+    """The same by this package."""
+    import dropper_jax as dj
+    from dropper_jax.statics.stiffness import mooring_stiffness
+
+    model = dj.build(scene_of(system))[0]
+    pose = dj.equilibrium(model)
+    if pose.status != "ok":
+        raise RuntimeError(pose.message)
+    return mooring_stiffness(model, pose.state, system["asked"]).matrix
+
+
+def difference(found: np.ndarray, known: np.ndarray) -> float:
+    """Largest difference of an entry, over the largest entry."""
+    return float(np.max(np.abs(found - known)) / np.max(np.abs(known)))
+
+
+def main() -> None:
+    if "--reference" in sys.argv:
+        found = {name: reference(make()) for name, make in SYSTEMS.items()}
+        FILE.write_text(
+            json.dumps({"source": f"MoorPy {metadata.version('moorpy')}", "systems": found}, indent=1) + "\n"
+        )
+        return
+    known = json.loads(FILE.read_text())
+    print(f"| system | against {known['source']} | of the diagonal |")
+    print("| --- | --- | --- |")
+    for name, make in SYSTEMS.items():
+        if sys.argv[1:] and name not in sys.argv:
+            continue
+        found, theirs = ours(make()), np.array(known["systems"][name]["stiffness"])
+        diagonal = np.max(np.abs(np.diag(found) / np.diag(theirs) - 1.0))
+        print(f"| {name} | {100 * difference(found, theirs):.3f} % | {100 * diagonal:.3f} % |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

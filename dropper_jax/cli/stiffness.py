@@ -1,0 +1,93 @@
+"""`dropper stiffness SCENE`: the mooring stiffness matrix of points about the static pose."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_scene, output_file, read_scene
+from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
+
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+    from dropper_jax.statics.stiffness import Stiffness
+
+help = "stiffness matrix of points and rigid bodies about the static pose, all else in equilibrium"
+
+#: Degrees of freedom up to which the whole matrix is printed.
+SHOWN = 12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_scene(parser)
+    parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
+    parser.add_argument("--out", metavar="FILE.csv", help="write the matrix")
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args)
+    out = output_file(args.out, "--out", (".csv",))
+    names = _names(scene, args.points)
+
+    from dropper_jax.run.build import build_model, equilibrium
+    from dropper_jax.statics.static_pose import nodal_loads
+    from dropper_jax.statics.stiffness import mooring_stiffness
+
+    pose = equilibrium(scene)
+    if pose.status != "ok":
+        message = f"{pose.status}: {pose.message}"
+        print_line(f"error: {message}")
+        if args.json:
+            print_json({**failure_object(pose.status, message), "scene": scene.name})
+        return FAILED
+    model = build_model(scene)
+    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    found = mooring_stiffness(model, pose.state, names, loads)
+    if out is not None:
+        _write(out, found)
+    print_warnings(found.warnings)
+    if args.json:
+        values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
+        print_json(done_object(scene=scene.name, **values, warnings=found.warnings))
+    else:
+        print(_text(found))
+    return OK
+
+
+def _names(scene: Scene, given: str | None) -> list[str]:
+    """The names of `--points`, or all bodies, or all free points, or all points."""
+    if given is not None:
+        return [name.strip() for name in given.split(",")]
+    names = [body.name for body in scene.bodies] or [p.name for p in scene.points if p.kind != "fixed"]
+    if not names:
+        held = ", ".join(p.name for p in scene.points)
+        raise SceneError(f"--points: the scene has no free point; allowed: held ones by name, such as {held}")
+    return names
+
+
+def _text(found: Stiffness) -> str:
+    if len(found.freedoms) <= SHOWN:
+        rows = [("", *found.freedoms)]
+        rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
+        return f"{table(rows)}\nN/m; N, N m/rad where bodies turn: minus the force on a row by moving a column"
+    first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
+    rows = [("point", "xx [N/m]", "yy [N/m]", "zz [N/m]", "xy [N/m]", "xz [N/m]", "yz [N/m]")]
+    for name in found.names:
+        own = found.matrix[first[name] : first[name] + 3, first[name] : first[name] + 3]
+        cells = (own[0, 0], own[1, 1], own[2, 2], own[0, 1], own[0, 2], own[1, 2])
+        rows.append((name, *(f"{x:.5g}" for x in cells)))
+    return f"{table(rows)}\nof each point, the other {len(found.names) - 1} held; the whole matrix: --json or --out"
+
+
+def _write(file: Path, found: Stiffness) -> None:
+    with file.open("w", newline="", encoding="utf-8") as target:
+        rows = csv.writer(target)
+        rows.writerow(["freedom", *found.freedoms])
+        for name, line in zip(found.freedoms, np.asarray(found.matrix), strict=True):
+            rows.writerow([name, *(repr(float(x)) for x in line)])

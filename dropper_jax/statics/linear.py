@@ -1,0 +1,146 @@
+"""Small motions about a static pose: mass, damping and stiffness matrices, and what moving ends do to the tensions.
+
+    M x'' + C x' + K x = -(M_h u'' + C_h u' + K_h u),    dT = T_x x + T_v x' + T_u u + T_w u'
+
+x are moves of the free nodes, u of the held points; all matrices are exact derivatives at the pose. Of amplitude zero:
+quadratic drag damps what moves in a current, `dF/dv = rho c_d A U`, and nothing in still water; internal damping and
+linear damping are in C. Waves are calm, dry friction has no linear form. For u = Re(U exp(i w t)):
+
+    x = -(K + i w C - w^2 M)^-1 (K_h + i w C_h - w^2 M_h) U
+
+Dense: for hundreds of nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Ends, Model, State
+from dropper_jax.statics.calm import rest
+from dropper_jax.statics.stiffness import verges
+
+
+@dataclass(frozen=True)
+class Response:
+    """Complex amplitudes of what `U exp(i w t)` of the ends does; the motion is their real part times `exp(i w t)`.
+
+    Attributes:
+        omega: (k,) [rad/s].
+        moves: of the free nodes (k, free, 3) [m].
+        tension: of the links (k, n) [N], about that of the pose.
+    """
+
+    omega: np.ndarray
+    moves: np.ndarray
+    tension: np.ndarray
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Matrices of small motions; freedoms are x, y, z of the free nodes, and of the held points `held`.
+
+    Attributes:
+        mass, damping, stiffness: (f, f) [kg], [N s/m], [N/m]; f = 3 free.
+        held_mass, held_damping, held_stiffness: (f, h) of the held points' motion; h = 3 held.
+        tension_by_place, tension_by_speed: (n, f + h) [N/m], [N s/m].
+        tension: of the pose (n,) [N].
+        held: names of the held points.
+        warnings: links on the verge of going slack, where small motions are not linear.
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    held_mass: np.ndarray
+    held_damping: np.ndarray
+    held_stiffness: np.ndarray
+    tension_by_place: np.ndarray
+    tension_by_speed: np.ndarray
+    tension: np.ndarray
+    held: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+    def response(self, omega: ArrayLike, motion: Mapping[str, ArrayLike]) -> Response:
+        """What held points that move by `motion` do: amplitudes (3,) [m] by name, complex where they lag.
+
+        Args:
+            omega: angular frequencies (k,) [rad/s].
+
+        Raises:
+            SceneError: a name that is no held point.
+        """
+        moved = np.zeros((len(self.held), 3), complex)
+        for name, amplitude in motion.items():
+            if name not in self.held:
+                raise SceneError(f"motion: {name!r} is no held point; {nearest(name, self.held)}")
+            moved[self.held.index(name)] = np.asarray(amplitude)
+        omega, u = np.atleast_1d(np.asarray(omega, float)), moved.ravel()
+        if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
+            raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
+        found = [self._at(w, u) for w in omega]
+        x, tension = (np.array(part) for part in zip(*found, strict=True))
+        return Response(omega, x.reshape(len(omega), -1, 3), tension)
+
+    def _at(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        matrix = self.stiffness + 1j * w * self.damping - w**2 * self.mass
+        push = (self.held_stiffness + 1j * w * self.held_damping - w**2 * self.held_mass) @ u
+        try:
+            x = -np.linalg.solve(matrix, push)
+        except np.linalg.LinAlgError:
+            raise SceneError(f"omega: {w:g} rad/s is an undamped resonance; allowed: any other") from None
+        both = np.concatenate([x, u])
+        return x, (self.tension_by_place + 1j * w * self.tension_by_speed) @ both
+
+
+def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) -> Linearised:
+    """The matrices about a static pose.
+
+    Args:
+        pose: `equilibrium(...).state`.
+        loads: forces that hold the pose (free nodes, 3) [N].
+
+    Raises:
+        SceneError: rigid links or bodies, or an effect that is not smooth.
+    """
+    if not model.line.axial.elastic:
+        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed: elastic, rope, tabulated")
+    if model.ties:
+        raise SceneError("body: rigid bodies are not linearised; allowed: scenes of lines, points and buoys")
+    if model.laws:
+        raise SceneError(f"effects.{model.laws[0].name}: dry friction has no linear form; allowed: scenes without it")
+    loads = jnp.zeros_like(pose.r) if loads is None else loads
+    (stiffness, by_place), (damping, by_speed), (mass, _) = _matrices(rest(model), pose, loads)
+    f = 3 * model.free_nodes
+    names = tuple(model.points[int(i)].name for i in model.geometry.held_points)
+    cut = lambda a: (np.asarray(a)[:, :f], np.asarray(a)[:, f:])  # noqa: E731
+    (k, kh), (c, ch), (m, mh) = cut(stiffness), cut(damping), cut(mass)
+    by = np.asarray(by_place), np.asarray(by_speed)
+    return Linearised(m, c, k, mh, ch, kh, *by, np.asarray(pose.tension), names, verges(model, pose))
+
+
+@kept()
+def _matrices(model: Model, pose: State, loads: jax.Array) -> tuple[tuple[jax.Array, jax.Array], ...]:
+    """Derivatives of the free nodes' rows and of the tensions by places, velocities and accelerations of all."""
+    free, held = 3 * model.free_nodes, 3 * model.geometry.ends
+    places = model.ends(pose.t).places
+
+    def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = lambda y: (y[:free].reshape(-1, 3), y[free:].reshape(-1, 3))  # noqa: E731
+        (dr, du), (dv, dw), (da, db) = at(x), at(v), at(a)
+        k = model.instant(pose.r + dr, dv, pose.t, Ends(places + du, dw))
+        tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+        direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
+        left = model.inertia(k, da, db) - model.force(k) - loads - model.pull(tension, direction)
+        return left.ravel(), tension
+
+    zero = jnp.zeros(free + held, model.dtype)
+    by = (jax.jacfwd(rows, argnums=i)(zero, zero, zero) for i in range(3))
+    return tuple((of_rows, of_tension) for of_rows, of_tension in by)

@@ -1,0 +1,219 @@
+"""The search for a static pose: the stable one of dead loads, by Newton with load continuation, or by descent.
+
+    F(r) + loads + sum of tensions = 0 on the free nodes,    axial law of every link = 0
+
+On the host, from nothing but the scene; derivatives of what is found stand in `static_pose`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import itemgetter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Effect, Ends, Graph, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Unknowns
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.statics.bodies import rest_with_bodies
+from dropper_jax.statics.calm import rest
+from dropper_jax.statics.catenary import catenary_guess
+from dropper_jax.statics.hanging import hang
+from dropper_jax.statics.laid_out import laid_out
+from dropper_jax.statics.relaxation import relax, steadied
+from dropper_jax.statics.rest_problem import DENSE_LIMIT, LeastNorm, StaticProblem, solve_statics, static_tolerance
+from dropper_jax.statics.stability import leave, stable
+from dropper_jax.statics.system import (
+    find_rest,
+    find_softened,
+    guess,
+    springy,
+    system_tolerance,
+    tighten,
+    unsettled,
+)
+
+#: Smallest share of the loads that continuation tries to add before it gives up.
+SMALLEST_INCREMENT = 1.0 / 1024
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["positions", "tension", "residual", "state"],
+    meta_fields=["status", "message"],
+)
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static pose; what is traced holds traced arrays.
+
+    Attributes:
+        positions: nodes (n + 1, 3) [m]; of a system those of all lines, line after line.
+        tension: links (n,) [N].
+        residual: largest scaled row.
+        status: `ok` or `not_converged`; `traced` inside JAX's transformations, where a pose that was not found is NaN.
+        message: what went wrong, else empty.
+        state: the same as a `State` at rest.
+    """
+
+    positions: np.ndarray
+    tension: np.ndarray
+    residual: float
+    status: str
+    message: str = ""
+    state: State | None = field(default=None, repr=False)
+
+
+def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
+    """The pose in which the model rests (see `static_pose.equilibrium`), sought on the host."""
+    if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # stiff links' balance would drown in rounding
+        exact = search(model.cast(jnp.float64), loads, t)
+        return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
+    full, model = model, rest(model)
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    if model.ties:
+        return _result(full, *rest_with_bodies(model, loads, t))
+    if isinstance(model.geometry, Graph):
+        return _by_descent(full, model, loads, t)
+    share, message = 1.0, ""
+    s, residual = _hang_and_solve(model, loads, t)
+    if not (residual <= static_tolerance(model) and stable(model, s)):
+        s, residual, share = _continue(model, loads, t)
+    if share == 1.0 and residual <= static_tolerance(model) and not stable(model, s):
+        s, residual = leave(model, s, loads, residual)
+    if share < 1.0 or not residual <= static_tolerance(model):
+        message = _complaint(model, s, loads, share, residual)
+    elif not stable(model, s):
+        message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
+    if message and not model.line.compound:  # slack links, a bed or the surface on the way
+        lower = _by_descent(full, model, loads, t)
+        if lower.status == "ok" and stable(model, lower.state):
+            return lower
+    return _result(full, s, residual, message)
+
+
+def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equilibrium:
+    rigid, model = model.line, model if model.line.axial.elastic else springy(model)
+    tolerance = system_tolerance(model)
+    s, residual = find_rest(model, guess(model, t), loads, tolerance)
+    for otherwise in (find_softened, relax):
+        if not residual <= tolerance:
+            s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
+    drifting = model.sea is not None and model.sea.current is not None and bool(jnp.any(s.tension <= 0.0))
+    if residual <= tolerance and drifting:
+        s, residual = steadied(model, s, residual, loads, tolerance)
+    message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+    friction = outward(full)
+    if not message and friction is not None:
+        model, rounding = laid_out(model, s, friction.kinetic)
+        tolerance = max(tolerance, float(rounding))
+        s, residual = find_rest(model, s, loads, tolerance)
+        message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+    if not message and model.line is not rigid:
+        s, residual = tighten(replace(model, lines=(rigid,)), s, loads)
+        residual = float(residual)
+        message = (
+            "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
+        )
+    return _result(full, s, residual, message)
+
+
+def outward(full: Model) -> Effect | None:
+    """The friction that holds the lines of a system where they were laid, or None."""
+    friction = full.effect("seabed_friction")
+    outward = friction is not None and friction.statics == "outward" and isinstance(full.geometry, Graph)
+    return friction if outward else None
+
+
+def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
+    """The stable pose under the forces as they are on a straight guess, updated where they depend on the pose."""
+    s = _hang(model, loads, None, t)
+    for _ in range(1 if model.constant_force else 4):
+        s = _hang(model, loads, s, t)
+    return solve_statics(model, s, loads, t)
+
+
+def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
+    line = model.line
+    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
+    total = np.asarray(force, float) + np.asarray(loads, float)
+    if not np.any(total):
+        raise SceneError(
+            "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
+            "'angles' or 'positions'"
+        )
+    flexibility = 1.0 / line.axial.EA if line.axial.elastic else 0.0
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = hang(
+        np.asarray(ends.start, float),
+        end,
+        np.asarray(line.length, float),
+        total,
+        np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
+    )
+    return state(model, nodes, tension=tension, t=t)
+
+
+@kept()
+def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
+    """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
+    ends = model.ends(t)
+    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
+    k = model.kinematics(r, jnp.zeros_like(r), t, ends)
+    return ends, model.force(model.kinematics(r, jnp.zeros_like(r), t, ends, prepared=model.prepare(k)))
+
+
+def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
+    """The loads added little by little to the catenary; returns the share that was reached."""
+    solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
+    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
+    if not np.any(np.asarray(loads)):
+        return s, residual, 1.0
+    share, increment = 0.0, 0.125
+    while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
+        step = min(increment, 1.0 - share)
+        trial, trial_residual = solve_statics(model, s, (share + step) * loads, t, solver)
+        if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
+            s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
+        else:
+            increment = step / 2.0
+    return s, residual, share
+
+
+def _catenary(model: Model, t: float) -> State:
+    ends, line = model.ends(jnp.asarray(t, model.dtype)), model.line
+    weight = model.effect("weight")
+    total = GRAVITY_SCALE * float(jnp.sum(line.mass)) if weight is None else float(jnp.sum(weight.per_link(line)))
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
+    return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
+
+
+def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
+    """A load increment that moves a node by more than half a line length may have jumped to another branch."""
+    return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
+
+
+def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
+    rows = StaticProblem(model, s, share * loads).residual(Unknowns(s.r, s.tension)).x
+    worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
+    return (
+        f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "
+        f"node {worst} is farthest from balance"
+    )
+
+
+def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
+    ends = model.ends(s.t)
+    return Equilibrium(
+        positions=np.asarray(model.nodes(s.r, ends)),
+        tension=np.asarray(s.tension),
+        residual=residual,
+        status="not_converged" if message else "ok",
+        message=message,
+        state=state(model, s.r, tension=s.tension, t=s.t),
+    )

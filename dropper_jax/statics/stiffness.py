@@ -1,0 +1,227 @@
+"""Mooring stiffness: how forces on chosen points change as these are displaced, all else in equilibrium.
+
+    S = K_aa - K_ae K_ee^-1 K_ea,    K = -dF/dx        (a: the chosen points, e: all other free nodes)
+
+F holds all static forces: tensions, weight, buoyancy with its waterline, contact, drag of a current (which makes S
+unsymmetric). On a held point it is what the lines pull: nothing else reaches a support. Of a rigid body a is six:
+moves of its reference point, and turns about the scene's axes there. On the host, with a sparse K where there are no
+bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Ends, Model, State
+from dropper_jax.residual import Unknowns
+from dropper_jax.statics.bodies import Coordinates
+from dropper_jax.statics.calm import rest
+from dropper_jax.statics.relaxation import stiffness
+from dropper_jax.statics.system import RestProblem, name_of
+from dropper_jax.statics.tangent import FREE, free_motion, soft_scale
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+
+#: Degrees of freedom of a point [m], and of a body, [m] and [rad].
+POINT, BODY = ("x", "y", "z"), ("x", "y", "z", "roll", "pitch", "yaw")
+#: Stretch of a link, over its length, and its tension over the largest one, of a link on the verge of going slack.
+VERGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Stiffness of points and bodies about a static pose.
+
+    Attributes:
+        names: of points and bodies, in the order that was asked for.
+        freedoms: `NAME.x` and so on (k,), of all of them.
+        matrix: minus the change of force by displacement (k, k) [N/m]; [N], [N m] where bodies turn.
+        warnings: links on the verge of going slack, where the matrix is that of one side.
+    """
+
+    names: tuple[str, ...]
+    freedoms: tuple[str, ...]
+    matrix: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+
+def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: jax.Array | None = None) -> Stiffness:
+    """The stiffness of points, held or free, and rigid bodies, by name.
+
+    Args:
+        pose: `equilibrium(...).state`.
+        loads: forces that hold the pose (free nodes, 3) [N].
+
+    Raises:
+        SceneError: no such point; rigid links, whose tensions do not follow from lengths; what nothing holds.
+    """
+    if not model.line.axial.elastic:
+        raise SceneError(
+            "line.axial.law: 'rigid' has no axial stiffness; allowed for stiffness: elastic, rope, tabulated"
+        )
+    loads = jnp.zeros_like(pose.r) if loads is None else loads
+    model = rest(model)
+    asked = _asked(model, names)
+    whole = _with_bodies(model, pose, loads, asked) if model.ties else _of_points(model, pose, loads, asked)
+    freedoms = tuple(
+        f"{name}.{axis}" for name, (kind, _) in asked.items() for axis in (BODY if kind == "body" else POINT)
+    )
+    return Stiffness(tuple(asked), freedoms, whole, verges(model, pose))
+
+
+def verges(model: Model, pose: State) -> tuple[str, ...]:
+    """Remarks on links that are as long as they are unstretched: on one side they pull, on the other they do not."""
+    size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
+    length, tension = np.asarray(model.line.length), np.asarray(pose.tension)
+    there = (np.abs(size / length - 1.0) <= VERGE) & (np.abs(tension) <= VERGE * max(np.max(np.abs(tension)), 1e-300))
+    if not np.any(there):
+        return ()
+    links = ", ".join(str(i + 1) for i in np.flatnonzero(there)[:5])
+    return (f"links {links} are on the verge of going slack: derivatives are those of one side",)
+
+
+def _asked(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
+    """What is meant by each name: ("held", number among held points), ("free", node) or ("body", number)."""
+    graph, found = model.geometry, {}
+    bodies = list(model.ties[0].names) if model.ties else []
+    places = {} if not model.ties else {int(node): i for i, node in enumerate(Coordinates.of(model).kept)}
+    corners = 4 * len(bodies)
+    known = [p.name for p in model.points[: len(model.points) - corners]]
+    for name in names:
+        if name in found:
+            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
+        if name in bodies:
+            found[name] = "body", bodies.index(name)
+            continue
+        if name not in known:
+            raise SceneError(f"points: {name!r} is no point of the scene; {nearest(name, known + bodies)}")
+        point = known.index(name)
+        held = np.flatnonzero(graph.held_points == point)
+        if held.size:
+            found[name] = "held", int(held[0])
+            continue
+        node = _node(model, point)
+        if model.ties and node not in places:
+            raise SceneError(f"points: {name!r} sits on a rigid body; allowed: the body's own name")
+        found[name] = "free", places[node] if model.ties else node
+    return found
+
+
+def _node(model: Model, point: int) -> int:
+    graph = model.geometry
+    return int(graph.point_node[point]) if hasattr(graph, "point_node") else model.free_nodes - 1
+
+
+def _shifted(model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unbalanced forces, minus F, on free nodes (free, 3) and held points (held, 3) [N], moved by x and u [m]."""
+    problem = RestProblem(model, pose, loads, jnp.zeros((), model.dtype))
+    problem.ends = Ends(problem.ends.places + u, problem.ends.velocities)
+    tension = problem.tension(x)
+    pull, _ = problem.link_rows(problem.link_vectors(x), tension)
+    return problem.residual(Unknowns(x, tension)).x, -model.geometry.held_pull(pull)
+
+
+@kept()
+def _of_held(model: Model, pose: State, loads: jax.Array, way: jax.Array) -> tuple[jax.Array, ...]:
+    """Held points moved along ways (k, held, 3): rows (k, free, 3), (k, held, 3); and what free nodes do to these."""
+    zero, none = jnp.zeros_like(pose.r), jnp.zeros(way.shape[1:], model.dtype)
+    rows, own = jax.vmap(lambda w: jax.jvp(lambda u: _shifted(model, pose, loads, zero, u), (none,), (w,))[1])(way)
+    _, back = jax.vjp(lambda x: _shifted(model, pose, loads, x, none)[1], zero)
+    return rows, own, jax.vmap(lambda w: back(w)[0])(way)
+
+
+def _of_points(model: Model, pose: State, loads: jax.Array, asked: dict[str, tuple[str, int]]) -> np.ndarray:
+    free = [np.arange(3 * i, 3 * i + 3) for kind, i in asked.values() if kind == "free"]
+    free = np.concatenate([np.zeros(0, int), *free])
+    held = [i for kind, i in asked.values() if kind == "held"]
+    matrix = stiffness(model, pose, loads)
+    size = matrix.shape[0]
+    k = 3 * len(held)
+    ways = np.zeros((k, model.geometry.ends, 3))
+    for j, i in enumerate(held):
+        ways[3 * j : 3 * j + 3, i] = np.eye(3)
+    if k:
+        rows, own, back = (np.asarray(a) for a in _of_held(model, pose, loads, jnp.asarray(ways, model.dtype)))
+        fh, hf = rows.reshape(k, size).T, back.reshape(k, size)
+        hh = np.stack([np.concatenate([own[j, i] for i in held]) for j in range(k)], axis=1)
+    else:
+        fh, hf, hh = np.zeros((size, 0)), np.zeros((0, size)), np.zeros((0, 0))
+    rest_of = np.setdiff1d(np.arange(size), free)
+    inner, side = matrix[rest_of], matrix[free]
+    whole = np.block([[side[:, free].toarray(), fh[free]], [hf[:, free], hh]])
+    below = np.vstack([side[:, rest_of].toarray(), hf[:, rest_of]])
+    right = np.hstack([inner[:, free].toarray(), fh[rest_of]])
+    if rest_of.size:
+        solve = _solver(model, pose, loads, inner[:, rest_of].tocsc(), rest_of)
+        whole = whole - below @ solve(right)
+    order, at = [], {"free": 0, "held": len(free)}
+    for kind, _ in asked.values():
+        order.append(np.arange(at[kind], at[kind] + 3))
+        at[kind] += 3
+    order = np.concatenate(order)
+    return whole[np.ix_(order, order)]
+
+
+def _solver(
+    model: Model, pose: State, loads: jax.Array, matrix: csc_array, nodes: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Solves with K_ee; refused where a motion of these nodes is not held."""
+    from scipy.sparse.linalg import splu  # noqa: PLC0415
+
+    try:
+        factor = splu(matrix)
+    except RuntimeError:  # exactly singular
+        factor = None
+    start = np.random.default_rng(0).normal(size=matrix.shape[0])
+    way = start if factor is None else factor.solve(factor.solve(start))
+    way = way / np.linalg.norm(way)
+    if factor is None or not np.linalg.norm(matrix @ way) > FREE * float(soft_scale(model)):
+        words = free_motion(model, pose, loads)
+        if not words:
+            node = int(nodes[np.argmax(np.abs(way))]) // 3
+            words = f"nothing holds {name_of(model, node)}"
+        raise SceneError(f"points: the others have no equilibrium of their own: {words}; allowed: what is held")
+    return factor.solve
+
+
+def _with_bodies(model: Model, pose: State, loads: jax.Array, asked: dict[str, tuple[str, int]]) -> np.ndarray:
+    """Dense, in the coordinates of `statics.bodies`, and those of held points after them."""
+    where, tie = Coordinates.of(model), model.ties[0]
+    held, count = model.geometry.ends, where.size
+
+    def rows_of(q: jax.Array) -> jax.Array:
+        moved = lambda w: where.place(tie, pose.r, w) - pose.r  # noqa: E731
+        x, back = jax.vjp(moved, q[:count])
+        free, own = _shifted(model, pose, loads, x, q[count:].reshape(held, 3))
+        return jnp.concatenate([back(free)[0], own.ravel()])
+
+    matrix = np.asarray(jax.jit(jax.jacfwd(rows_of))(jnp.zeros(count + 3 * held, model.dtype)))
+    reference = np.asarray(tie.pose(model, pose.r)[0])
+    centre = np.mean(np.asarray(pose.r)[where.corners], axis=1)
+    picked, turn = [], np.eye(len(matrix))
+    for kind, i in asked.values():
+        if kind == "body":
+            first = 3 * len(where.kept) + 6 * i
+            picked.append(np.arange(first, first + 6))
+            a, b, c = centre[i] - reference[i]  # the centre moves by w x arm as the body turns about its reference
+            turn[first : first + 3, first + 3 : first + 6] = [[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]]
+        else:
+            first = 3 * i if kind == "free" else count + 3 * i
+            picked.append(np.arange(first, first + 3))
+    picked = np.concatenate(picked)
+    matrix = turn.T @ matrix @ turn
+    others = np.setdiff1d(np.arange(count), picked)
+    inner = matrix[np.ix_(others, others)]
+    if others.size and not np.linalg.svd(inner, compute_uv=False)[-1] > FREE * float(soft_scale(model)):
+        raise SceneError("points: the others have no equilibrium of their own; allowed: what is held on all sides")
+    below, right = matrix[np.ix_(picked, others)], matrix[np.ix_(others, picked)]
+    return matrix[np.ix_(picked, picked)] - (below @ np.linalg.solve(inner, right) if others.size else 0.0)

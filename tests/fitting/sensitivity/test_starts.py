@@ -1,0 +1,96 @@
+"""Derivatives by numbers of the scene through static starts, against differences of scenes that start anew."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import build
+from dropper_jax.statics.modes import natural_modes
+from fitting.sensitivity import local, study
+
+TABLE = {
+    "name": "moored",
+    "run": {"dt": 0.02, "duration": 0.3},
+    "line_type": [{"name": "rope", "mass": 5.0, "diameter": 0.05, "EA": 2e4, "damping_ratio": 0.1, "cdn": 1.2}],
+    "point": [
+        {"name": "a", "position": [0.0, 0.0, -10.0]},
+        {"name": "b", "position": [16.0, 0.0, -10.0]},
+        {"name": "float", "kind": "free", "position": [8.0, 0.0, -3.0], "mass": 20.0, "volume": 0.1},
+    ],
+    "line": [
+        {"name": "first", "from": "a", "to": "float", "type": "rope", "length": 11.0, "links": 3},
+        {"name": "second", "from": "b", "to": "float", "type": "rope", "length": 11.5, "links": 3},
+    ],
+    "sea": {
+        "depth": 10.0,
+        "current": {"kind": "uniform", "speed": 0.6, "direction": 0.5},
+        "waves": {"kind": "regular", "height": 0.8, "period": 4.0},
+    },
+    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
+}
+NUMBERS = ["line.first.length", "point.float.volume", "line_type.rope.EA", "line_type.rope.diameter"]
+NUMBERS += ["sea.current.speed"]
+
+
+def anew(path, share, start="static"):
+    """The scene with one number changed by a share, its model and its start, sought from nothing."""
+    scene = load_scene({**TABLE, "start": {"kind": start}})
+    scene = scene.with_values({path: scene.value(path) * (1 + share)})
+    model, state = build(scene)
+    return scene, model, state
+
+
+@pytest.fixture(scope="module")
+def storm():
+    return study(TABLE, "tension.1.max", NUMBERS)
+
+
+def differences(of, path, value, start="static"):
+    """Central differences of fourth order by the number."""
+    h = 1e-3
+    at = {k: of(*anew(path, k * h, start)) for k in (-2, -1, 1, 2)}
+    return (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * h * value)
+
+
+@pytest.mark.check
+def test_a_run_from_the_static_pose_differentiates_through_it(storm):
+    found = local(storm)
+    run = jax.jit(lambda model, s: storm.measure(model, s, storm.march(model, s, storm.scene.run.saves)))
+    for i, p in enumerate(storm.parameters):
+        expected = differences(lambda scene, model, s: float(run(model, s)), p.name, p.value)
+        assert found.forward[i] == pytest.approx(expected, rel=1e-6), p.name
+    assert found.mismatch < 1e-9
+
+
+def test_a_quantity_of_the_start_is_statics_alone():
+    at_rest = study(TABLE, "tension.1.start", NUMBERS[:2])
+    found = local(at_rest)
+    for i, p in enumerate(at_rest.parameters):
+        expected = differences(lambda scene, model, s: float(s.tension[0]), p.name, p.value)
+        assert found.forward[i] == pytest.approx(expected, rel=1e-6), p.name
+    assert (found.duration, found.trusted) == (0.0, True)
+
+
+@pytest.mark.check
+def test_lines_settled_between_given_points_follow_their_length():
+    settled = study({**TABLE, "start": {"kind": "points"}}, "z.2.start", NUMBERS[:1])
+    slope = jax.jit(jax.grad(lambda p: settled(p)))(jnp.asarray(settled.values))
+    p = settled.parameters[0]
+    expected = differences(lambda scene, model, s: float(s.r[1, 2]), p.name, p.value, "points")
+    assert slope[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_natural_period_is_a_quantity_of_the_start():
+    at_rest = study(TABLE, "period.1.start", NUMBERS[:1])
+    p = at_rest.parameters[0]
+    slope = jax.jit(jax.grad(lambda values: at_rest(values)))(jnp.asarray(at_rest.values))
+    expected = differences(lambda scene, model, s: float(natural_modes(model, s, 1).period[0]), p.name, p.value)
+    assert slope[0] == pytest.approx(expected, rel=1e-6)
+    with pytest.raises(SceneError, match="allowed: period.1.start"):
+        study(TABLE, "period.1.max", NUMBERS[:1])
+    with pytest.raises(SceneError, match="the scene starts at 'points'"):
+        study({**TABLE, "start": {"kind": "points"}}, "period.1.start", NUMBERS[:1])

@@ -1,0 +1,169 @@
+"""Derivatives of static poses: closed forms, differences of poses sought anew, and poses that something may leave."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.statics.modes import natural_modes, natural_periods
+from dropper_jax.statics.tangent import free_motion
+
+G, RHO = 9.81, 1025.0
+
+
+@pytest.fixture(scope="module")
+def mooring():
+    """A float between a chain that lies on the bed and a taut rope, in a current across both; model and pose."""
+    model = dj.build(
+        {
+            "run": {"dt": 0.02, "duration": 0.04},
+            "line_type": [
+                {"name": "chain", "mass": 10.0, "diameter": 0.04, "EA": 5e5, "cdn": 1.4, "cdt": 0.2},
+                {"name": "rope", "mass": 1.2, "diameter": 0.05, "EA": 1e5, "cdn": 1.2, "cdt": 0.1},
+            ],
+            "point": [
+                {"name": "a", "position": [0.0, 0.0, -10.0]},
+                {"name": "b", "position": [25.0, 0.0, -10.0]},
+                {"name": "float", "kind": "free", "position": [15.0, 0.0, -2.0], "mass": 20.0, "volume": 0.1},
+            ],
+            "line": [
+                {"name": "chain", "from": "a", "to": "float", "type": "chain", "length": 19.0, "links": 6},
+                {"name": "rope", "from": "b", "to": "float", "type": "rope", "length": 12.0, "links": 4},
+            ],
+            "sea": {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.7, "direction": 1.2}},
+            "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "seabed": {}},
+        }
+    )[0]
+    return model, dj.equilibrium(model)
+
+
+def changed(model, p):
+    """The mooring with links longer, stiffer, rougher, and its first anchor farther off, by shares p (4,) of one."""
+    line = model.line
+    axial = replace(line.axial, EA=line.axial.EA * p[1])
+    rough = [replace(e, cdn=e.cdn * p[2]) if e.name == "morison_drag" else e for e in model.effects]
+    lines = (replace(line, length=line.length * p[0], axial=axial),)
+    points = (replace(model.points[0], position=model.points[0].position * p[3]), *model.points[1:])
+    return replace(model, lines=lines, effects=tuple(rough), points=points)
+
+
+def measured(pose):
+    """Tensions at both anchors and the float's place."""
+    return jnp.concatenate([pose.tension[jnp.array([0, 6])] / 100.0, pose.state.r[-1]])
+
+
+@pytest.mark.slow
+def test_a_pose_follows_lengths_stiffness_drag_and_anchors_in_both_modes(mooring):
+    model, pose = mooring
+    one = jnp.ones(4)
+    of = lambda p, near: measured(dj.equilibrium(changed(model, p), near=near))  # noqa: E731
+    forward = jax.jit(jax.jacfwd(of))(one, pose.state)
+    reverse = jax.jit(jax.jacrev(of))(one, pose.state)
+    sought = lambda p: measured(dj.equilibrium(changed(model, jnp.asarray(p))))  # noqa: E731
+    h, each = 1e-3, np.eye(4)
+    for i, e in enumerate(each):
+        far, near = (sought(1 + k * h * e) - sought(1 - k * h * e) for k in (2, 1))
+        np.testing.assert_allclose(forward[:, i], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(of(one, pose.state), measured(pose), rtol=1e-8)
+
+
+def test_gradients_of_a_model_go_through_the_search_on_the_host(mooring):
+    """A buoyant point on one elastic line: its place is `a + L (1 + T/EA)` above the anchor, T of the links' middle."""
+    table = {
+        "run": {"dt": 0.02, "duration": 0.04},
+        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 2e4}],
+        "point": [
+            {"name": "a", "position": [0.0, 0.0, 0.0]},
+            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -9.0], "mass": 30.0},
+        ],
+        "line": [{"name": "rope", "from": "a", "to": "weight", "type": "rope", "length": 9.0, "links": 3}],
+        "effects": {"weight": {}},
+    }
+    model = dj.build(table)[0]
+    EA, length, tension = 2e4, 3.0, G * (30.0 + 3.0 * (np.arange(3)[::-1] + 0.5))
+    slope = jax.grad(lambda m: dj.equilibrium(m).positions[-1, 2])(model)
+    line = slope.lines[0]
+    np.testing.assert_allclose(line.axial.EA, length * tension / EA**2, rtol=1e-9)
+    np.testing.assert_allclose(line.length, -(1.0 + tension / EA), rtol=1e-9)
+
+
+def test_a_pose_inside_a_compiled_program_needs_one_near_by(mooring):
+    model, _ = mooring
+    with pytest.raises(dj.SceneError, match="near: no pose to start from inside jit or vmap"):
+        jax.jit(lambda m: dj.equilibrium(m).tension)(model)
+    with pytest.raises(dj.SceneError, match="loads, t, near: belong to a model"):
+        dj.equilibrium("string", t=1.0)
+
+
+def test_what_nothing_holds_is_named_and_has_no_derivative_of_its_own_motion():
+    """A slack rope that floats on calm water: its inner nodes may be pushed about without any resistance."""
+    table = {
+        "run": {"dt": 0.02, "duration": 0.04},
+        "line_type": [{"name": "rope", "mass": 0.8, "diameter": 0.035, "EA": 1e4, "cdn": 1.2, "cdt": 0.02}],
+        "point": [{"name": n, "position": [x, 0.0, 0.0]} for n, x in (("a", 0.0), ("b", 2.0), ("c", 4.0))],
+        "line": [
+            {"name": "ab", "from": "a", "to": "b", "type": "rope", "length": 2.4, "links": 3},
+            {"name": "bc", "from": "b", "to": "c", "type": "rope", "length": 2.4, "links": 3},
+        ],
+        "sea": {"depth": 10.0},
+        "effects": {"weight": {}, "buoyancy": {}},
+    }
+    model = dj.build(table)[0]
+    pose = dj.equilibrium(model)
+    assert pose.status == "ok"
+    none = jnp.zeros_like(pose.state.r)
+    words = free_motion(model, pose.state, none)
+    assert words.startswith("nothing holds node")
+    push = jax.jit(lambda way: jax.jvp(lambda f: dj.settle(model, pose.state, f, there=True).r, (none,), (way,))[1])
+    assert np.isnan(push(none.at[1, 1].set(1.0))).any()
+    assert np.isfinite(push(none.at[1, 2].set(1.0))).all()  # upwards it is held by its buoyancy
+
+
+def test_a_held_system_has_no_free_motion(mooring):
+    model, pose = mooring
+    assert free_motion(model, pose.state, jnp.zeros_like(pose.state.r)) == ""
+
+
+def test_periods_follow_stiffness_lengths_and_masses_with_the_pose():
+    """Against periods of poses sought anew."""
+    table = {
+        "run": {"dt": 0.02, "duration": 0.02},
+        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 5e3}],
+        "point": [
+            {"name": "a", "position": [0.0, 0.0, 0.0]},
+            {"name": "b", "position": [5.0, 0.0, 1.0]},
+            {"name": "weight", "kind": "free", "position": [2.0, 0.5, -4.0], "mass": 30.0},
+        ],
+        "line": [
+            {"name": "first", "from": "a", "to": "weight", "type": "rope", "length": 4.0, "links": 2},
+            {"name": "second", "from": "b", "to": "weight", "type": "rope", "length": 6.0, "links": 2},
+        ],
+        "effects": {"weight": {}},
+    }
+    model = dj.build(table)[0]
+    pose = dj.equilibrium(model)
+
+    def at(p):
+        line = model.line
+        axial = replace(line.axial, EA=line.axial.EA * p[0])
+        return replace(model, lines=(replace(line, length=line.length * p[1], mass=line.mass * p[2], axial=axial),))
+
+    def periods(p, near):
+        changed = at(p)
+        return natural_periods(changed, dj.settle(changed, near), 3)
+
+    one = jnp.ones(3)
+    forward = jax.jit(jax.jacfwd(periods))(one, pose.state)
+    reverse = jax.jit(jax.jacrev(periods))(one, pose.state)
+    anew = lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period  # noqa: E731
+    h = 1e-3
+    for i, e in enumerate(np.eye(3)):
+        far, near = (anew(1 + k * h * e) - anew(1 - k * h * e) for k in (2, 1))
+        np.testing.assert_allclose(forward[:, i], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)

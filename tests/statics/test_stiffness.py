@@ -1,0 +1,117 @@
+"""Mooring stiffness: closed forms, MoorPy's numbers, differences of poses sought anew, and what is refused."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib.util
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.cli import stiffness as command
+from dropper_jax.statics.stiffness import mooring_stiffness
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+#: Nearly weightless wire, drawn tight along x.
+EA, LENGTH, SPAN = 1e4, 8.0, 8.1
+WIRE = {
+    "name": "wire",
+    "run": {"dt": 0.02, "duration": 0.02},
+    "line_type": [{"name": "wire", "mass": 1e-4, "diameter": 0.01, "EA": EA}],
+    "point": [
+        {"name": "a", "position": [0.0, 0.0, 0.0]},
+        {"name": "middle", "kind": "free", "position": [4.0, 0.0, 0.0], "mass": 0.0, "volume": 0.0},
+        {"name": "b", "position": [SPAN, 0.0, 0.0]},
+    ],
+    "line": [
+        {"name": "left", "from": "a", "to": "middle", "type": "wire", "length": LENGTH / 2, "links": 2},
+        {"name": "right", "from": "middle", "to": "b", "type": "wire", "length": LENGTH / 2, "links": 2},
+    ],
+    "effects": {"weight": {}},
+}
+
+
+@pytest.fixture(scope="module")
+def wire():
+    model = dj.build(WIRE)[0]
+    return model, dj.equilibrium(model)
+
+
+def test_a_tight_wire_is_a_spring_along_itself_and_a_string_across(wire):
+    """Ends: EA/L along, T/l across; its middle: twice those of a half."""
+    model, pose = wire
+    along, across = EA / LENGTH, EA * (SPAN / LENGTH - 1) / SPAN
+    ends = mooring_stiffness(model, pose.state, ["a", "b"])
+    one = np.diag([along, across, across])
+    np.testing.assert_allclose(ends.matrix, np.block([[one, -one], [-one, one]]), rtol=1e-4, atol=1e-4)
+    middle = mooring_stiffness(model, pose.state, ["middle"])
+    np.testing.assert_allclose(middle.matrix, 4 * one, rtol=1e-4, atol=1e-4)
+    assert middle.freedoms == ("middle.x", "middle.y", "middle.z")
+    # what is asked for together is the same whichever way round
+    turned = mooring_stiffness(model, pose.state, ["b", "middle"]).matrix
+    np.testing.assert_allclose(mooring_stiffness(model, pose.state, ["middle", "b"]).matrix[:3, 3:], turned[3:, :3])
+
+
+def test_a_held_point_is_pulled_as_poses_sought_anew_tell(wire):
+    model, pose = wire
+    found = mooring_stiffness(model, pose.state, ["b"]).matrix
+    move, pulls = 1e-4, []
+    for sign in (1.0, -1.0):
+        points = list(model.points)
+        points[2] = replace(points[2], position=points[2].position + np.array([0.0, 0.0, sign * move]))
+        at = dj.equilibrium(replace(model, points=tuple(points)))
+        last = at.positions[-1] - at.positions[-2]
+        pulls.append(-at.tension[-1] * last / np.linalg.norm(last))
+    np.testing.assert_allclose(found[:, 2], -(pulls[0] - pulls[1]) / (2 * move), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["bridles", pytest.param("floats", marks=pytest.mark.check), pytest.param("spread", marks=pytest.mark.check)],
+)
+def test_sample_systems_are_as_stiff_as_moorpy_says(name):
+    spec = importlib.util.spec_from_file_location("moorpy_stiffness", BENCHMARKS / "moorpy_stiffness.py")
+    beside = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(beside)
+    known = np.array(json.loads(beside.FILE.read_text())["systems"][name]["stiffness"])
+    assert beside.difference(beside.ours(beside.SYSTEMS[name]()), known) < 0.01
+
+
+def test_what_is_no_point_or_not_held_is_named(wire):
+    model, pose = wire
+    with pytest.raises(dj.SceneError, match="points: 'midle' is no point of the scene; did you mean 'middle'"):
+        mooring_stiffness(model, pose.state, ["midle"])
+    with pytest.raises(dj.SceneError, match="points: 'b' is given twice"):
+        mooring_stiffness(model, pose.state, ["b", "b"])
+    rigid = dj.build("string")[0]
+    with pytest.raises(dj.SceneError, match=r"line.axial.law: 'rigid' has no axial stiffness"):
+        mooring_stiffness(rigid, dj.initial_state(rigid, dj.load_scene("string").start), ["right"])
+
+
+def called(tmp_path, *words):
+    """What the command does with these words."""
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    file = tmp_path / "wire.json"
+    return command.run(parser.parse_args([str(file), *words]))
+
+
+def test_command_prints_and_writes_the_matrix(tmp_path, capsys, monkeypatch, wire):
+    monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(WIRE))
+    out = tmp_path / "matrix.csv"
+    assert called(tmp_path, "--points", "b", "--json", "--out", str(out)) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["status"] == "ok"
+    assert printed["freedoms"] == ["b.x", "b.y", "b.z"]
+    assert printed["stiffness"][0][0] == pytest.approx(EA / LENGTH, rel=1e-4)
+    with out.open() as rows:
+        table = list(csv.reader(rows))
+    assert table[0] == ["freedom", "b.x", "b.y", "b.z"]
+    assert [float(x) for x in table[1][1:]] == printed["stiffness"][0]
+    assert called(tmp_path) == 0  # all free points
+    assert "middle.x" in capsys.readouterr().out

@@ -24,3 +24,15 @@ def place(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
         there = counts > k
         terms.append(padded[np.where(there, order[np.where(there, first + k, 0)], nothing)])
     return sum(terms[1:], terms[0])
+
+
+#: Values at one row up to which gathers are taken: each is an operation of its own.
+FEW = 8
+
+
+def summed(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
+    """`place`, by a scatter where many values meet at one row, as in contact of each link with each."""
+    where = np.asarray(where)
+    if not len(where) or np.bincount(where, minlength=size).max() <= FEW:
+        return place(where, values, size)
+    return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)

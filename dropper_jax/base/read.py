@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import Pairs
 
 #: What a TOML file, a JSON text or a caller in Python may give for a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
@@ -161,9 +162,14 @@ def _read_numbers(value: Plain, path: str, declared: Mapping[str, Any], count: i
     return np.array([read_number(item, f"{path}.{i}", declared, allowed) for i, item in enumerate(items)], float)
 
 
-def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | int | bool | tuple[int | str, ...]:
-    """A text, whole number, truth value, tuple of whole numbers or (declared as `list`) of texts."""
+def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | int | bool | tuple[Any, ...]:
+    """A text, whole number, truth value, tuple of whole numbers, (declared as `list`) of texts, or of pairs of them."""
     kind, choices = declared.get("type"), declared.get("choices")
+    if kind is Pairs:
+        allowed = 'a list of pairs of names, such as [["dropper-1", "dropper-2"]]'
+        items = enumerate(read_list(value, path, None, allowed))
+        pairs = [(i, read_list(item, f"{path}.{i}", 2, "two names")) for i, item in items]
+        return tuple(tuple(read_text(name, f"{path}.{i}.{j}") for j, name in enumerate(two)) for i, two in pairs)
     if kind is tuple:
         items = read_list(value, path, None, "a list of whole numbers")
         return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in enumerate(items))

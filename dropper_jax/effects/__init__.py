@@ -8,6 +8,7 @@ from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.buoyancy import Buoyancy
 from dropper_jax.effects.end_motion import EndMotion
 from dropper_jax.effects.joint_friction import JointFriction
+from dropper_jax.effects.line_contact import LineContact
 from dropper_jax.effects.linear_damping import LinearDamping
 from dropper_jax.effects.morison_drag import MorisonDrag
 from dropper_jax.effects.morison_inertia import MorisonInertia
@@ -18,6 +19,7 @@ from dropper_jax.effects.sea_following_end import SeaFollowingEnd
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.effects.seabed_friction import SeabedFriction
 from dropper_jax.effects.thesis_wave_force import ThesisWaveForce
+from dropper_jax.effects.torsion import Torsion
 from dropper_jax.effects.weight import Weight
 from dropper_jax.model import Effect, Law
 
@@ -40,6 +42,8 @@ EFFECTS: dict[str, type[Effect]] = {
         Seabed,
         SeabedFriction,
         Bending,
+        LineContact,
+        Torsion,
     )
 }
 
@@ -85,6 +89,7 @@ __all__ = [
     "EndMotion",
     "JointFriction",
     "Law",
+    "LineContact",
     "LinearDamping",
     "MorisonDrag",
     "MorisonInertia",
@@ -95,6 +100,7 @@ __all__ = [
     "Seabed",
     "SeabedFriction",
     "ThesisWaveForce",
+    "Torsion",
     "Weight",
     "register",
     "register_installed",

@@ -7,11 +7,12 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Effect, Kinematics
+from dropper_jax.model import Effect, Graph, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
 
 
@@ -20,33 +21,111 @@ class Bending(Effect):
     """Bending moment `EI kappa` at every joint inside a line, kappa the change of direction per length.
 
     Energy `sum of EI/(2 l) |q_(j+1) - q_j|^2`, q the links' directions and l the mean of two neighbouring links; the
-    nodal forces are minus its gradient. Second order in the length of links. Lines are pinned at their points and do
-    not resist torsion; a link that has parted bends nothing.
+    nodal forces are minus its gradient. Second order in the length of links. Lines are pinned at their points, but for
+    `clamped` ones: there q_0 is the direction in which the line leaves, and l half a link. Lines do not resist torsion
+    here (see `torsion`); a link that has parted bends nothing.
+
+    Moments and curvatures of a run: `Solution.bending_moment`, `Solution.curvature`.
     """
 
     name: ClassVar[str] = "bending"
     reach: ClassVar[int] = 2
     parts: ClassVar[bool] = True
     EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
+    directions: jax.Array | None = parameter(
+        "directions in which lines leave their clamped points", unit="-", shape="vectors", optional=True
+    )
+    clamped: tuple[str, ...] = option("held points where a line is clamped", type=list, default=())
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
-        if all(line.links < 2 for line in scene.lines):
+        if all(line.links < 2 for line in scene.lines) and not values["clamped"]:
             raise SceneError("effects.bending: needs a line of at least 2 links; allowed: leave it out")
+        given = () if values["directions"] is None else values["directions"]
+        if len(given) != len(values["clamped"]):
+            raise SceneError(
+                f"effects.bending.directions: has {len(given)} entries; allowed: one for each of the "
+                f"{len(values['clamped'])} points that `clamped` names"
+            )
+        for i, direction in enumerate(given):
+            if not np.linalg.norm(direction) > 0.0:
+                raise SceneError(
+                    f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: not zero"
+                )
+        held = [p.name for p in scene.points if p.kind == "fixed"]
+        for i, name in enumerate(values["clamped"]):
+            path = f"effects.bending.clamped.{i}"
+            if name not in held:
+                raise SceneError(f"{path}: {name!r} is not a held point; {nearest(name, held)}")
+            if name in values["clamped"][:i]:
+                raise SceneError(f"{path}: {name!r} is named twice; allowed: once")
+            ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
+            if len(ends) != 1:
+                raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
 
     def potential(self, k: Kinematics) -> jax.Array:
         return self._energy(k, k.r)
 
     def force(self, k: Kinematics) -> jax.Array:
+        if isinstance(k.model.geometry, Graph):
+            return sum_of_pieces(self, k)
         return -jax.grad(lambda r: self._energy(k, r))(k.r)
 
     def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
         links = k.model.links(r, k.ends)
         directions = links / jnp.sqrt(dot(links, links) + 1e-30)[:, None]
         first = k.model.geometry.before
-        stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
-        length = 0.5 * (k.line.length[first] + k.line.length[first + 1])
         bend = directions[first + 1] - directions[first]
-        each = 0.25 * (stiffness[first] + stiffness[first + 1]) / length * dot(bend, bend)
+        inside = jnp.sum(self._stiffness(k, first, first + 1) * dot(bend, bend))
+        if not self.clamped:
+            return inside
+        at, leaving = self._clamps(k.model)
+        return inside + jnp.sum(self._stiffness(k, at, at) * _squares(directions[at] - leaving))
+
+    def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> jax.Array:
+        """`EI/(2 l)` (joints,) [J] of the joints between two links each, or of one and the wall."""
+        length = 0.5 * (k.line.length[first] + k.line.length[last])
+        length = 0.5 * length if first is last else length
+        stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
+        each = 0.25 * (stiffness[first] + stiffness[last]) / length
         intact = k.line.axial.intact
-        return jnp.sum(each if intact is None else intact[first] * intact[first + 1] * each)
+        return each if intact is None else intact[first] * intact[last] * each
+
+    def _clamps(self, model: ModelView) -> tuple[np.ndarray, jax.Array | None]:
+        """Links at clamped points (clamps,), and the directions (clamps, 3) they would have were they not bent."""
+        if not self.clamped:
+            return np.zeros(0, int), None
+        found = {}
+        for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
+            found[model.points[member.start].name] = (span.start, 1.0)
+            found[model.points[member.end].name] = (span.stop - 1, -1.0)
+        links, signs = zip(*(found[name] for name in self.clamped), strict=True)
+        size = jnp.sqrt(dot(self.directions, self.directions))
+        return np.array(links), np.array(signs)[:, None] * self.directions / size[:, None]
+
+    def piece_nodes(self, model: ModelView) -> np.ndarray:
+        """The three nodes of every joint, then those of the clamped links, the wall's twice."""
+        graph = model.geometry
+        first = graph.before
+        inner = np.stack([graph.first[first], graph.last[first], graph.last[first + 1]], axis=1)
+        at, _ = self._clamps(model)
+        return np.concatenate([inner, np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)])
+
+    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+        first, (at, leaving) = k.model.geometry.before, self._clamps(k.model)
+        stiffness = self._stiffness(k, first, first + 1)
+        if self.clamped:
+            stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])
+
+        def energy(r: jax.Array) -> jax.Array:
+            links = r[:, 1:] - r[:, :-1]
+            before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
+            if self.clamped:
+                before = jnp.concatenate([before[: len(first)], leaving])
+            return jnp.sum(stiffness * _squares(after - before))
+
+        return -jax.grad(energy)(r)
+
+
+def _squares(a: jax.Array) -> jax.Array:
+    return dot(a, a)

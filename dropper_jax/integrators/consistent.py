@@ -26,6 +26,8 @@ BRIEF = 1e-4
 class ProjectionProblem(StepProblem):
     """Unknowns: x, the change of velocities (nodes, 3) [m/s], and impulses y (n,) [N s]; linear."""
 
+    pieces = ()  # no force in the rows depends on the unknowns
+
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model, self.h = k.model, jnp.ones((), k.r.dtype)
         self.k, self.added = k.over(BRIEF) if added else k, added

@@ -130,6 +130,9 @@ class MidpointProblem(StepProblem):
         force = force + sum(tie.pull(model, middle, pull) for tie, pull in ties)
         return force, rows + tuple(tie.gap(model, end) for tie, _ in ties)
 
+    def instant(self, x: jax.Array) -> Kinematics:
+        return self._middle(x)
+
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         middle = self._middle(x)
         local = self._local(x, middle)

@@ -113,6 +113,9 @@ class GeneralizedAlphaProblem(StepProblem):
         s = self.s
         return Unknowns(0.5 * self.h**2 * s.acceleration, s.tension, s.law)
 
+    def instant(self, x: jax.Array) -> Kinematics:
+        return self._at_f(x)
+
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Inertia minus forces (nodes, 3) [N], tensions aside, and the rows of laws."""
         k, old = self._at_f(x), self.s.acceleration

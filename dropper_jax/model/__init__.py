@@ -9,8 +9,9 @@ from dropper_jax.model.line import Line, Point
 from dropper_jax.model.model import MOVING_ENDS, Forces, Model
 from dropper_jax.model.parted import Parted, as_parted
 from dropper_jax.model.path import Path, gather_links, link_differences
+from dropper_jax.model.pieces import at_pieces, sum_of_pieces
 from dropper_jax.model.shares import Part
-from dropper_jax.model.slots import AddedMass, ContactArea, CoupledMass, Displacement
+from dropper_jax.model.slots import AddedMass, ContactArea, CoupledMass, Displacement, Paced, Pieces
 from dropper_jax.model.state import State, state
 from dropper_jax.model.view import ModelView
 from dropper_jax.model.work import BREAKING, Works, booked, turning, work_names
@@ -37,18 +38,22 @@ __all__ = [
     "ModelView",
     "Part",
     "Parted",
+    "Paced",
     "Path",
+    "Pieces",
     "Point",
     "State",
     "Tie",
     "Forces",
     "Works",
     "as_parted",
+    "at_pieces",
     "booked",
     "gather_links",
     "link_differences",
     "per_node",
     "state",
+    "sum_of_pieces",
     "turning",
     "work_names",
 ]

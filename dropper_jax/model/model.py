@@ -20,6 +20,7 @@ from dropper_jax.model.slots import (
     CoupledMass,
     Displacement,
     Force,
+    Pieces,
     PointMass,
     Potential,
     Prepared,
@@ -101,6 +102,18 @@ class Model:
         """How far the forces (tensions aside) couple nodes: 0 own node only."""
         inertia = 1 if self.line.compound else 0
         return max([inertia, *(e.reach for e in (*self.having(Force), *self.having(AddedMass)))])
+
+    @property
+    def pieces(self) -> tuple[Pieces, ...]:
+        """Effects of a system of lines that couple nodes beside the tensions, piece by piece."""
+        return self.having(Pieces)
+
+    @property
+    def node_reach(self) -> int:
+        """`reach` without those."""
+        inertia = 1 if self.line.compound else 0
+        forces = (e for e in self.having(Force) if not isinstance(e, Pieces))
+        return max([inertia, *(e.reach for e in (*forces, *self.having(AddedMass)))])
 
     @property
     def laws(self) -> tuple[Law, ...]:

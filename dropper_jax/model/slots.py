@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import jax
+import numpy as np
 
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.view import ModelView
@@ -28,6 +29,28 @@ class Potential(Force, Protocol):
 
     def potential(self, k: Kinematics) -> jax.Array:
         """Energy whose negative gradient is `force`, scalar [J]."""
+
+
+@runtime_checkable
+class Pieces(Force, Protocol):
+    """A force of pieces that act on a few nodes each, in systems of lines; their `force` is `sum_of_pieces`."""
+
+    def piece_nodes(self, model: ModelView) -> np.ndarray:
+        """Nodes of each piece (pieces, m), numbered as free nodes, then held points. Static."""
+
+    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+        """Forces of the pieces on their nodes (pieces, m, 3) [N], at places r [m] and velocities v [m/s] of these.
+
+        `k` is there for the time, the step and the lines, not for places.
+        """
+
+
+@runtime_checkable
+class Paced(Protocol):
+    """Something that a step may pass over, such as contact: steps that move too far are halved."""
+
+    def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
+        """Whether nodes moved farther over a step than it can follow, scalar; plain instants at its ends."""
 
 
 @runtime_checkable

@@ -7,7 +7,7 @@ from typing import Protocol, TypeVar
 import jax
 
 from dropper_jax.model.geometry import Ends, Geometry
-from dropper_jax.model.line import Line
+from dropper_jax.model.line import Line, Point
 from dropper_jax.sea import Sea
 
 Role = TypeVar("Role")
@@ -21,6 +21,9 @@ class ModelView(Protocol):
 
     @property
     def geometry(self) -> Geometry: ...
+
+    @property
+    def points(self) -> tuple[Point, ...]: ...
 
     @property
     def sea(self) -> Sea | None: ...

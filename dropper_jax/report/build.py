@@ -10,6 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.surroundings import bed_height, surface_over
 from dropper_jax.report.bed import bed_contact
+from dropper_jax.report.bending import line_bending
 from dropper_jax.report.bodies import body_motions
 from dropper_jax.report.crop import crops
 from dropper_jax.report.distance import line_distances
@@ -21,6 +22,7 @@ from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
 from dropper_jax.report.water import submergence
+from dropper_jax.run.bends import bends
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.solution import Solution
@@ -53,6 +55,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "broken": list(solution.broken),
         "tension": line_tensions(part, settings),
         "anchors": anchors(part) or {"skipped": "no point is held"},
+        "bending": line_bending(part) if bends(part.scene) else {"skipped": "the scene has no [effects.bending]"},
         "snap": line_snaps(part, settings),
         "fatigue": _optional(line_fatigue, part, settings),
         "watch_circle": watch_circles(part),

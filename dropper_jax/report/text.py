@@ -63,6 +63,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         "## Held points",
         sections.section(run["anchors"], sections.anchors),
         picture("anchors"),
+        *_bending(run.get("bending")),
         "## Snap loads",
         sections.snaps(run["snap"]),
         "## Fatigue",
@@ -84,6 +85,21 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         *bodies_text(run.get("bodies")),
         *crop_text(run.get("crop")),
     ]
+
+
+def _bending(found: Any) -> list[str]:
+    """Moments and radii; nothing where lines have no bending stiffness."""
+    if not isinstance(found, list):
+        return []
+    rows = [
+        [
+            line["line"],
+            f"{line['largest_moment_n_m']:.4g} at {line['at_m']:.1f} m, {line['t_s']:.2f} s",
+            "straight" if line["least_radius_m"] is None else f"{line['least_radius_m']:.3g}",
+        ]
+        for line in found
+    ]
+    return ["## Bending", table(["line", "largest moment [N m]", "smallest radius [m]"], rows)]
 
 
 def _coefficients(found: Any) -> list[str]:

@@ -21,7 +21,8 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
     """Write `lines_NNNNNN.vtp` (and `buoys_NNNNNN.vtp`) for every `every`th saved time, and `NAME.pvd` over them.
 
     A link is a cell with its `tension` [N] (of the step before the saved time), `line` and `link` (counted from 1) and,
-    where the lines have one, `diameter` [m]; nodes carry their `velocity` [m/s]. A buoy is its axis with its
+    where the lines have one, `diameter` [m]; nodes carry their `velocity` [m/s] and, of lines with bending stiffness,
+    their `curvature` [1/m] and `bending_moment` [N m]. A buoy is its axis with its
     `diameter`. Samples that are not finite are left out.
 
     Returns:
@@ -74,7 +75,10 @@ def _lines(solution: Solution, k: int) -> str:
     if all(d is not None for d in diameter):
         cells["diameter"] = np.concatenate(diameter)
     ends = np.stack([first, first + 1], axis=1)
-    return polydata(solution.positions[k], ends, {"velocity": solution.velocities[k]}, cells)
+    nodes = {"velocity": solution.velocities[k]}
+    if solution.curvature is not None:
+        nodes |= {"curvature": solution.curvature[k], "bending_moment": solution.bending_moment[k]}
+    return polydata(solution.positions[k], ends, nodes, cells)
 
 
 def _buoys(solution: Solution, k: int) -> str:

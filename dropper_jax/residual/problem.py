@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import Effect, Model, State
+from dropper_jax.model import Effect, Kinematics, Model, Pieces, State
 from dropper_jax.residual.unknowns import Unknowns
 
 GRAVITY_SCALE = 9.81  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
@@ -39,6 +39,11 @@ class StepProblem:
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         self.model, self.s, self.h = model.lumped(), s, h
 
+    @property
+    def pieces(self) -> tuple[Pieces, ...]:
+        """Forces in the rows that couple nodes piece by piece."""
+        return self.model.pieces
+
     def guess(self) -> Unknowns:
         raise NotImplementedError
 
@@ -61,6 +66,10 @@ class StepProblem:
         other = copy(self)
         other.model = replace(self.model, effects=effects)
         return other
+
+    def instant(self, x: jax.Array) -> Kinematics:
+        """Where forces act at the unknowns x; each node's places and velocities follow its own x alone."""
+        raise NotImplementedError
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         """K of the condensed solver, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix."""

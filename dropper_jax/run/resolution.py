@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.solution import Solution
+from dropper_jax.scene import line_slices
 
 #: Drift of the energy balance beside its scale from which a run warns, and from which it is not called ok.
 DRIFT_TOLD, DRIFT_FAILED = 0.1, 1.0
@@ -37,6 +39,18 @@ def judged(solution: Solution) -> Solution:
         if drift > DRIFT_FAILED * scale and status == "ok":
             status = "energy_drift"
     return replace(solution, status=status, warnings=(*solution.warnings, *found))
+
+
+def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
+    """Tensions (k, n) [N] without what a step's tolerance leaves below zero of slack ropes, which do not push.
+
+    Axial rows are lengths: solved to a part of the length, tensions are known to that part of EA.
+    """
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if line.axial_law == "rope":
+            own = tension[:, where.links]
+            tension[:, where.links] = np.where((own < 0.0) & (own >= -tolerance * line.EA), 0.0, own)
+    return tension
 
 
 def _negligible(solution: Solution) -> float:

@@ -28,7 +28,7 @@ from dropper_jax.run.build import SceneLike, allowed_error, build_model, stepper
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.pieces import compile_run, go_through
 from dropper_jax.run.remarks import pose_remarks
-from dropper_jax.run.resolution import judged
+from dropper_jax.run.resolution import judged, without_push
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.stiffness import stiffness_remarks
@@ -36,7 +36,7 @@ from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
 from dropper_jax.stepping.observe import Observed, observe
-from dropper_jax.stepping.stepper import Stepper
+from dropper_jax.stepping.stepper import TOO_FAR, Stepper
 
 
 @kept()
@@ -220,7 +220,7 @@ def _solution(
         t=t,
         positions=seen.positions,
         velocities=seen.velocities,
-        tension=join(start.tension, kept.tension),
+        tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
         t_tension=np.concatenate([[0.0], t[1:] - middle]),
         kinetic=seen.kinetic,
         potential=seen.potential,
@@ -317,6 +317,9 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     limit = stepper.limit(model)
     if not np.isfinite(residual):
         return "non_finite", f"the step gave infinite or undefined values{_explicit(stepper, model)}"
+    if residual >= TOO_FAR:
+        parts = f", in the smallest of {2**stepper.halvings} parts of a step" if stepper.iterations else ""
+        return "retry_exhausted", f"lines in contact moved by more than half their radius{parts}; take a smaller step"
     if residual <= limit:
         return "not_converged", f"this scheme lets lengths drift, and a link has changed by more than {DRIFT_LIMIT:.0%}"
     what = f"the residual stayed above the tolerance {limit:.0e}"

@@ -17,6 +17,8 @@ from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.base.read import Plain
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
+from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
+from dropper_jax.run.twists import torque
 from dropper_jax.scene import LineSlice, line_places, line_slices, whole_lines
 
 if TYPE_CHECKING:
@@ -192,6 +194,28 @@ class Solution:
         """Azimuths (k, n) [rad]."""
         return self.angles[1]
 
+    @cached_property
+    def curvature(self) -> np.ndarray | None:
+        """Curvature (k, nodes) [1/m] where lines have bending stiffness (see `run.bends`); else None."""
+        return curvature(self.scene, self.positions) if bends(self.scene) else None
+
+    @cached_property
+    def bending_moment(self) -> np.ndarray | None:
+        """Bending moment (k, nodes) [N m] where lines have bending stiffness; else None."""
+        return bending_moment(self.scene, self.positions, self.t, self.broken) if bends(self.scene) else None
+
+    @property
+    def twist(self) -> np.ndarray | None:
+        """Twist (k, nodes) [rad] about the axes of lines with torsion; else None."""
+        return self.own.get("torsion.0")
+
+    @cached_property
+    def torque(self) -> np.ndarray | None:
+        """Torque (k, n) [N m] of links with torsion; else None."""
+        if self.twist is None:
+            return None
+        return torque(self.scene, self.positions, self.twist, self.own["torsion.1"])
+
     @property
     def us_per_step(self) -> float:
         """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
@@ -282,6 +306,11 @@ class Solution:
                 else {}
             ),
             **({"bodies": self.body_summary()} if self.body_position is not None else {}),
+            **(
+                {"bending": bending_summary(self.scene, self.t, self.curvature, self.bending_moment)}
+                if bends(self.scene)
+                else {}
+            ),
             "broken": self.broken,
             "estimated_error": self.settings.get("estimated_error"),
             "warnings": self.warnings,

@@ -120,6 +120,15 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     meaning = "angle of the links from the horizontal, positive downwards"
     found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
     found["azimuth"] = (("time", "link"), solution.azimuth, {"units": "rad", "long_name": "azimuth of the links"})
+    if solution.curvature is not None:
+        along = ("time", "node")
+        found["curvature"] = (along, solution.curvature, {"units": "m-1", "long_name": "curvature of the lines"})
+        bent = solution.bending_moment
+        found["bending_moment"] = (along, bent, {"units": "N m", "long_name": "bending moment of the lines"})
+    if solution.twist is not None:
+        turned, carried = solution.twist, solution.torque
+        found["twist"] = (("time", "node"), turned, {"units": "rad", "long_name": "twist of the lines"})
+        found["torque"] = (("time", "link"), carried, {"units": "N m", "long_name": "torque of the links"})
     for name, values in solution.own.items():
         inner = [f"{OWN}{name}.axis{i}" for i in range(1, values.ndim)]
         found[OWN + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})

@@ -16,11 +16,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import Graph, Model
+from dropper_jax.model import Graph, Model, Pieces
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
 from dropper_jax.solvers.blocks import multiply, settled
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.elimination import apply
+from dropper_jax.solvers.pieces import coupling
 from dropper_jax.solvers.saddle import LinkParts, Saddle
 from dropper_jax.solvers.stretching import Stretching
 
@@ -77,8 +78,10 @@ class Network:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"
-        if model.reach > 0:
+        if model.node_reach > 0:
             return "a force in the scene couples neighbouring nodes beside the tensions; use dense"
+        if model.ties and model.pieces:
+            return f"effect {model.pieces[0].name!r} couples nodes of lines on rigid bodies; use dense"
         if len(model.laws) > 1 or any(not law.node_local for law in model.laws):
             return f"effect {model.laws[0].name!r} couples nodes through its unknowns; use dense"
         return None
@@ -91,6 +94,9 @@ class Network:
         law, own = None, problem
         if model.ties:
             own = problem.acting(tuple(e for e in model.effects if not e.bodily))
+        between = coupling(problem, u)
+        if between is not None:
+            own = problem.acting(tuple(e for e in model.effects if not isinstance(e, Pieces)))
         if model.laws and u.z:  # what joins in at an instant has none
             node, law = settled(_law_blocks(own, u))
             law = law._replace(own=_inverse2(law.own + SOFT * jnp.eye(2, dtype=dtype)))
@@ -100,7 +106,7 @@ class Network:
         if model.ties:
             return NetworkFactor(factor_bodies(problem, u, node, settled(_link_parts(problem, u))), law)
         kind = Stretching if problem.model.line.axial.elastic else Saddle
-        return NetworkFactor(kind.of(problem.model.geometry, node, settled(_link_parts(problem, u))), law)
+        return NetworkFactor(kind.of(problem.model.geometry, node, settled(_link_parts(problem, u)), between), law)
 
     def apply(self, factor: NetworkFactor, rows: Unknowns) -> Unknowns:
         return factor.solve(rows)

@@ -16,8 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Graph
+from dropper_jax.solvers.blocks import settled
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
-from dropper_jax.solvers.order import Order, elimination_order
+from dropper_jax.solvers.order import WIDER, Order, Pair, elimination_order
+from dropper_jax.solvers.pieces import Coupling
 
 #: Compliance of a line's last link, relative to that of its points. It makes no difference but where a straight line
 #: between held points leaves nothing to move.
@@ -44,8 +46,8 @@ class Saddle(NamedTuple):
     groups: Elimination
 
     @classmethod
-    def of(cls, graph: Graph, node: jax.Array, links: LinkParts) -> Saddle:
-        """From A = `node` (free, 3, 3)."""
+    def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Saddle:
+        """From A = `node` (free, 3, 3), and what it has besides its diagonal."""
         diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
         size = jnp.max(jnp.abs(diagonal)) if graph.free else jnp.max(jnp.abs(links.turn)) + 1.0
         before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.before, _last(graph)))
@@ -66,7 +68,10 @@ class Saddle(NamedTuple):
             _block(jnp.zeros_like(last.turn), last.pull, bare, zero),
             _block(jnp.zeros_like(last.turn), bare, last.gradient, zero),
         ]
-        return cls(graph, eliminate(_group_order(graph), jnp.concatenate(values)))
+        if between is None:
+            return cls(graph, eliminate(_group_order(graph), jnp.concatenate(values)))
+        wide = jnp.pad(settled(between.blocks), ((0, 0), (0, 1), (0, 1)))
+        return cls(graph, eliminate(_group_order(graph, between.pairs), jnp.concatenate([*values, wide])))
 
     def transposed(self) -> Saddle:
         return self._replace(groups=self.groups.transposed())
@@ -95,7 +100,7 @@ def _last(graph: Graph) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _group_order(graph: Graph) -> Order:
+def _group_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
     """For blocks in the order of `Saddle.of`: groups are the free nodes, then the lines' last links."""
     count, none = graph.free + len(graph.members), graph.free + len(graph.members)
     number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  held nodes are no group
@@ -104,7 +109,8 @@ def _group_order(graph: Graph) -> Order:
     start, end = number(graph.first[_last(graph)]), number(graph.last[_last(graph)])
     sides = [(own, own), (inner, first), (first, inner), (start, end), (end, start)]
     sides += [(start, closing), (closing, start), (end, closing), (closing, end)]
-    return elimination_order(count, [pair for side in sides for pair in zip(*side, strict=True)], _after(graph))
+    pairs = [pair for side in sides for pair in zip(*side, strict=True)]
+    return elimination_order(count, [*pairs, *between], _after(graph), most=WIDER if between else 2)
 
 
 def _after(graph: Graph) -> dict[int, set[int]]:

@@ -9,8 +9,10 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Graph
+from dropper_jax.solvers.blocks import settled
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
-from dropper_jax.solvers.order import Order, elimination_order
+from dropper_jax.solvers.order import WIDER, Order, Pair, elimination_order
+from dropper_jax.solvers.pieces import Coupling
 from dropper_jax.solvers.saddle import LinkParts
 
 
@@ -22,13 +24,16 @@ class Stretching(NamedTuple):
     nodes: Elimination
 
     @classmethod
-    def of(cls, graph: Graph, node: jax.Array, links: LinkParts) -> Stretching:
-        """From A = `node` (free, 3, 3)."""
+    def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
+        """From A = `node` (free, 3, 3), and what it has besides its diagonal."""
         ratio = links.pull / links.compliance[:, None]
         stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
         diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
         blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
-        return cls(graph, links, eliminate(_node_order(graph), blocks))
+        if between is None:
+            return cls(graph, links, eliminate(_node_order(graph), blocks))
+        blocks = jnp.concatenate([blocks, settled(between.blocks)])
+        return cls(graph, links, eliminate(_node_order(graph, between.pairs), blocks))
 
     def transposed(self) -> Stretching:
         return self._replace(links=self.links.transposed(), nodes=self.nodes.transposed())
@@ -41,8 +46,8 @@ class Stretching(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _node_order(graph: Graph) -> Order:
+def _node_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
     """For the blocks of the free nodes, of links by their first and last nodes, and the other way round."""
     own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
     pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
-    return elimination_order(graph.free, pairs)
+    return elimination_order(graph.free, [*pairs, *between], most=WIDER if between else 2)

@@ -56,6 +56,9 @@ class RestProblem(StepProblem):
         model, still = self.model, jnp.zeros_like(x)
         return model.instant(self.s.r + x, still, self.s.t, self.ends)
 
+    def instant(self, x: jax.Array) -> Kinematics:
+        return self.place(x)
+
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         return self.kappa * x - self.model.force(self.place(x)) - self.loads, ()
 
@@ -104,8 +107,8 @@ def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax
 
 
 def _solver(model: Model) -> Solver:
-    """The network's matrix has no bending in it, and is of systems."""
-    return Network() if isinstance(model.geometry, Graph) and model.reach == 0 else Dense()
+    """The network's is of systems."""
+    return Network() if isinstance(model.geometry, Graph) and model.node_reach == 0 else Dense()
 
 
 @kept()

@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.tridiagonal import library
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, Paced, State
 from dropper_jax.residual import SETTLED, Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+from dropper_jax.stepping.stepper import FULL_STEP, TOO_FAR, Stepper
 
 
 def solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> tuple[Any, ...]:
@@ -121,10 +121,21 @@ def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[St
     solver = SOLVERS[stepper.fallback]
     if stepper.until_converged:
         u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
-        return problem.finish(u, seen), u, residual
+        s1 = problem.finish(u, seen)
+        return s1, u, paced(model, s, s1, residual)
     iterations = 3 * stepper.integrator.iterations
     u, residual = damped_newton(problem, solver, problem.guess(), iterations)
     return problem.finish(u), u, residual
+
+
+def paced(model: Model, s: State, s1: State, residual: jax.Array) -> jax.Array:
+    """The residual of a step from s to s1; `TOO_FAR` where it passes over what should have been followed."""
+    watching = model.having(Paced)
+    if not watching:
+        return residual
+    ends = tuple(model.kinematics(now.r, now.v, now.t) for now in (s, s1))
+    far = jnp.any(jnp.stack([effect.too_far(*ends) for effect in watching]))
+    return jnp.where(far, jnp.maximum(residual, TOO_FAR), residual)  # a NaN stays one
 
 
 def _halve(stepper: Stepper, model: Model, s: State, h: jax.Array, first: tuple[Any, ...]) -> Any:

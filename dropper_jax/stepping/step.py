@@ -9,6 +9,7 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Explicit
 from dropper_jax.stepping.derivative import _solved
 from dropper_jax.stepping.parting import step_and_part
+from dropper_jax.stepping.solve import paced
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
 
@@ -33,10 +34,10 @@ def step(
 
 
 def _explicit(integrator: Explicit, model: Model, s: State, h: jax.Array) -> tuple[State, Report]:
-    s = integrator.advance(model.entered(s.own), s, h)
+    begun, s = s, integrator.advance(model.entered(s.own), s, h)
     finite = jnp.all(jnp.isfinite(s.r)) & jnp.all(jnp.isfinite(s.v))
     residual = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
-    return s, Report(residual, jnp.full((), FULL_STEP, jnp.int32))
+    return s, Report(paced(model, begun, s, residual), jnp.full((), FULL_STEP, jnp.int32))
 
 
 def _implicit(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool) -> tuple[State, Report]:

@@ -16,6 +16,8 @@ from dropper_jax.residual import Integrator
 TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
 
 
+#: What stands for the residual of a step in which nodes moved farther than an effect can follow (`model.Paced`).
+TOO_FAR = 1e30
 FULL_STEP = -1  # level of a step that needed no retry
 
 

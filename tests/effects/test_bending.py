@@ -1,14 +1,24 @@
 """Bending stiffness against the beam's closed forms."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
+from scipy.integrate import solve_bvp
 
-from dropper_jax import equilibrium
+from dropper_jax import INTEGRATORS, equilibrium, integrate, make_stepper
+from dropper_jax.base.errors import SceneError
 from dropper_jax.effects import Bending
+from dropper_jax.load.scene import Scene
+from dropper_jax.report.build import report_run
+from dropper_jax.report.vtk import write_vtk
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import simulate
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.solvers.dense import residual_matrix
 
 
 def beam(links, weight=0.1, EI=1e4):
@@ -64,3 +74,162 @@ def test_a_line_with_bending_runs_and_keeps_its_energy():
     # the axial law takes what it cannot resolve; bending itself is of second order, not exact
     assert solution.energy_drift < 5e-2 * solution.energy_scale
     assert np.max(np.diff(solution.balance)) < 1e-4 * solution.energy_scale
+
+
+def cantilever(links, EI=200.0, load=2e-4, tip=0.0, **more):
+    """A rod of 10 m clamped at its left end: of weight `load` per length, with `tip` at its free end [N]."""
+    end = {"name": "b", "position": [10.0, 0.0, 0.0], "kind": "free"}
+    return {
+        "run": {"dt": 0.01, "duration": 0.05},
+        "line_type": [{"name": "rod", "mass": load / 9.81, "diameter": 0.02, "EA": 1e5, "law": "elastic"}],
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, end | ({"mass": tip / 9.81} if tip else {})],
+        "line": [{"name": "beam", "from": "a", "to": "b", "type": "rod", "length": 10.0, "links": links}],
+        "effects": {"weight": {}, "bending": {"EI": EI, "clamped": ["a"], "directions": [[2.0, 0.0, 0.0]]}},
+        **more,
+    }
+
+
+def test_a_cantilever_has_its_closed_form_deflection_moment_and_curvature():
+    load, tip, EI, length, links = 2e-6, 0.01, 200.0, 10.0, 16
+    solution = simulate(cantilever(links, EI, load, tip))
+    assert solution.settings["solver"] == "network"
+    sag = tip * length**3 / (3 * EI) + load * length**4 / (8 * EI)
+    assert -solution.positions[0, -1, 2] == pytest.approx(sag, rel=0.01)
+    beyond = length - np.linspace(0.0, length, links + 1)
+    moment = tip * beyond + 0.5 * load * beyond**2
+    np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=0.01, atol=1e-9)
+    np.testing.assert_allclose(solution.curvature[0], moment / EI, rtol=0.01, atol=1e-12)
+    found = solution.summary()["bending"]["beam"]
+    assert found["at_m"] == 0.0
+    assert found["least_radius_m"] == pytest.approx(EI / moment[0], rel=0.01)
+
+
+@pytest.mark.check
+def test_a_single_line_is_clamped_as_systems_are():
+    links, mass, EI, length = 20, 1e-4, 200.0, 10.0
+    table = cantilever(links, EI)
+    del table["line_type"]
+    own = {"length": length / links, "mass": mass / links, "diameter": 0.02, "axial": {"law": "elastic", "EA": 1e5}}
+    table["line"] = [{"name": "beam", "from": "a", "to": "b", "links": links, **own}]
+    solution = simulate(table)
+    assert solution.settings["solver"] == "banded"
+    x = np.linspace(0.0, length, links + 1)
+    # every node but the first carries the weight of the link before it
+    moment = [9.81 * mass / links * np.sum(x[x > at] - at) for at in x]
+    np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=1e-3, atol=1e-9)
+
+
+def test_a_heavy_cantilever_is_the_elastica_that_scipy_finds():
+    load, EI, length = 1.0, 200.0, 10.0  # w L^3/EI = 5: it hangs down by half its length
+    # EI theta'' = w (L - s) cos theta, theta upwards: the moment EI theta' falls by the weight beyond
+    rod = lambda s, y: np.array([y[1], load * (length - s) * np.cos(y[0]) / EI])  # noqa: E731
+    s = np.linspace(0.0, length, 401)
+    guess = np.stack([-0.1 * s, -0.1 + 0 * s])
+    exact = solve_bvp(rod, lambda a, b: np.array([a[0], b[1]]), s, guess, tol=1e-8)
+    assert exact.success
+    theta = exact.sol(s)[0]
+    tip = np.array([np.trapezoid(np.cos(theta), s), np.trapezoid(np.sin(theta), s)])
+    pose = equilibrium(cantilever(32, EI, load, tip=1e-6))
+    assert pose.status == "ok", pose.message
+    np.testing.assert_allclose(np.asarray(pose.positions)[-1][[0, 2]], tip, atol=0.01 * length)
+    assert np.linalg.norm(np.asarray(pose.positions)[-1][[0, 2]] - tip) < 0.01 * np.linalg.norm(tip - [length, 0.0])
+
+
+def frame(rigid=False, links=5):
+    """Three lines that meet at a point, one of them clamped."""
+    own = {"law": "rigid"} if rigid else {"EA": 1e5, "law": "elastic"}
+    line = {"type": "rod", "links": links}
+    return {
+        "run": {"dt": 0.01, "duration": 0.1},
+        "line_type": [{"name": "rod", "mass": 1.0, "diameter": 0.02, "EI": 50.0, **own}],
+        "point": [
+            {"name": "a", "position": [0.0, 0.0, 0.0]},
+            {"name": "b", "position": [5.0, 0.0, 0.0], "kind": "free", "mass": 2.0},
+            {"name": "c", "position": [9.5, 0.0, 0.0]},
+            {"name": "d", "position": [5.0, 0.0, -4.0], "kind": "free", "mass": 3.0},
+        ],
+        "line": [
+            {"name": "left", "from": "a", "to": "b", "length": 5.2, **line},
+            {"name": "right", "from": "b", "to": "c", "length": 5.0, **line},
+            {"name": "down", "from": "b", "to": "d", "length": 4.0, **line | {"links": 2}},
+        ],
+        "effects": {"weight": {}, "bending": {"clamped": ["c"], "directions": [[-1.0, 0.0, 0.3]]}},
+        "start": {"kind": "points"},
+    }
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_the_network_holds_bending_exactly(rigid):
+    model, s = build(frame(rigid))
+    rng = np.random.default_rng(1)
+    s = replace(
+        s,
+        r=s.r + 0.05 * rng.normal(size=s.r.shape),
+        v=jnp.asarray(0.5 * rng.normal(size=s.r.shape)),
+        tension=jnp.asarray(rng.uniform(1.0, 5.0, s.tension.shape)),
+    )
+    problem = INTEGRATORS["energy_momentum"]().problem(model, s, jnp.asarray(0.01))
+    u = problem.guess()
+    matrix, network = np.asarray(jax.jit(lambda: residual_matrix(problem, u))()), SOLVERS["network"]
+    rows, unravel = rng.normal(size=len(matrix)), ravel_pytree(u)[1]
+
+    @jax.jit
+    def solved(rows):
+        factor = network.factor(problem, u)
+        return tuple(
+            ravel_pytree(solve(factor, unravel(rows)))[0] for solve in (network.apply, network.apply_transposed)
+        )
+
+    for found, whole in zip(solved(jnp.asarray(rows)), (matrix, matrix.T), strict=True):
+        assert np.max(np.abs(whole @ np.asarray(found) - rows)) < 1e-8
+
+
+@pytest.mark.check
+def test_derivatives_by_stiffness_and_clamp_are_those_of_differences_both_ways():
+    model, s = build(frame(links=3))
+    stepper = make_stepper(model, halvings=0)
+    assert stepper.solver == "network"
+
+    def height(x):
+        weight, bending = model.effects[:2]
+        changed = replace(bending, EI=bending.EI * x[0], directions=bending.directions + x[1] * jnp.array([0.0, 0, 1]))
+        last, _ = integrate(stepper, replace(model, effects=(weight, changed, *model.effects[2:])), s, 0.01, 20)
+        return jnp.sum(last.r[:, 2] * jnp.arange(1.0, 1.0 + len(last.r)))
+
+    at, size = jnp.array([1.0, 0.0]), 1e-4
+    backward, forward = jax.jit(jax.grad(height))(at), jax.jit(jax.jacfwd(height))(at)
+    np.testing.assert_allclose(backward, forward, rtol=1e-9)
+    value = jax.jit(height)
+    for i in range(2):
+        step = size * jnp.eye(2)[i]
+        far = (value(at + 2 * step) - value(at - 2 * step)) / (4 * size)
+        near = (value(at + step) - value(at - step)) / (2 * size)
+        assert float(backward[i]) == pytest.approx(float((4 * near - far) / 3), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"clamped": ["b"], "directions": [[1, 0, 0]]}, "'b' is not a held point"),
+        ({"clamped": ["a"]}, "directions: has 0 entries; allowed: one for each of the 1"),
+        ({"clamped": ["a"], "directions": [[0, 0, 0]]}, "has no direction"),
+        ({"clamped": ["a", "a"], "directions": [[1, 0, 0]] * 2}, "'a' is named twice"),
+        ({"EI": -1.0}, "effects.bending.EI: -1.0 is out of range"),
+    ],
+)
+def test_clamps_that_make_no_sense_are_refused(more, told):
+    table = cantilever(4)
+    table["effects"]["bending"] = {"EI": 1.0, **more}
+    with pytest.raises(SceneError, match=told):
+        Scene.from_dict(table)
+
+
+def test_moments_go_to_netcdf_vtk_json_and_the_report(tmp_path):
+    solution = simulate(cantilever(4, tip=0.01))
+    data = solution.to_xarray()
+    np.testing.assert_array_equal(data["bending_moment"], solution.bending_moment)
+    assert data["curvature"].attrs["units"] == "m-1"
+    write_vtk(solution, tmp_path)
+    assert 'Name="bending_moment"' in (tmp_path / "lines_000000.vtp").read_text()
+    run = report_run(solution)["bending"][0]
+    assert run["largest_moment_n_m"] == pytest.approx(np.max(solution.bending_moment[:]), rel=1e-6)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from dropper_jax import SceneError
+from dropper_jax import SceneError, simulate
 from dropper_jax.moordyn.reading.reader import read_moordyn
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()
@@ -66,6 +68,12 @@ ID   Attachment  X0  Y0  Z0  r0  p0  y0  Mass  CG  I  Volume  CdA  Ca
 ---------------------- POINTS"""
 
 
+def top_of(deck):
+    """Place of point 2 in a deck."""
+    row = next(line.split() for line in deck.splitlines() if line.startswith("2     Coupled"))
+    return [float(word) for word in row[2:5]]
+
+
 def test_points_on_a_coupled_body_are_held(tmp_path):
     file = tmp_path / "deck.txt"
     text = DECK.replace("---------------------- POINTS", BODIES.replace("TURN", "0")).replace(
@@ -78,5 +86,111 @@ def test_points_on_a_coupled_body_are_held(tmp_path):
     assert top["position"] == [10.0, 2.0, -6.0]
     assert any("on coupled body 1" in note for note in found["notes"])
     file.write_text(text.replace("KIND", "Free"))
-    with pytest.raises(SceneError, match="bodies that move by themselves are not read"):
+    body = read_moordyn(file)["body"][0]
+    assert body["attachments"] == {"fairlead": top_of(DECK)}
+    assert body["position"] == [10.0, 2.0, -1.0]
+    assert body["spheres"][0]["diameter"] == pytest.approx((600.0 / math.pi) ** (1 / 3))
+    file.write_text(text.replace("KIND", "Pinned"))
+    with pytest.raises(SceneError, match="on body 1, 'Pinned': is not read; allowed: free, coupled or fixed"):
         read_moordyn(file)
+
+
+FLOATING = """MoorDyn v2: a ballasted float on a chain
+---------------------- LINE TYPES ---------------------------------------
+Name  Diam  MassDen  EA   BA   EI  Cd  Ca  CdAx CaAx
+(-)   (m)   (kg/m)   (N)  (N-s) (N-m2) (-) (-) (-) (-)
+chain 0.05  20.0     1e6  -0.8  0   1.4 1.0 0.2 0.0
+---------------------- ROD TYPES ----------------------------------------
+Name  Diam  MassDen  Cd   Ca   CdEnd CaEnd
+(-)   (m)   (kg/m)   (-)  (-)  (-)   (-)
+hull  1.0   100.0    1.0  1.0  0.0   0.0
+---------------------- BODIES -------------------------------------------
+ID  Attachment  X0  Y0  Z0  r0  p0  y0  Mass CG  I   Volume CdA Ca
+(#) (-)         (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)
+1   Free        0.0 0.0 -6.0 0 6.0 0    4000 1.0 3000 0 0 0
+---------------------- RODS ---------------------------------------------
+ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
+(#) (-)    (-)        (m) (m) (m) (m) (m) (m) (-) (-)
+1  hull    Body1      0 0 0   0 0 9  18 -
+---------------------- POINTS -------------------------------------------
+ID Type  X Y Z M V CdA Ca
+(#) (-) (m) (m) (m) (kg) (m3) (m2) (-)
+1  Fixed -40 0 -30 0 0 0 0
+2  Body1 0 0 0.5 0 0 0 0   ! name: eye
+---------------------- LINES --------------------------------------------
+ID LineType AttachA AttachB UnstrLen NumSegs Outputs
+(#) (-)     (-)     (-)     (m)      (-)     (-)
+1  chain    1       2       50.0     10      -
+---------------------- OPTIONS ------------------------------------------
+0.002 dtM
+30    WtrDpth
+1025  rho
+9.81  g
+3e6   kBot
+3e5   cBot
+0     TmaxIC
+1     disableOutput
+---------------------- OUTPUTS ------------------------------------------
+END
+"""
+
+
+def test_a_free_body_takes_mass_and_inertia_of_the_rods_on_it(tmp_path):
+    file = tmp_path / "deck.txt"
+    file.write_text(FLOATING)
+    found = read_moordyn(file)
+    (body,) = found["body"]
+    assert body["mass"] == 4900.0
+    centre = (4000.0 * 1.0 + 900.0 * 4.5) / 4900.0
+    assert body["centre_of_mass"] == pytest.approx([0.0, 0.0, centre])
+    across = 900.0 * (1.0 / 16 + 81.0 / 12) + 900.0 * (4.5 - centre) ** 2 + 3000.0 + 4000.0 * (centre - 1.0) ** 2
+    assert body["inertia"] == pytest.approx([across, across, 900.0 / 8 + 3000.0])
+    assert body["attitude"] == pytest.approx([0.0, math.radians(6.0), 0.0])
+    assert body["attachments"] == {"eye": [0.0, 0.0, 0.5]}
+    assert [point["name"] for point in found["point"]] == ["point-1"]
+    file.write_text(FLOATING.replace("-6.0 0 6.0 0 ", "-6.0 1 6.0 0 "))
+    with pytest.raises(SceneError, match="body 1: is turned about several axes"):
+        read_moordyn(file)
+    file.write_text(FLOATING.replace("0.0 0.0 -6.0 0 6.0 0    4000 ", "0.0 0.0 -6.0 0 6.0 0 -4 "))
+    with pytest.raises(SceneError, match="Mass: -4 is out of range"):
+        read_moordyn(file)
+
+
+def test_a_free_rod_is_a_body_and_a_coupled_one_holds_its_ends(tmp_path):
+    file = tmp_path / "deck.txt"
+    alone = FLOATING.replace("1  hull    Body1      0 0 0   0 0 9 ", "1  hull    Free      0 0 -6   0 3 -2 ")
+    file.write_text(alone.replace("1  chain    1       2  ", "1  chain    1       R1A "))
+    found = read_moordyn(file)
+    (body,) = found["body"]  # the free body itself carries no line
+    assert body["mass"] == pytest.approx(500.0)
+    assert body["position"] == [0.0, 0.0, -6.0]
+    assert body["attachments"] == {"point-R1A": [0.0, 0.0, 0.0]}
+    assert found["line"][0]["to"] == "point-R1A"
+    coupled = alone.replace("Free      0 0 -6", "Coupled   0 0 -6")
+    file.write_text(coupled.replace("1  chain    1       2  ", "1  chain    1       R1A "))
+    found = read_moordyn(file)
+    assert {"name": "point-R1A", "position": [0.0, 0.0, -6.0]} in found["point"]
+    assert any("rod 1 is coupled: its ends are held" in note for note in found["notes"])
+
+
+@pytest.mark.check
+def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch):
+    moordyn = pytest.importorskip("moordyn")
+    file = tmp_path / "deck.txt"
+    file.write_text(FLOATING)
+    monkeypatch.chdir(tmp_path)
+    ours = simulate(read_moordyn(file), dt=0.02, duration=10.0)
+    system = moordyn.Create(str(file))
+    try:
+        moordyn.Init(system, [], [])
+        body, theirs = moordyn.GetBody(system, 1), []
+        for i in range(500):
+            moordyn.Step(system, [], [], 0.02 * i, 0.02)
+            theirs.append(moordyn.GetBodyState(body)[0])
+    finally:
+        moordyn.Close(system)
+    moved = ours.body("body-1")
+    mine, theirs = np.concatenate([moved["body_position"], moved["body_attitude"]], axis=1)[1:], np.array(theirs)
+    for axis, share in ((0, 0.005), (2, 0.005), (4, 0.03)):  # surge, heave, pitch: parts of the range
+        assert np.max(np.abs(mine[:, axis] - theirs[:, axis])) < share * np.ptp(theirs[:, axis])
+    assert np.max(np.abs(mine[:, [1, 3, 5]])) < 1e-9

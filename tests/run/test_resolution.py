@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.resolution import judged
+from dropper_jax.run.resolution import judged, without_push
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +69,12 @@ def test_a_scheme_that_gains_energy_where_a_line_snaps_is_not_called_ok():
     run = dj.simulate("paper-case-1", integrator="generalized_alpha", dt=0.02, duration=20.0)
     assert run.status == "energy_drift"
     assert run.energy_drift > run.energy_scale
+
+
+def test_what_the_tolerance_leaves_of_a_slack_rope_pushes_nothing(soft):
+    scene, EA = soft.scene, soft.scene.lines[0].EA[0]
+    given = np.array([[-1e-13 * EA], [-0.1], [2.0]]) * np.ones((3, scene.lines[0].links))
+    kept = without_push(scene, given.copy(), 1e-11)
+    np.testing.assert_array_equal(kept[0], 0.0)
+    np.testing.assert_array_equal(kept[1:], given[1:])
+    assert np.all(soft.tension >= 0.0)

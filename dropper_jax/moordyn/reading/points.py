@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from dropper_jax.moordyn.reading.bodies import free_body, free_rod
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.spar import spar
 from dropper_jax.moordyn.reading.values import columns, number
@@ -19,31 +20,90 @@ FORCES = ("FX", "FY", "FZ")
 
 @dataclass
 class Ends:
-    """Ends of lines: the points of the scene, its buoys, and the name of the point for each word of a file."""
+    """Ends of lines: the points of the scene, its buoys and bodies, and the name of the point for each word of a file.
+
+    Points on bodies are their attachments, and stand in `points` no more.
+    """
 
     points: list[dict[str, Any]] = field(default_factory=list)
     buoys: list[dict[str, Any]] = field(default_factory=list)
+    bodies: list[dict[str, Any]] = field(default_factory=list)
     names: dict[str, str] = field(default_factory=dict)
 
 
 def read_ends(deck: Deck, notes: list[str]) -> Ends:
-    """Points, and rods that lines end at."""
+    """Points, and rods and bodies that lines end at."""
     found = Ends()
     bodies = {row.words[0]: row for row in deck.rows.get("bodies", [])}
     taken = set()
+    used = {w.upper() for row in deck.rows.get("lines", []) for w in _ends(deck, row)}
+    for key, row in bodies.items():
+        if row.words[1].lower() == "free" and _carries(deck, row, used) and _moves(deck, row):
+            _free_body(deck, row, found, used, notes)
+            taken.add(key)
+    moving = set(taken)
     for row in deck.rows.get("points", []):
         taken |= _point(deck, row, bodies, found, notes)
-    used = {w.upper() for row in deck.rows.get("lines", []) for w in _ends(deck, row)}
     for row in deck.rows.get("rods", []):
         word = f"R{row.words[0]}"
+        if _holder(row) in moving:
+            continue
         if not {f"{word}A", f"{word}B"} & used:
             notes.append(f"line {row.number}: rod {row.words[0]} is not represented: nothing hangs on it")
             continue
-        taken.add(_rod(deck, row, bodies, found, used))
+        taken.add(_rod(deck, row, bodies, found, used, notes))
     for key, row in bodies.items():
         if key not in taken:
             notes.append(f"line {row.number}: body {key} is not represented: nothing of the scene is on it")
     return found
+
+
+def _holder(row: Row) -> str:
+    """Number of the body that a rod is on; empty for others."""
+    return row.words[2][4:] if row.words[2].lower().startswith("body") else ""
+
+
+def _on(deck: Deck, body: Row) -> list[Row]:
+    return [row for row in deck.rows.get("rods", []) if _holder(row) == body.words[0]]
+
+
+def _carries(deck: Deck, body: Row, used: set[str]) -> bool:
+    """Whether a line ends on a body."""
+    points = [row.words[0] for row in deck.rows.get("points", []) if row.words[1].lower() == f"body{body.words[0]}"]
+    ends = [f"R{row.words[0]}{end}" for row in _on(deck, body) for end in "AB"]
+    return any(word.upper() in used for word in (*points, *ends))
+
+
+def _moves(deck: Deck, body: Row) -> bool:
+    """Whether a free body turns, other than a spar buoy (see `spar`)."""
+    rods = _on(deck, body)
+    return not (len(rods) == 1 and spar(deck, body, rods[0], "") is not None)
+
+
+def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[str]) -> None:
+    """A body with its rods, and the points on it that lines end at."""
+    rods = _on(deck, row)
+    body = free_body(deck, row, rods, notes)
+    attached = {}
+    for point in deck.rows.get("points", []):
+        if point.words[1].lower() == f"body{row.words[0]}" and point.words[0].upper() in used:
+            columns(deck, point, 5, "point")
+            name = point.name or f"point-{point.words[0]}"
+            attached[name] = [number(deck, point, w, "X, Y, Z") for w in point.words[2:5]]
+    for rod, shape in zip(rods, body.get("cylinders", []), strict=True):
+        attached |= _rod_ends(rod, shape, found, used)
+    found.bodies.append({**body, **({"attachments": attached} if attached else {})})
+
+
+def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
+    """Places in a body's axes of the ends of a rod that lines end at, by name of the point."""
+    attached = {}
+    for end, key in (("A", "from"), ("B", "to")):
+        word = f"R{rod.words[0]}{end}"
+        if word in used:
+            found.names[word] = f"point-{word}"
+            attached[f"point-{word}"] = shape[key]
+    return attached
 
 
 def _ends(deck: Deck, row: Row) -> tuple[str, str]:
@@ -72,6 +132,11 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         point.update(_body(deck, row, notes))
     elif kind in COUPLED:
         notes.append(f"line {row.number}: point {key} is coupled: it is held in its place; effects.end_motion moves it")
+    elif kind.startswith("body") and kind[4:] in bodies and bodies[kind[4:]].words[1].lower() == "free":
+        if _moves(deck, bodies[kind[4:]]):
+            found.names[key] = name
+            return {kind[4:]}
+        point["position"] = _on_held(deck, row, bodies[kind[4:]], place, notes)
     elif kind.startswith("body") and kind[4:] in bodies:
         point["position"] = _on_held(deck, row, bodies[kind[4:]], place, notes)
     elif kind.startswith(("body", "turbine")):
@@ -90,8 +155,8 @@ def _on_held(deck: Deck, row: Row, body: Row, place: list[float], notes: list[st
     if kind not in (*COUPLED, *FIXED):
         deck.refuse(
             row.number,
-            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: bodies that move by themselves are not "
-            "read; allowed: coupled or fixed ones, or [[body]] in a scene",
+            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: is not read; allowed: free, coupled or "
+            "fixed bodies, and of a spar buoy (moment of inertia 1e10 kg m^2 or more) its rod's end A",
         )
     origin = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
     turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
@@ -120,17 +185,33 @@ def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
     return {key: value for key, value in values.items() if value}
 
 
-def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str]) -> str:
-    """A spar buoy and its point; returns its body."""
+def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str], notes: list[str]) -> str:
+    """A free rod, a held one, or a spar buoy and its point; returns its body."""
     key, holder = row.words[0], row.words[2]
+    if holder.lower() == "free":
+        body = free_rod(deck, row)
+        found.bodies.append({**body, "attachments": _rod_ends(row, body["cylinders"][0], found, used)})
+        return ""
+    if holder.lower() in (*COUPLED, *FIXED):
+        columns(deck, row, 9, "rod")
+        for end, first in (("A", 3), ("B", 6)):
+            word = f"R{key}{end}"
+            if word in used:
+                place = [number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]]
+                found.names[word] = f"point-{word}"
+                found.points.append({"name": f"point-{word}", "position": place})
+        if holder.lower() in COUPLED:
+            told = f"rod {key} is coupled: its ends are held; [[vessel]] moves such points together"
+            notes.append(f"line {row.number}: {told}")
+        return ""
     body = bodies.get(holder[4:]) if holder.lower().startswith("body") else None
     name = row.name or f"buoy-{key}"
     buoy = None if body is None else spar(deck, body, row, name)
     if buoy is None or f"R{key}B" in used:
         deck.refuse(
             row.number,
-            f"rod {key}: is not represented; allowed: an upright rod without mass on a free body that cannot turn "
-            "(moment of inertia 1e10 kg m^2 or more), with lines at its end A",
+            f"rod {key}, {holder!r}: is not represented; allowed: free, coupled and fixed rods, rods on free bodies, "
+            "and upright ones without mass on a free body that cannot turn, with lines at their end A",
         )
     point = body.name or f"point-R{key}A"
     found.points.append({"name": point, "kind": "free", "position": buoy.pop("position")})

@@ -64,6 +64,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
         **({"buoy": ends.buoys} if ends.buoys else {}),
+        **({"body": ends.bodies} if ends.bodies else {}),
         "effects": _effects(options, path.parent, any("EI" in kind for kind in used)),
         **({"failure": broken} if (broken := _failures(deck, lines, ends.names, notes)) else {}),
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),

@@ -33,6 +33,8 @@ def _effects(scene: Scene) -> Iterator[str]:
         yield "effects.weight.wet_weight: not represented; the weight is mass times gravity"
     if wet and "buoyancy" not in effects:
         yield "effects.buoyancy: missing here, but MoorDyn's lines have buoyancy"
+    if effects.get("bending", {}).get("clamped"):
+        yield "effects.bending.clamped: not represented; MoorDyn's lines are clamped on rods only"
     inertia = effects.get("morison_inertia")
     if wet and scene.sea.waves is not None and inertia is None:
         yield "effects.morison_inertia: missing here, but MoorDyn's lines feel the water's acceleration"

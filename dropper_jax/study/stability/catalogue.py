@@ -13,6 +13,7 @@ from dropper_jax.study.stability import (
     energy_cases,
     flow_cases,
     gradient_cases,
+    line_cases,
     moving_end_cases,
     rope_cases,
     sea_cases,
@@ -23,7 +24,7 @@ from dropper_jax.study.stability.watch import moordyn_there, peers
 
 PARTS = (
     *(energy_cases, damping_cases, accuracy_cases, gradient_cases),
-    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases, flow_cases),
+    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases, flow_cases, line_cases),
 )
 
 

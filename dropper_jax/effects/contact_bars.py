@@ -1,0 +1,148 @@
+"""The axes of what may touch in `line_contact`: links beside links, and links beside the bars of bodies and buoys."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.numerics import dot
+from dropper_jax.effects.segments import SPREAD
+from dropper_jax.model import Graph, Kinematics, ModelView
+
+#: A group of lines by their numbers.
+Group = tuple[int, ...]
+
+
+class Touching(Protocol):
+    """What an effect says of its bars, see `line_contact.LinksInContact`."""
+
+    radius: jax.Array
+    bars: jax.Array
+    bar_radius: jax.Array
+    mixed: jax.Array
+    beside: tuple[tuple[Group, Group], ...]
+    along: tuple[tuple[Group, int], ...]
+
+    @property
+    def rigid(self) -> bool:
+        """Whether a bar is of a rigid body."""
+
+
+class Bars:
+    """The axes of all pieces, from the places of their nodes.
+
+    Attributes:
+        reach: sums of radii (pieces,) [m].
+        spread: see `segments.nearest_places`, (pieces,) [m^2].
+    """
+
+    @classmethod
+    def of(cls, effect: Touching, k: Kinematics) -> Bars:
+        return cls(effect, k.model)
+
+    def __init__(self, effect: Touching, model: ModelView) -> None:
+        length, radius = model.line.length, jnp.broadcast_to(effect.radius, model.line.length.shape)
+        first, second = _links(model.geometry, effect.beside)
+        link, bar = _links_and_bars(model.geometry, effect.along)
+        axis = effect.bars[bar] if len(bar) else jnp.zeros((0, 2, 3), length.dtype)
+        across = axis[:, 1] - axis[:, 0]
+        other = effect.bar_radius[bar] if len(bar) else jnp.zeros(0, length.dtype)
+        self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])
+        square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
+        self.spread = 0.5 * SPREAD * jax.lax.stop_gradient(square)
+        self.pairs, self.offset, self.shares = len(first), None, None
+        if not len(bar):
+            return
+        owner = np.array([number for _, number in effect.along])[bar]
+        if effect.rigid:
+            self.shares = effect.mixed[bar]
+        self.offset = jnp.where((owner < 0)[:, None, None], axis, 0.0)
+
+    def axes(self, r: jax.Array) -> jax.Array:
+        """Ends of both axes (pieces, 4, 3) [m] of pieces whose nodes are at r (pieces, m, 3)."""
+        p = self.moved(r)
+        if self.offset is None:
+            return p
+        none = jnp.zeros((self.pairs, 4, 3), p.dtype)
+        more = jnp.concatenate([jnp.zeros_like(self.offset), self.offset], axis=1)
+        return p + jnp.concatenate([none, more])
+
+    def moved(self, v: jax.Array) -> jax.Array:
+        """The same of velocities."""
+        if self.shares is None:
+            return v
+        other = jnp.sum(self.shares[..., None] * v[self.pairs :, None, 2:], axis=-2)
+        return jnp.concatenate([v[:, :2], jnp.concatenate([v[: self.pairs, 2:4], other])], axis=1)
+
+    def spread_out(self, force: jax.Array) -> jax.Array:
+        """Forces on the ends of the axes (pieces, 4, 3), on the nodes of their pieces (pieces, m, 3)."""
+        if self.shares is None:
+            return force
+        own = jnp.sum(self.shares[..., None] * force[self.pairs :, 2:, None], axis=1)
+        links = jnp.pad(force[: self.pairs, 2:], ((0, 0), (0, 2), (0, 0)))
+        return jnp.concatenate([force[:, :2], jnp.concatenate([links, own])], axis=1)
+
+
+@lru_cache(maxsize=64)
+def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Links that may touch, pair by pair: all of one group with all of the other, but at points of both."""
+    found = [np.zeros((2, 0), int)]
+    for groups in beside:
+        own = [[graph.members[i] for i in group] for group in groups]
+        points = [{end for member in members for end in (member.start, member.end)} for members in own]
+        shared = points[0] & points[1]
+        kept = [_kept(graph, group, shared) for group in groups]
+        found.append(np.stack([part.ravel() for part in np.meshgrid(*kept, indexing="ij")]))
+    first, second = np.concatenate(found, axis=1)
+    return first, second
+
+
+def _kept(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
+    """Links of a group of lines, but those that end in some points."""
+    kept = []
+    for i in group:
+        member, span = graph.members[i], graph.spans[i]
+        kept.append(np.arange(span.start + (member.start in away), span.stop - (member.end in away)))
+    return np.concatenate(kept)
+
+
+@lru_cache(maxsize=64)
+def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Links and the bars that they may touch; those that end in a buoy's point are left out."""
+    found = [np.zeros((2, 0), int)]
+    for bar, (group, owner) in enumerate(along):
+        links = _kept(graph, group, {-1 - owner} if owner < 0 else set())
+        found.append(np.stack([links, np.full_like(links, bar)]))
+    links, bars = np.concatenate(found, axis=1)
+    return links, bars
+
+
+@lru_cache(maxsize=64)
+def nodes_of_bars(
+    graph: Graph,
+    beside: tuple[tuple[Group, Group], ...],
+    along: tuple[tuple[Group, int], ...],
+    corner: int,
+) -> np.ndarray:
+    """Nodes of the pieces: of links beside links, then of links beside bars (pieces, 4 or 6)."""
+    first, second = _links(graph, beside)
+    link, bar = _links_and_bars(graph, along)
+    rigid = any(owner >= 0 for _, owner in along)
+    owners = np.array([number for _, number in along], int)[bar]
+    points = graph.point_node[np.where(owners < 0, -1 - owners, 0)]
+    own = np.repeat(points[:, None], 4 if rigid else 2, axis=1)
+    if rigid:
+        numbers = corner + 4 * np.maximum(owners, 0)[:, None] + np.arange(4)
+        own = np.where((owners >= 0)[:, None], graph.point_node[numbers], own)
+    pairs = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
+    pairs += [graph.first[first]] * 2 if rigid else []
+    return np.concatenate(
+        [
+            np.stack(pairs, axis=1),
+            np.concatenate([np.stack([graph.first[link], graph.last[link]], axis=1), own], axis=1),
+        ]
+    )

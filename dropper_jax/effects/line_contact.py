@@ -1,0 +1,216 @@
+"""Contact of lines with each other and with bodies: a push between chosen pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import Pairs, component, option, parameter
+from dropper_jax.base.numerics import dot
+from dropper_jax.effects.contact_bars import Bars, Group, nodes_of_bars
+from dropper_jax.effects.rigid_bodies import tetrahedron
+from dropper_jax.effects.segments import nearest_places, pushed, relative_motion
+from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
+from dropper_jax.scene import SceneData
+
+#: Share of the reach by which links may move against each other in a step.
+PACE = 0.25
+#: Motion over a step, over the reach, below which what is left of the energy balance is not mended: of third order.
+STILL = 1e-5
+
+
+@component
+class LineContact(Effect):
+    """Push between links of chosen lines, and between links and the cylinders and spheres of bodies and buoys.
+
+    Links are round bars that touch where their axes are nearer than the sum R of their radii. Pressed together by
+    `p = R - d` they hold `V = k/2 p^2 R/d`, a spring k at first touch, 49 k R^2 where axes meet. Over a step
+    the push is the discrete gradient of V (Gonzalez 1996): V at the middle of the step, and the part along the links'
+    motion that makes its work the change of V. Damping `c p'` adds at most as much again and takes at most all of it
+    off, dry friction is `-mu N u/sqrt(|u|^2 + u0^2)` on the sliding u: neither ever gives energy, neither sticks.
+
+    A step in which links that may touch move against each other by more than half their mean radius is halved.
+
+    Every link of one line is held against every link of the other (but those that end in a point of both): where a
+    contact passes a node, both its links push. Bodies and buoys are cylinders with round ends here.
+    """
+
+    name: ClassVar[str] = "line_contact"
+    reach: ClassVar[int] = 2
+    stiffness: jax.Array = parameter("push per depth at first touch", unit="N/m", low=0.0, open_low=True)
+    damping: jax.Array = parameter("push per speed of approach", unit="N s/m", low=0.0, default=0.0)
+    friction: jax.Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
+    slip: jax.Array = parameter(
+        "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
+    )
+    radius: jax.Array | None = parameter(
+        "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, optional=True
+    )
+    pairs: tuple[tuple[str, str], ...] = option("lines that may touch each other", type=Pairs, default=())
+    bodies: tuple[tuple[str, str], ...] = option(
+        "lines with the bodies or buoys they may touch", type=Pairs, default=()
+    )
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        if not values["pairs"] and not values["bodies"]:
+            raise SceneError('effects.line_contact.pairs: missing; needed: names, such as [["dropper-1", "dropper-2"]]')
+        if not scene.branched:
+            raise SceneError("effects.line_contact: is between lines of a system; allowed: scenes of several lines")
+        lines = _lines_of(scene)
+        others = [*(b.name for b in scene.bodies), *(b.name for b in scene.buoys)]
+        for key, second in (("pairs", list(lines)), ("bodies", others)):
+            for i, pair in enumerate(values[key]):
+                path = f"effects.line_contact.{key}.{i}"
+                for j, (name, known) in enumerate(zip(pair, (list(lines), second), strict=True)):
+                    if name not in known:
+                        what = "line" if known is not others else "body or buoy"
+                        raise SceneError(
+                            f"{path}.{j}: {name!r} is no {what}; {nearest(name, known) if known else 'there is none'}"
+                        )
+                if pair[0] == pair[1]:
+                    raise SceneError(f"{path}: {pair[0]!r} is paired with itself; allowed: two lines")
+                if values["radius"] is None:
+                    for name in pair if key == "pairs" else pair[:1]:
+                        if any(scene.lines[i].diameter is None for i in lines[name]):
+                            raise SceneError(
+                                f"line.{name}.diameter: missing; effects.line_contact needs it, or its own `radius` [m]"
+                            )
+        for _, name in values["bodies"]:
+            body = next((b for b in scene.bodies if b.name == name), None)
+            if body is not None and not body.shapes:
+                raise SceneError(f"effects.line_contact.bodies: {name!r} has no cylinders or spheres to touch")
+
+    @classmethod
+    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+        lines = _lines_of(scene)
+        values = dict(values)
+        if values["radius"] is None:
+            each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
+            values["radius"] = np.concatenate(each)
+        index = {p.name: i for i, p in enumerate(scene.points)}
+        number = {b.name: i for i, b in enumerate(scene.bodies)}
+        buoys = {b.name: b for b in scene.buoys}
+        bars: list[tuple[Group, int, np.ndarray, np.ndarray, float]] = []
+        for line, name in values["bodies"]:
+            if name in number:
+                body = scene.bodies[number[name]]
+                bars += [(lines[line], number[name], c.start, c.end, 0.5 * c.diameter) for c in body.cylinders]
+                bars += [(lines[line], number[name], s.centre, s.centre, 0.5 * s.diameter) for s in body.spheres]
+            else:
+                buoy = buoys[name]
+                low, high = (np.array([0.0, 0.0, z - buoy.attachment]) for z in (0.0, buoy.height))
+                bars.append((lines[line], -1 - index[buoy.point], low, high, 0.5 * buoy.diameter))
+        kind = LinksInContact if values["damping"] > 0.0 or values["friction"] > 0.0 else LinksPushed
+        mixed = [_mixture(scene, owner, np.array([start, end])) for _, owner, start, end, _ in bars]
+        return kind(
+            **values,
+            bars=np.array([[start, end] for _, _, start, end, _ in bars]).reshape(-1, 2, 3),
+            bar_radius=np.array([radius for *_, radius in bars]),
+            mixed=np.array(mixed).reshape(-1, 2, 4),
+            corner=len(scene.points),
+            beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
+            along=tuple((group, owner) for group, owner, *_ in bars),
+        )
+
+
+@component
+class LinksInContact(LineContact):
+    """The same with numbers for names, its work booked; of a bar's owner a negative number is a buoy's point."""
+
+    bars: jax.Array = parameter("axes of bars at their owners (bars, 2, 3)", unit="m", shape="vectors", optional=True)
+    bar_radius: jax.Array = parameter("their radii", unit="m", shape="table", optional=True)
+    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors", optional=True)
+    corner: int = option("number of the first body's first corner among the points", type=int, default=0)
+    beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
+    along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
+
+    def piece_nodes(self, model: ModelView) -> np.ndarray:
+        """Four nodes of two links each; with rigid bodies six, a link's and the body's corners."""
+        return nodes_of_bars(model.geometry, self.beside, self.along, self.corner)
+
+    @property
+    def rigid(self) -> bool:
+        return any(owner >= 0 for _, owner in self.along)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        return sum_of_pieces(self, k)
+
+    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+        bars = Bars.of(self, k)
+        p, speed = bars.axes(r), bars.moved(v)
+        near = nearest_places(p, bars.reach, bars.spread)
+        _, push = pushed(near.distance, bars.reach, self.stiffness)
+        total = push[..., None] * near.apart
+        force = near.shares[..., None] * total[..., None, :]
+        if k.h is not None:  # the middle of a step
+            force = force + self._mended(bars, p, k.h * speed, force)
+        return bars.spread_out(force + self._taken(near, push, speed))
+
+    def held(self, k: Kinematics) -> jax.Array:
+        """Energy of what is pressed together, scalar [J]."""
+        bars = Bars.of(self, k)
+        return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
+
+    def _energy(self, bars: Bars, p: jax.Array) -> jax.Array:
+        near = nearest_places(p, bars.reach, bars.spread)
+        return pushed(near.distance, bars.reach, self.stiffness)[0]
+
+    def _mended(self, bars: Bars, p: jax.Array, way: jax.Array, force: jax.Array) -> jax.Array:
+        """What the push over a step lacks beside that in its middle, along the way (pieces, 4, 3) [N]."""
+        gained = self._energy(bars, p + 0.5 * way) - self._energy(bars, p - 0.5 * way)
+        lacking = gained + jnp.sum(force * way, axis=(-2, -1))
+        own = way - jnp.mean(way, axis=-2, keepdims=True)  # the push moves nothing as a whole
+        size = jnp.sum(own**2, axis=(-2, -1)) + (STILL * bars.reach) ** 2
+        return -(lacking / size)[..., None, None] * own
+
+    def _taken(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
+        """Damping and friction (pieces, 4, 3) [N]."""
+        relative = jnp.sum(near.shares[..., None] * speed, axis=-2)
+        unit = near.apart / jnp.sqrt(dot(near.apart, near.apart) + 1e-30)[..., None]
+        along = dot(unit, relative)
+        damper = jnp.clip(-self.damping * along, -push, push)
+        sliding = relative - along[..., None] * unit
+        rub = self.friction * push / jnp.sqrt(dot(sliding, sliding) + self.slip**2)
+        return near.shares[..., None] * (damper[..., None] * unit - rub[..., None] * sliding)[..., None, :]
+
+    def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
+        bars, nodes = Bars.of(self, before), self.piece_nodes(before.model)
+        start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
+        way = relative_motion(start, end)
+        distance = nearest_places(start, bars.reach, bars.spread).distance
+        return jnp.any((way > PACE * bars.reach) & (distance - way < bars.reach))
+
+
+@component
+class LinksPushed(LinksInContact):
+    """Contact without damping and friction: conservative."""
+
+    def _taken(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
+        return jnp.zeros((), speed.dtype)
+
+    def potential(self, k: Kinematics) -> jax.Array:
+        return self.held(k)
+
+
+def _mixture(scene: SceneData, owner: int, places: np.ndarray) -> np.ndarray:
+    """Shares (2, 4) of places (2, 3) of a body in its corners; a buoy's, of as many nodes, hang on its point."""
+    if owner < 0:
+        return np.array([[1.0, 0.0, 0.0, 0.0]] * 2)
+    body = scene.bodies[owner]
+    corners = tetrahedron(body.mass, body.centre_of_mass, body.inertia_matrix)
+    return np.column_stack([places, np.ones(2)]) @ np.linalg.inv(np.column_stack([corners, np.ones(4)]))
+
+
+def _lines_of(scene: SceneData) -> dict[str, Group]:
+    """Numbers of the lines of each name, pieces of a line that attached points cut under the name of the whole too."""
+    found: dict[str, Group] = {}
+    for i, line in enumerate(scene.lines):
+        for name in dict.fromkeys([line.name, line.piece_of or line.name]):
+            found[name] = (*found.get(name, ()), i)
+    return found

@@ -1,0 +1,111 @@
+"""Bodies and rods of MoorDyn that move by themselves, as `[[body]]` tables.
+
+A body's mass, centre of mass and inertia about that are its own and those of the rods on it, which are its cylinders.
+Its volume, where it has one of its own, is a sphere about the centre of mass. A free rod is a body by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.moordyn.reading.sections import Deck, Row
+from dropper_jax.moordyn.reading.spar import rod_types
+from dropper_jax.moordyn.reading.values import columns, number, sizes, whole
+
+
+def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[str, Any]:
+    """`[[body]]` of a free body and the rods on it; its attachments come with the points."""
+    columns(deck, row, 13, "body")
+    where = [number(deck, row, w, "X0, Y0, Z0") for w in row.words[2:5]]
+    turned = [math.radians(number(deck, row, w, "r0, p0, y0")) for w in row.words[5:8]]
+    if sum(angle != 0.0 for angle in turned) > 1:
+        deck.refuse(row.number, f"body {row.words[0]}: is turned about several axes; allowed: about one of x, y and z")
+    mass = number(deck, row, row.words[8], "Mass", 0.0)
+    centre = sizes(deck, row, row.words[9], "CG")
+    centre = np.array(centre if len(centre) == 3 else [0.0, 0.0, centre[0]])
+    moments = sizes(deck, row, row.words[10], "I")
+    parts = [(mass, centre, np.diag(moments if len(moments) == 3 else moments * 3))]
+    cylinders = []
+    for rod in rods:
+        cylinder, part = _cylinder(deck, rod)
+        cylinders.append(cylinder)
+        parts.append(part)
+    found = _together(deck, row, parts)
+    found |= {"name": row.name or f"body-{row.words[0]}", "position": where}
+    if any(turned):
+        found["attitude"] = turned
+    if cylinders:
+        found["cylinders"] = cylinders
+    sphere = _sphere(deck, row, found["centre_of_mass"] if mass == 0.0 else centre.tolist(), notes)
+    return found | ({"spheres": [sphere]} if sphere else {})
+
+
+def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
+    """`[[body]]` of a free rod: its axes are the scene's, its reference point is its end A."""
+    cylinder, part = _cylinder(deck, row)
+    start = np.array(cylinder["from"])
+    mass, centre, inertia = part
+    found = _together(deck, row, [(mass, centre - start, inertia)])
+    end = (np.array(cylinder["to"]) - start).tolist()
+    shape = {**cylinder, "from": [0.0, 0.0, 0.0], "to": end}
+    return {**found, "name": row.name or f"rod-{row.words[0]}", "position": start.tolist(), "cylinders": [shape]}
+
+
+def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.ndarray, np.ndarray]]:
+    """A rod as a cylinder, and its mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
+    columns(deck, row, 10, "rod")
+    types = rod_types(deck)
+    if row.words[1] not in types:
+        deck.refuse(row.number, f"rod type {row.words[1]!r} is not in the file")
+    kind = types[row.words[1]]
+    columns(deck, kind, 7, "rod type")
+    diameter, each, cdn, can, cdt, cat = (number(deck, kind, w, "rod type", 0.0) for w in kind.words[1:7])
+    a, b = (np.array([number(deck, row, w, "Xa to Zb") for w in row.words[i : i + 3]]) for i in (3, 6))
+    length = float(np.linalg.norm(b - a))
+    if not length > 0.0:
+        deck.refuse(row.number, f"rod {row.words[0]}: has no length; allowed: two ends")
+    mass, along = each * length, (b - a) / length
+    own, across = mass * diameter**2 / 8.0, mass * (diameter**2 / 16.0 + length**2 / 12.0)
+    inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
+    shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter}
+    shape |= {"slices": max(whole(deck, row, row.words[9], "NumSegs", 0), 1)}
+    shape |= {"cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
+    return shape, (mass, 0.5 * (a + b), inertia)
+
+
+def _together(deck: Deck, row: Row, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> dict[str, Any]:
+    """Mass, centre of mass and inertia about it of several parts."""
+    mass = sum(m for m, _, _ in parts)
+    if not mass > 0.0:
+        deck.refuse(row.number, f"body {row.words[0]}: has no mass, with what is on it; allowed: > 0 kg")
+    centre = sum(m * c for m, c, _ in parts) / mass
+    inertia = np.zeros((3, 3))
+    for m, c, own in parts:
+        away = c - centre
+        inertia += own + m * (away @ away * np.eye(3) - np.outer(away, away))
+    xx, yy, zz, xy, xz, yz = (float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    products = [xy, xz, yz] if max(map(abs, (xy, xz, yz))) > 1e-12 * max(xx, yy, zz) else []
+    return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": [xx, yy, zz, *products]}
+
+
+def _sphere(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> dict[str, Any] | None:
+    """A body's own volume, with the mean of its drag areas and added masses; None where it has none."""
+    volume = number(deck, row, row.words[11], "Volume", 0.0)
+    area = sizes(deck, row, row.words[12], "CdA")
+    added = sizes(deck, row, row.words[13], "Ca") if len(row.words) > 13 else [0.0]
+    if not volume:
+        if any(area):
+            notes.append(f"line {row.number}: CdA of body {row.words[0]}, which has no volume, is not represented")
+        return None
+    if len({*area[:3]}) > 1 or len({*added[:3]}) > 1 or any(area[3:]) or any(added[3:]):
+        notes.append(f"line {row.number}: of body {row.words[0]} the means of CdA and Ca are taken, none of turning")
+    notes.append(
+        f"line {row.number}: the volume of body {row.words[0]} is a sphere about its centre of mass, which may leave "
+        "the water; MoorDyn's stays wet"
+    )
+    diameter = (6.0 * volume / math.pi) ** (1.0 / 3.0)
+    cd = float(np.mean(area[:3])) / (0.25 * math.pi * diameter**2)
+    return {"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}

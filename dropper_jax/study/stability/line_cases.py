@@ -1,0 +1,106 @@
+"""Lines that touch and twist: what falls on a rope stays above it and gains nothing, twist swings for ever."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.simulate import simulate
+from dropper_jax.run.solution import Solution
+from dropper_jax.study.stability.case import Case, Outcome
+from dropper_jax.study.stability.systems import G
+
+#: Radius of the ropes [m]: a fall of 1 m ends at three radii per step.
+RADIUS, STEP = 0.03, 0.02
+
+
+def falling_rope() -> Scene:
+    """A weight in the middle of a slack rope falls 1 m onto a taut rope below, across it."""
+    rope = {"name": "rope", "mass": 0.5, "diameter": 2 * RADIUS, "EA": 5000.0}
+    ends = {"a": [-1.0, 0.0, 0.0], "b": [1.0, 0.0, 0.0], "c": [0.1, -1.0, 1.0], "d": [0.1, 1.0, 1.0]}
+    points: list[dict[str, Any]] = [{"name": name, "position": place} for name, place in ends.items()]
+    points.append({"name": "weight", "kind": "free", "position": [0.1, 0.0, 1.0], "mass": 5.0})
+    half = {"type": "rope", "length": 1.8, "links": 4}
+    return load_scene(
+        {
+            "name": "rope-on-rope",
+            "run": {"dt": STEP, "duration": 2.0},
+            "line_type": [rope],
+            "point": points,
+            "line": [
+                {"name": "low", "from": "a", "to": "b", "type": "rope", "length": 2.0, "links": 5},
+                {"name": "left", "from": "c", "to": "weight", **half},
+                {"name": "right", "from": "weight", "to": "d", **half},
+            ],
+            "effects": {
+                "weight": {"gravity": G},
+                "line_contact": {"pairs": [["low", "left"], ["low", "right"]], "stiffness": 2e4},
+            },
+            "start": {"kind": "points"},
+        }
+    )
+
+
+@cache
+def _fallen(short: bool) -> Solution:
+    return simulate(falling_rope(), duration=0.8 if short else 4.0)
+
+
+def _passed(short: bool) -> Outcome:
+    """1 where the weight is ever below the lower rope under it."""
+    ran = _fallen(short)
+    weight, low = ran.point_path("weight"), ran.positions[:, ran.lines[0].nodes]
+    below = [np.interp(w[0], row[:, 0], row[:, 2]) - w[2] for w, row in zip(weight, low, strict=True)]
+    return Outcome(float(np.max(below) > 0.0), ran.status)
+
+
+def _gained(short: bool) -> Outcome:
+    ran = _fallen(short)
+    return Outcome(max(float(np.max(np.diff(ran.balance))), 0.0) / ran.energy_scale, ran.status)
+
+
+#: The rod: length [m], stiffness [N m^2], inertia per length [kg m], moment [N m].
+LONG, STIFF, HEAVY, MOMENT = 2.0, 1.0, 0.01, 0.3
+
+
+def twisted_rod() -> Scene:
+    """A rod that hangs, a moment put on its lower end at once."""
+    twist = {"GJ": STIFF, "polar_inertia": HEAVY, "torque": MOMENT, "begins": "untwisted"}
+    rod = {"length": LONG / 40, "mass": 0.2 / 40, "diameter": 0.02, "axial": {"law": "elastic", "EA": 2000.0}}
+    return load_scene(
+        {
+            "name": "twisted-rod",
+            "run": {"dt": 0.002, "duration": 4.0},
+            "point": [
+                {"name": "a", "position": [0.0, 0.0, 0.0]},
+                {"name": "b", "position": [0.0, 0.0, -LONG], "kind": "free"},
+            ],
+            "line": [{"name": "rod", "from": "a", "to": "b", "links": 40, **rod}],
+            "effects": {"weight": {}, "torsion": twist},
+        }
+    )
+
+
+def _twist(short: bool) -> Outcome:
+    """Error of what the rod has of `sin(pi s/(2 L))`, `a (1 - cos(omega t))`, a = 8 T L/(GJ pi^2), of its largest."""
+    ran = simulate(twisted_rod(), duration=0.8 if short else 4.0)
+    weight = np.ones(41)
+    weight[[0, -1]] = 0.5
+    share = ran.twist @ (weight * np.sin(0.5 * np.pi * np.arange(41) / 40)) / 20
+    holds, omega = 8.0 * MOMENT * LONG / (STIFF * np.pi**2), 0.5 * np.pi * np.sqrt(STIFF / HEAVY) / LONG
+    error = np.max(np.abs(share - holds * (1.0 - np.cos(omega * ran.t))))
+    return Outcome(float(error) / (2.0 * holds), ran.status)
+
+
+CASES = [
+    Case("rope-on-rope", "5 kg in a slack rope fall 1 m onto a rope across, by three radii per step of 0.02 s: passes "
+         "it (1) or not (0)", 0.0, "-", _passed),
+    Case("rope-on-rope-energy", "the same, undamped: energy gained in any step beyond what "
+         "weights do", 1e-9, "of the scale", _gained),
+    Case("twisted-rod", "a moment put on the end of a rod at once, 5 periods of twist at dt 0.002 s: error of the "
+         "first shape", 0.01, "of the largest", _twist),
+]  # fmt: skip

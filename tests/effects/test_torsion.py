@@ -1,0 +1,121 @@
+"""Twist of rods against closed forms, and the tension it brings."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+
+LENGTH, GJ, POLAR, MOMENT, LINKS = 2.0, 1.0, 0.01, 0.3, 40
+SPEED = np.sqrt(GJ / POLAR)  # of a wave of twist [m/s]
+MASS, EA, COUPLING, LINKED = 5.0, 2000.0, 20.0, 6
+
+
+def rod(links=LINKS, dt=0.005, duration=0.6, system=False, **torsion):
+    """A mass that hangs from a rod."""
+    law = {"EA": EA, "law": "elastic", "damping": 200.0}
+    end = {"name": "b", "position": [0.0, 0.0, -LENGTH], "kind": "free"} | ({"mass": MASS} if system else {})
+    line = {"length": LENGTH / links, "mass": 0.1 * LENGTH / links, "diameter": 0.02, "axial": law}
+    if system:
+        line = {"type": "rod", "length": LENGTH}
+    return {
+        "run": {"dt": dt, "duration": duration},
+        **({"line_type": [{"name": "rod", "mass": 0.1, "diameter": 0.02, **law}]} if system else {}),
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, end],
+        "line": [{"name": "rod", "from": "a", "to": "b", "links": links, **line}],
+        "effects": {"weight": {}, "torsion": {"GJ": GJ, "polar_inertia": POLAR, **torsion}},
+    }
+
+
+def test_a_moment_twists_a_rod_by_t_l_over_gj():
+    solution = dj.simulate(rod(torque=MOMENT, duration=0.1))
+    assert solution.status == "ok"
+    s = np.linspace(0.0, LENGTH, LINKS + 1)
+    for row in solution.twist:
+        np.testing.assert_allclose(row, MOMENT * s / GJ, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(solution.torque, MOMENT, rtol=1e-9)
+
+
+def test_a_rod_turned_at_its_end_carries_gj_by_its_turn():
+    solution = dj.simulate(rod(turn=1.5, turn_time=0.2, last="held", damping=0.05, duration=3.0))
+    np.testing.assert_allclose(solution.torque[-1], GJ * 1.5 / LENGTH, rtol=1e-3)
+    assert solution.twist[-1, -1] == pytest.approx(1.5)
+    assert solution.twist[20, -1] == pytest.approx(0.75)
+
+
+def test_a_moment_put_on_at_once_swings_the_rod_with_its_natural_periods():
+    solution = dj.simulate(rod(torque=MOMENT, begins="untwisted", dt=0.002, duration=2.2))
+    # of sin((2 m + 1) pi s/(2 L)) the moment holds a_m = 8 T L/(GJ pi^2) (-1)^m/(2 m + 1)^2; put on at once it
+    # goes as a_m (1 - cos(omega_m t)), omega_m = (2 m + 1) pi c/(2 L)
+    j, weight = np.arange(LINKS + 1), np.ones(LINKS + 1)
+    weight[[0, -1]] = 0.5
+    for m in (0, 1):
+        odd = 2 * m + 1
+        share = solution.twist @ (weight * np.sin(0.5 * odd * np.pi * j / LINKS)) * 2.0 / LINKS
+        holds = 8.0 * MOMENT * LENGTH / (GJ * np.pi**2) * (-1.0) ** m / odd**2
+        exact = holds * (1.0 - np.cos(0.5 * odd * np.pi * SPEED / LENGTH * solution.t))
+        np.testing.assert_allclose(share, exact, atol=(0.01 if m == 0 else 0.1) * 2.0 * abs(holds))
+    phi, rate = solution.own["torsion.0"], solution.own["torsion.1"]
+    inertia = np.full(LINKS + 1, POLAR * LENGTH / LINKS)
+    inertia[[0, -1]] *= 0.5
+    stored = 0.5 * np.sum(inertia * rate**2, axis=1) + 0.5 * GJ * LINKS / LENGTH * np.sum(np.diff(phi) ** 2, axis=1)
+    np.testing.assert_allclose(stored - MOMENT * phi[:, -1], 0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("system", [pytest.param(False, marks=pytest.mark.check), True])
+def test_twist_brings_tension_and_strain_torque_as_in_the_papers_20(system):
+    table = rod(LINKED, duration=8.0, dt=0.02, system=system, coupling=COUPLING, damping=0.4)
+    solution = dj.simulate(table)
+    assert solution.status == "ok", solution.failure
+    assert solution.settings["solver"] == ("network" if system else "banded")
+    # a free end: GJ tau/l + k e = 0, and T = EA e + k tau/l is the load
+    # (a mass at the end is a system, whose links put half of their mass on either node)
+    below = LINKED - 0.5 - np.arange(LINKED) if system else LINKED - np.arange(LINKED)
+    load = 9.81 * ((MASS if system else 0.0) + 0.1 * LENGTH / LINKED * below)
+    strain = load / (EA - COUPLING**2 / GJ)
+    length = np.linalg.norm(np.diff(solution.positions[-1], axis=0), axis=1)
+    np.testing.assert_allclose(length / (LENGTH / LINKED) - 1, strain, rtol=0.01)
+    np.testing.assert_allclose(np.diff(solution.twist[-1]) / (LENGTH / LINKED), -COUPLING * strain / GJ, rtol=0.01)
+    np.testing.assert_allclose(solution.torque[-1], 0.0, atol=1e-3 * COUPLING * np.max(strain))
+
+
+@pytest.mark.check
+def test_derivatives_are_those_of_differences_both_ways():
+    model, s = dj.build(rod(3, system=True, torque=MOMENT, coupling=COUPLING, begins="untwisted"))
+    stepper = dj.make_stepper(model, halvings=0)
+
+    def end(x):
+        weight, torsion = model.effects[:2]
+        changed = replace(torsion, GJ=x[0] * torsion.GJ, coupling=x[1] * torsion.coupling, torque=x[2] * torsion.torque)
+        last, _ = dj.integrate(stepper, replace(model, effects=(weight, changed, *model.effects[2:])), s, 0.01, 30)
+        return jnp.sum(last.own["torsion"][0] ** 2) + 1e3 * last.r[-1, 2]
+
+    at, size = jnp.ones(3), 1e-4
+    backward, forward = jax.jit(jax.grad(end))(at), jax.jit(jax.jacfwd(end))(at)
+    np.testing.assert_allclose(backward, forward, rtol=1e-9)
+    value = jax.jit(end)
+    for i in range(3):
+        step = size * jnp.eye(3)[i]
+        far = (value(at + 2 * step) - value(at - 2 * step)) / (4 * size)
+        near = (value(at + step) - value(at - step)) / (2 * size)
+        assert float(backward[i]) == pytest.approx(float((4 * near - far) / 3), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"lines": ["rope"]}, "effects.torsion.lines.0: 'rope' is no line"),
+        ({"first": "free"}, "effects.torsion.last: 'free' leaves lines to spin"),
+        ({"last": "held", "torque": 1.0}, "effects.torsion.torque: 1 is on last points"),
+        ({"turn": 1.0}, "effects.torsion.turn: 1 is on last points that are held"),
+        ({"GJ": 0.0}, "effects.torsion.GJ: 0.0 is out of range; allowed: a number or a list of 40 numbers"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(more, told):
+    with pytest.raises(SceneError, match=told):
+        Scene.from_dict(rod(**more))

@@ -12,7 +12,7 @@ BIN := .venv/bin
 # Measured free-swing traces are not part of the project; tests that need them say so where the folder is missing.
 export DROPPER_MEASURED_DATA ?= $(abspath $(wildcard ../shared/data/measured))
 
-.PHONY: demo test check fuzz test-matrix lint clean
+.PHONY: demo test check fuzz test-matrix package lint clean
 
 demo: .venv/.installed
 	$(BIN)/dropper demo --out demo
@@ -33,6 +33,14 @@ AS_USERS := tests/effects tests/integrators tests/solvers tests/stepping tests/v
 
 fuzz: .venv/.installed-test
 	FUZZ_EXAMPLES=2000 $(BIN)/python -m pytest tests/load/test_fuzz.py
+
+# Source distribution and wheel in dist/, their metadata and contents looked at.
+package: $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[package]'
+	rm -rf build dist *.egg-info
+	$(BIN)/python -m build --outdir dist
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
 
 test-matrix:
 	$(call suite,$(OLDEST),.venv-oldest,jax==0.9.2 jaxlib==0.9.2)
@@ -62,4 +70,4 @@ $(BIN)/python:
 	@touch $@ .venv/.installed
 
 clean:
-	rm -rf .venv .venv-oldest .venv-newest demo
+	rm -rf .venv .venv-oldest .venv-newest demo build dist

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
+def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """SCENE, --set and --json."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a packaged scene, a TOML file, or a MoorDyn input")
+    what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
+    parser.add_argument("scene", metavar="SCENE", help=what, **({"nargs": "?"} if optional else {}))
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
     add_set(parser)
     add_json(parser)
@@ -49,8 +50,9 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
 
 def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scene:
     """The scene with `--set` and options for keys of `[run]`; JAX is imported once the file is there and is TOML."""
-    values = assignments(args.set)
-    values.update({f"run.{key}": getattr(args, key) for key in run_values if getattr(args, key) is not None})
+    values = given_values(args, run_values)
+    if args.scene is None:
+        raise SceneError("SCENE: missing; needed: the name of a packaged scene or a file")
     found, name = find_scene(args.scene)
 
     from dropper_jax.effects import register_installed
@@ -60,6 +62,12 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
     register_installed()
     scene = Scene.from_dict(plain_values(found, getattr(args, "depth", None)), name)
     return scene.with_values(values) if values else scene
+
+
+def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> dict[str, Any]:
+    """Values by path that `--set` and options for keys of `[run]` give."""
+    values = assignments(args.set)
+    return values | {f"run.{key}": getattr(args, key) for key in run_values if getattr(args, key) is not None}
 
 
 def read_run(file: str) -> Solution:

@@ -9,10 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, INTERRUPTED, OK
-from dropper_jax.cli.options import add_quiet, add_run_values, add_scene, output_file, output_folder, read_scene
+from dropper_jax.cli.options import (
+    add_quiet,
+    add_run_values,
+    add_scene,
+    given_values,
+    output_file,
+    output_folder,
+    read_run,
+    read_scene,
+)
 from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
 
 if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
     from dropper_jax.run.solution import Solution
 
 help = "simulate a scene"
@@ -53,8 +63,15 @@ WATER_PICTURES = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_scene(parser)
+    add_scene(parser, optional=True)
     add_run_values(parser, OVERRIDES)
+    parser.add_argument(
+        "--continue",
+        dest="start",
+        metavar="FILE",
+        help="go on from the end of a saved run, for --duration more seconds (default: what is left of one that was "
+        "interrupted, else as long again); SCENE may be left out",
+    )
     parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
     parser.add_argument(
         "--tables",
@@ -80,7 +97,8 @@ def run(args: argparse.Namespace) -> int:
     film = output_file(args.animate, "--animate", (".gif", ".mp4"))
     plot = _plot_target(args.plot)
     tables, told = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
-    scene = read_scene(args, OVERRIDES)
+    before = None if args.start is None else read_run(args.start)
+    scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import netcdf_packages
@@ -94,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
         check_animation(film)
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
-    solution = simulate(scene, progress=progress(args.quiet), errors=args.errors, skip=args.skip)
+    solution = simulate(scene, progress=progress(args.quiet), errors=args.errors, skip=args.skip, start=before)
     print_warnings(solution.warnings)
     if out:
         solution.save(out)
@@ -104,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
         if scene.bodies:
             write_bodies(solution, tables / "bodies.csv")
         if scene.branched:
-            _write_channels(args.scene, solution, tables / "moordyn.out")
+            _write_channels(args.scene or "", solution, tables / "moordyn.out")
     if plot:
         draw(solution, plot)
     if told:
@@ -114,6 +132,14 @@ def run(args: argparse.Namespace) -> int:
 
         plots.animate(solution, film, progress=progress(args.quiet))
     return report(solution, args.json)
+
+
+def _further(args: argparse.Namespace, before: Solution) -> Scene:
+    """The scene of a run to go on from, with the values that the command line gives; its own one where it names one."""
+    values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
+    if args.scene is None:
+        return before.scene.with_values(values)
+    return read_scene(args, OVERRIDES).with_values({"run.duration": values["run.duration"]})
 
 
 def _plot_target(text: str | None) -> Path | None:

@@ -11,7 +11,7 @@ from dropper_jax.moordyn.reading.sections import looks_like_moordyn
 
 
 def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
-    """Plain values and name of a packaged scene or a TOML file; of a MoorDyn input, still unread, the path and name.
+    """Plain values and name of a packaged scene or a TOML file; of MoorDyn or YAML, still unread, the path and name.
 
     Raises:
         SceneError: unknown name (with the nearest), missing file, or a syntax error (with the line number).
@@ -26,6 +26,8 @@ def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
         data = path.read_bytes()
     except OSError as error:
         raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return path, path.stem
     if path.suffix.lower() != ".toml" and looks_like_moordyn(data.decode(errors="replace")):
         return path, path.stem
     return parse_toml(data, str(path)), path.stem

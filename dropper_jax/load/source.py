@@ -10,10 +10,12 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.reading.reader import read_moordyn
+from dropper_jax.moordyn.reading.yaml_mooring import SUFFIXES, read_yaml_mooring
 
 
 def load_scene(source: str | Path | Mapping[str, Any] | Scene) -> Scene:
-    """A scene from a packaged name, a TOML file, a MoorDyn input (told by its header of line types) or plain values.
+    """A scene from a packaged name, a TOML file, a MoorDyn input (told by its header of line types), a mooring of
+    MoorPy or RAFT (.yaml) or plain values.
 
     Raises:
         SceneError: for a file that is missing or no TOML, an unknown name (with the nearest), or any bad value.
@@ -36,7 +38,8 @@ def plain_values(found: dict[str, Any] | Path, depth: float | None = None) -> di
         SceneError: a depth for anything else.
     """
     if isinstance(found, Path):
-        return read_moordyn(found, depth)
+        read = read_yaml_mooring if found.suffix.lower() in SUFFIXES else read_moordyn
+        return read(found, depth)
     if depth is not None:
         raise SceneError("--depth: is for MoorDyn inputs without WtrDpth; allowed: --set sea.depth=... for scenes")
     return found

@@ -106,7 +106,7 @@ def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[st
             packed[name] = {"dtype": "S1", "char_dim_name": f"{str(name).replace('.', '_')}_length"}
         elif name in dataset.coords:
             packed[name] = {"_FillValue": None}
-        elif variable.size:
+        elif variable.ndim and variable.size:
             packed[name] = {"zlib": True, "complevel": 4}
     return dataset, packed
 

@@ -65,22 +65,36 @@ class Gone(NamedTuple):
     interrupted: bool
 
 
-def compile_run(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Pieces:
-    """The compiled program of a run."""
-    dt = jnp.asarray(run.dt, model.dtype)
-    saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
+def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
+    """The carry of a run that begins at `start`."""
     if isinstance(stepper.integrator, ProjectedRungeKutta):
         allowed = jnp.asarray(allowed_error(stepper, model, run), model.dtype)
-        held = _start_controlled(stepper, model, start, allowed)
-        every = dt * run.save_every
-        holding = _advance_controlled.program(stepper, model, held, every, allowed, saves=saves)
-        return Pieces(lambda carry, _: holding(model, carry, every, allowed), held)
+        return _start_controlled(stepper, model, start, allowed)
     progress = begin(stepper, model, start)
     if run.step_tolerance is None:
-        return Pieces(_EqualSteps(stepper, model, progress, run), progress)
-    carry, limit = adaptive_start(progress, dt), jnp.asarray(run.step_tolerance, model.dtype)
-    following = _advance_adaptively.program(stepper, model, carry, dt, limit, saves=saves)
-    return Pieces(lambda carry, _: following(model, carry, dt, limit), carry)
+        return progress
+    return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
+
+
+def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec) -> Pieces:
+    """The compiled program of a run from a carry."""
+    dt = jnp.asarray(run.dt, model.dtype)
+    saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
+    if isinstance(carry, Progress):
+        return Pieces(_EqualSteps(stepper, model, carry, run), carry)
+    if isinstance(carry, Controlled):
+        limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
+        several = _advance_controlled
+    else:
+        limit, several = jnp.asarray(run.step_tolerance, model.dtype), _advance_adaptively
+    program = several.program(stepper, model, carry, dt, limit, saves=saves, count=jnp.zeros((), jnp.int32))
+
+    def go_on(carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+        count = min(saves, left)  # never beyond the end, where the run may go on
+        after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32))
+        return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
+
+    return Pieces(go_on, carry)
 
 
 class _EqualSteps:
@@ -129,12 +143,12 @@ def _room(s: State) -> int:
 def go_through(run: Pieces, saves: int, say: Callable[[float, str], None]) -> Gone:
     """Pieces until the end, a failure or an interruption."""
     carry, done = run.carry, 0
-    pieces: list[tuple[Trajectory, Beside]] = []
+    pieces: list[tuple[Carry, tuple[Trajectory, Beside]]] = []
     begun, interrupted = time.perf_counter(), False
     try:
         while done < saves:
             carry, piece = run.go_on(carry, saves - done)
-            pieces.append(jax.tree.map(np.asarray, piece))
+            pieces.append((carry, jax.tree.map(np.asarray, piece)))  # at once, so that a stop keeps both or none
             done += len(piece[0].r)
             t, failed = _reached(carry)
             say(min(done / saves, 1.0), f"t = {t:.3g} s")
@@ -146,8 +160,8 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None]) -> Go
             raise
     late_s = getattr(run.go_on, "late_s", 0.0)
     run_s = time.perf_counter() - begun - late_s
-    joined, beside = jax.tree.map(lambda *parts: np.concatenate(parts)[:saves], *pieces)
-    return Gone(joined, beside, carry, run_s, late_s, interrupted)
+    joined, beside = jax.tree.map(lambda *parts: np.concatenate(parts), *(piece for _, piece in pieces))
+    return Gone(joined, beside, pieces[-1][0], run_s, late_s, interrupted)
 
 
 def _reached(carry: Carry) -> tuple[float, bool]:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,12 +21,13 @@ from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.model import Frozen, Model, Parted, State, work_names
+from dropper_jax.model import Frozen, Model, Parted, state, work_names
 from dropper_jax.residual import Implicit
 from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import SceneLike, allowed_error, build_model, stepper_of
+from dropper_jax.run.carry import Last, done, first_row, last_row, may_go_on, named, refused, restored, same_scene
 from dropper_jax.run.failures import breaks, words
-from dropper_jax.run.pieces import compile_run, go_through
+from dropper_jax.run.pieces import compile_run, first_carry, go_through
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import judged, without_push
 from dropper_jax.run.solution import Solution
@@ -62,6 +63,7 @@ def simulate(
     tolerance: float | None = None,
     errors: bool = False,
     skip: float = 0.0,
+    start: Solution | None = None,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; what is not given is taken from its `[run]`.
@@ -85,6 +87,8 @@ def simulate(
         errors: run again with smaller steps and more links (about 12 times the cost), and keep the loads with an
             estimate of their errors in `settings["load_errors"]` (see `study.load_errors`).
         skip: time at the start [s] that those loads leave out.
+        start: a run of the same scene to go on from its last state, whose times count on (see `Solution.continued`);
+            values of `[run]` but scheme and precision may be others.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 
@@ -106,6 +110,12 @@ def simulate(
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene
     _check_skip(skip, errors, scene.run.duration)
+    if start is not None:
+        may_go_on(start.status, start.failure)
+        same_scene(scene, start.scene)
+        if tolerance is not None or errors:
+            what = "errors" if errors else "tolerance"
+            raise SceneError(f"{what}: runs the scene from its start; allowed: without a run to go on from")
     say = progress or (lambda fraction, text: None)
     choice = None
     if tolerance is not None:
@@ -116,17 +126,19 @@ def simulate(
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, run, **renamed)  # a pairing that makes no sense is refused before the start is sought
     say(0.0, "finding the start")
-    start = initial_state(model, scene.start)
+    first, since = _first(stepper, model, scene, start)
     begun = time.perf_counter()
-    compiled = compile_run(stepper, model, start, run)
+    compiled = compile_run(stepper, model, first.carry, run)
     compile_s = time.perf_counter() - begun
     gone = go_through(compiled, run.saves, say)
     trajectory, within, carry = gone.trajectory, gone.beside, gone.carry
-    solution = _solution(scene, stepper, model, start, trajectory, run.steps, dict(settings))
+    solution = _solution(scene, stepper, model, first, since, trajectory, dict(settings))
     if isinstance(carry, Adaptive):
-        solution = _followed(solution, within, int(carry.refused))
+        solution = _followed(solution, within, refused(carry) - refused(first.carry))
     if isinstance(carry, Controlled):
-        solution = _controlled(solution, stepper, model, trajectory, within, carry)
+        solution = _controlled(solution, stepper, model, trajectory, within, carry, first.carry)
+    if solution.first_bad is None:
+        solution = replace(solution, last=named(Last(last_row(trajectory), carry)))
     solution = replace(solution, compile_s=compile_s + gone.late_s, run_s=gone.run_s)
     if gone.interrupted:
         solution = replace(solution, status="interrupted")
@@ -139,6 +151,35 @@ def simulate(
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)
     return solution
+
+
+class _Since(NamedTuple):
+    """What saved times count from: t [s] and saved times behind the first one."""
+
+    origin: float = 0.0
+    saves: int = 0
+
+
+def _first(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, _Since]:
+    """Where a run begins, at its scene's start or at the end of the run before, and what its times count from."""
+    run, names = scene.run, work_names(model) if stepper.track_work else ()
+    if before is None:
+        s = initial_state(model, scene.start)
+        return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), _Since()
+
+    def kind(model: Model) -> Last:
+        s = state(model, jnp.zeros((model.free_nodes, 3), model.dtype))
+        return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
+
+    last, used = restored(jax.eval_shape(kind, model), before.last), before.settings
+    since = _Since(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
+    since = since._replace(saves=since.saves + len(before.t) - 1)
+    if (run.dt, run.save_every) != (used["dt"], used["save_every"]):
+        since = _Since(float(before.t[-1]))
+        if isinstance(last.carry, Controlled):
+            here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
+            last = last._replace(carry=here)
+    return last, since
 
 
 def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
@@ -180,14 +221,15 @@ def _with_errors(
 
 
 def _solution(
-    scene: Scene, stepper: Stepper, model: Model, start: State, run: Trajectory, steps: int, extra: dict[str, Any]
+    scene: Scene, stepper: Stepper, model: Model, first: Last, since: _Since, run: Trajectory, extra: dict[str, Any]
 ) -> Solution:
     dt, every = scene.run.dt, scene.run.save_every
+    start, before = first.row, done(first.carry)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
     join = lambda first, rest: np.concatenate([np.asarray(first)[None], rest])  # noqa: E731
-    t = np.arange(good + 1) * (every * dt)
+    t = since.origin + (since.saves + np.arange(good + 1)) * (every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
     moved = jnp.asarray(join(start.r, kept.r)), jnp.asarray(join(start.v, kept.v))
@@ -195,18 +237,19 @@ def _solution(
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     names = work_names(model) if stepper.track_work else ()
-    work = join(np.zeros(len(names)), kept.work)
+    work = join(start.work, kept.work)
     status, first_bad = "ok", None
     if bad_step >= 0:
-        residual = float(run.residual[min(bad_step // every, len(run.residual) - 1)])
+        residual = float(run.residual[min((bad_step - before) // every, len(run.residual) - 1)])
         status, reason = _reason(residual, stepper, model)
-        first_bad = {"step": bad_step + 1, "time_s": (bad_step + 1) * dt, "residual": residual, "reason": reason}
+        when = float(t[0]) + (bad_step - before + 1) * dt
+        first_bad = {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
     settings = {
         "integrator": stepper.integrator.name,
         "solver": stepper.solver,
         "dt": dt,
         "duration": scene.run.duration,
-        "steps": steps,
+        "steps": scene.run.steps,
         "dtype": str(model.dtype),
         **{key: getattr(stepper.integrator, key, None) for key in OPTIONS},
         "residual_tolerance": stepper.limit(model),
@@ -221,7 +264,7 @@ def _solution(
         positions=seen.positions,
         velocities=seen.velocities,
         tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
-        t_tension=np.concatenate([[0.0], t[1:] - middle]),
+        t_tension=np.concatenate([t[:1], t[1:] - middle]),
         kinetic=seen.kinetic,
         potential=seen.potential,
         work=work,
@@ -236,13 +279,14 @@ def _solution(
         versions=_versions(),
         broken=broken,
         own=_named(own),
+        continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
         **body_motion(model, *moved),
         warnings=(
             *scene.notes,
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *motion_warnings(scene),
-            *_at_rest(scene, seen.positions[0], np.asarray(start.tension)),
+            *(() if t[0] else _at_rest(scene, seen.positions[0], np.asarray(start.tension))),
             *(words(row) for row in broken),
         ),
     )
@@ -254,7 +298,7 @@ def _followed(solution: Solution, within: Within, refused: int) -> Solution:
     first = solution.tension[:1]
     kept = {name: np.concatenate([first, getattr(within, name)[:good]]) for name in ("least", "largest")}
     square = np.concatenate([first**2, within.square[:good]])
-    middle = np.concatenate([[0.0], solution.t[1:] - 0.5 * solution.settings["dt"]])
+    middle = np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]])
     taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
     return replace(
         solution,
@@ -267,11 +311,17 @@ def _followed(solution: Solution, within: Within, refused: int) -> Solution:
 
 
 def _controlled(
-    solution: Solution, stepper: Stepper, model: Model, run: Trajectory, h: np.ndarray, carry: Controlled
+    solution: Solution,
+    stepper: Stepper,
+    model: Model,
+    run: Trajectory,
+    h: np.ndarray,
+    carry: Controlled,
+    first: Controlled,
 ) -> Solution:
     """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
     good = len(solution.t) - 1
-    taken = {"steps": int(carry.taken), "refused_steps": int(carry.refused)}
+    taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
     taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
     told = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
     bad = solution.first_bad

@@ -75,6 +75,9 @@ class Solution:
             [rad]; None without.
         body_velocity, body_rates: velocity of the reference point [m/s], angular velocity in the scene's axes [rad/s].
         own: what effects changed as the run went on, by effect (k, ...); `NAME.0`, `NAME.1` ... of one with several.
+        last: the whole state at the end, from which `continued` goes on; empty of a run that failed.
+        continues: of a run that went on from another what its times count from: `origin_s`, and the `saves` behind its
+            first one; else None.
     """
 
     scene: Scene
@@ -101,6 +104,8 @@ class Solution:
     warnings: tuple[str, ...] = ()
     broken: tuple[dict[str, Any], ...] = ()
     own: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    last: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    continues: dict[str, Any] | None = None
     tension_min: np.ndarray | None = None
     tension_max: np.ndarray | None = None
     tension_square: np.ndarray | None = None
@@ -297,6 +302,7 @@ class Solution:
             "run_s": self.run_s,
             "us_per_step": self.us_per_step,
             "realtime_factor": self.realtime_factor,
+            **({"continued_from_s": self.t[0]} if self.continues else {}),
             "final_time_s": self.t[-1],
             "final_positions_m": self.positions[-1],
             "tension_n": self.tension_summary(),
@@ -322,7 +328,8 @@ class Solution:
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
-        names = [f.name for f in dataclasses.fields(self) if f.name not in (*ARRAYS, *WITHIN, *BODIES, "own", "scene")]
+        arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
+        names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
         meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=_plain))
 
@@ -364,13 +371,47 @@ class Solution:
         return (read_netcdf if Path(path).suffix.lower() == ".nc" else read_npz)(path)
 
     def rerun(self, **kwargs: Any) -> Solution:
-        """Simulate again from the provenance; on the same machine the numbers are the same to the bit."""
+        """Simulate again from the provenance; on the same machine the numbers are the same to the bit.
+
+        Raises:
+            SceneError: the run went on from another, whose end is not known here.
+        """
         from dropper_jax.run.simulate import simulate  # noqa: PLC0415
 
+        if self.continues:
+            why = f"went on from another run at {self.t[0]:g} s"
+            raise SceneError(f"rerun: this run {why}; allowed: run the first one again and continue that")
+        return simulate(self.scene, **{**self._stepping(), **kwargs})
+
+    def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
+        """Go on from the last state: what follows, with times that count on.
+
+        Two runs of 5 s are one of 10 s, to the bit on the same machine. The first row is the last one of this run.
+
+        Args:
+            duration: further time [s]; default what an interrupted run has left, else the duration of this one.
+            **kwargs: of `simulate`: `dt`, `save_every`, `progress` and others.
+
+        Raises:
+            SceneError: this run failed, or holds no last state.
+        """
+        from dropper_jax.run.simulate import simulate  # noqa: PLC0415
+
+        further = self.further if duration is None else duration
+        return simulate(self.scene, start=self, **{**self._stepping(), "duration": further, **kwargs})
+
+    @property
+    def further(self) -> float:
+        """Time [s] for which the run goes on unless told otherwise: what is left, or its duration once more."""
+        whole = float(self.settings["duration"])
+        left = whole - float(self.t[-1] - self.t[0])
+        return float(f"{left:.12g}") if left > 1e-9 * whole else whole
+
+    def _stepping(self) -> dict[str, Any]:
+        """The settings of the stepping that `simulate` takes."""
         implicit = self.settings["solver"] != "none"
         keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")
-        used = {key: self.settings[key] for key in keys if key in self.settings}
-        return simulate(self.scene, **{**used, **kwargs})
+        return {key: self.settings[key] for key in keys if key in self.settings}
 
 
 def _extent(tension: np.ndarray) -> dict[str, float]:

@@ -18,6 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.run import labelled
+from dropper_jax.run.carry import LAST, units
 from dropper_jax.run.solution import ARRAYS, BODIES, FORMAT, WITHIN, Solution
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def load_run(path: str | Path) -> Solution:
 def write_npz(solution: Solution, path: str | Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
     arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_within(solution))}
-    arrays |= {OWN + name: values for name, values in solution.own.items()}
+    arrays |= {OWN + name: values for name, values in solution.own.items()} | solution.last
     text = np.array(json.dumps(solution.provenance()))
     return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
 
@@ -82,6 +83,7 @@ def read_npz(path: str | Path) -> Solution:
             meta = json.loads(str(file["meta"]))
             arrays = {name: file[name] for name in (*ARRAYS, *(name for name in SOME if name in file.files))}
             arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
+            arrays["last"] = {name: file[name] for name in file.files if name.startswith(LAST)}
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
@@ -133,6 +135,9 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
         inner = [f"{OWN}{name}.axis{i}" for i in range(1, values.ndim)]
         found[OWN + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})
     found |= labelled.derived(solution)
+    for name, values in solution.last.items():
+        inner = [f"{name}_axis{i}" for i in range(values.ndim)]
+        found[name] = (inner, values, {"units": units(name), "long_name": "part of the state at the end"})
     links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
@@ -195,8 +200,9 @@ def from_xarray(dataset: xarray.Dataset) -> Solution:
     there = {key: name for key, (name, *_) in VARIABLES.items() if key not in SOME or name in dataset}
     arrays = {key: np.asarray(dataset[name].values) for key, name in there.items()}
     own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
+    last = {str(name): np.asarray(dataset[name].values) for name in dataset.data_vars if str(name).startswith(LAST)}
     time = np.asarray(dataset["time"].values)
-    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, **arrays})
+    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, "last": last, **arrays})
 
 
 def write_netcdf(solution: Solution, path: str | Path) -> Path:

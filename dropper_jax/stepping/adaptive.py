@@ -11,7 +11,7 @@ length, within bounds. Steps end at the saved times, which are evenly spaced.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -61,11 +61,18 @@ class _Interval(NamedTuple):
 
 
 def advance_adaptively(
-    stepper: Stepper, model: Model, adaptive: Adaptive, dt: jax.Array, tolerance: jax.Array, saves: int
+    stepper: Stepper,
+    model: Model,
+    adaptive: Adaptive,
+    dt: jax.Array,
+    tolerance: jax.Array,
+    saves: int,
+    count: jax.Array | None = None,
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
     """`saves` further intervals of dt [s], in steps of a roughness of at most `tolerance` [m/s].
 
-    Saved tensions are means over their interval.
+    Saved tensions are means over their interval. With a `count` it is for so many intervals, and `saves` is how many
+    rows there are: the first are filled.
     """
 
     def save(adaptive: Adaptive, _: None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
@@ -105,7 +112,17 @@ def advance_adaptively(
         within = Within(done.mean, done.square, done.least, done.largest, done.steps)
         return done.adaptive._replace(progress=progress), (row, within)
 
-    return jax.lax.scan(save, adaptive, None, length=saves)
+    if count is None:
+        return jax.lax.scan(save, adaptive, None, length=saves)
+    row = jax.eval_shape(save, adaptive, None)[1]
+    rows = jax.tree.map(lambda a: jnp.zeros((saves, *a.shape), a.dtype), row)
+
+    def fill(i: jax.Array, both: tuple[Adaptive, tuple[Trajectory, Within]]) -> tuple[Adaptive, tuple[Any, ...]]:
+        after, row = save(both[0], None)
+        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one, i, axis=0)  # noqa: E731
+        return after, jax.tree.map(put, both[1], row)
+
+    return jax.lax.fori_loop(0, count, fill, (adaptive, rows))
 
 
 class _Tried(NamedTuple):

@@ -87,13 +87,21 @@ def start_controlled(stepper: Stepper, model: Model, s: State, tolerance: jax.Ar
 
 
 def advance_controlled(
-    stepper: Stepper, model: Model, carry: Controlled, dt: jax.Array, tolerance: jax.Array, saves: int
+    stepper: Stepper,
+    model: Model,
+    carry: Controlled,
+    dt: jax.Array,
+    tolerance: jax.Array,
+    saves: int,
+    count: jax.Array | None = None,
 ) -> tuple[Controlled, tuple[Trajectory, jax.Array]]:
     """`saves` further saved times, dt [s] apart; beside the trajectory the steps (k,) [s] that these times lie in.
 
     Once a run has failed its states are none: `Trajectory.first_bad` is the number of the first saved time of them.
+    With a `count` it is for so many times, and `saves` is how many rows there are: the first are filled.
     """
     first = carry.saved
+    last = first + (saves if count is None else count)
     rows = jnp.zeros((saves, carry.now.y.size), model.dtype), jnp.zeros(saves, model.dtype)
 
     def time(carry: Controlled) -> jax.Array:
@@ -101,7 +109,7 @@ def advance_controlled(
 
     def due(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
         carry, _ = both
-        return (carry.saved < first + saves) & (time(carry) <= beside(carry.now.t)) & (carry.bad == 0)
+        return (carry.saved < last) & (time(carry) <= beside(carry.now.t)) & (carry.bad == 0)
 
     def write(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
         carry, rows = both
@@ -113,7 +121,7 @@ def advance_controlled(
         return carry._replace(saved=carry.saved + 1), rows
 
     def go(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
-        return (both[0].saved < first + saves) & (both[0].bad == 0)
+        return (both[0].saved < last) & (both[0].bad == 0)
 
     def go_on(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
         return _attempt(stepper, model, both[0], tolerance), both[1]

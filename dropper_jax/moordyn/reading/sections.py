@@ -49,6 +49,7 @@ TABLES |= {"syrope ic"}
 #: Headers that end the file.
 LAST = ("NEED THIS LINE", "END")
 _HEADER = re.compile(r"^\s*-{3,}\s*(.*?)\s*-*\s*$")
+_COUNT = re.compile(r"^\s*\d+\s+N[A-Z]\w*\b")  # `3  NLines - number of line objects`
 _NOTE = re.compile(r"^\s*!\s*([A-Za-z_][\w.]*)\s*=\s*(.+?)\s*$")
 
 
@@ -143,6 +144,8 @@ def split_file(path: str | Path, text: str) -> Deck:
             continue
         row = _row(number, line)
         if skip:
+            if skip == 2 and _COUNT.match(line):
+                continue  # older files say how many rows there are
             if skip == 2:
                 deck.columns[section] = row.words
             skip -= 1

@@ -1,0 +1,62 @@
+"""Held points that another program moves, interval by interval."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import jax
+import numpy as np
+
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.model import Effect
+
+
+@component
+class CoupledMotion(Effect):
+    """Places of held points between the two instants at which another program gives them (see `run.coupled`).
+
+    With places and velocities a cubic, with accelerations too a quintic in s = (t - begin)/width, so that what is given
+    at both ends is met there. Rows are points, in the order of `points`; no scene names this effect.
+    """
+
+    name: ClassVar[str] = "coupled_motion"
+    begin: jax.Array = parameter("first instant", unit="s")
+    width: jax.Array = parameter("time to the second one", unit="s")
+    home: jax.Array = parameter("where the scene puts the points (c, 3)", unit="m", shape="vectors")
+    places: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
+    velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
+    accelerations: jax.Array | None = parameter(
+        "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", optional=True
+    )
+    points: tuple[str, ...] = option("names of the points", type=list, default=())
+
+    def moves(self, name: str) -> bool:
+        return name in self.points
+
+    def of(self, name: str) -> Effect:
+        i = self.points.index(name)
+        bends = None if self.accelerations is None else self.accelerations[:, i : i + 1]
+        cut = {key: getattr(self, key)[:, i : i + 1] for key in ("places", "velocities")}
+        return replace(self, points=(name,), home=self.home[i : i + 1], accelerations=bends, **cut)
+
+    def displace(self, t: jax.Array) -> jax.Array:
+        """Displacement (3,) [m] of the first point from the scene's place at time t [s]."""
+        s, h = (t - self.begin) / self.width, self.width
+        (x0, x1), (v0, v1) = self.places[:, 0], self.velocities[:, 0]
+        far = x1 - x0
+        if self.accelerations is None:
+            moved = s * s * (3 - 2 * s) * far + h * (s * (1 - s) ** 2 * v0 - s * s * (1 - s) * v1)
+        else:
+            a0, a1 = self.accelerations[:, 0]
+            q = 1 - s
+            moved = s**3 * (10 - 15 * s + 6 * s * s) * far
+            moved = moved + h * (s * q**3 * (1 + 3 * s) * v0 - q * s**3 * (1 + 3 * q) * v1)
+            moved = moved + 0.5 * h * h * (s * s * q**3 * a0 + q * q * s**3 * a1)
+        return x0 - self.home[0] + moved
+
+    @classmethod
+    def uniform(cls, points: tuple[str, ...], places: np.ndarray, velocities: np.ndarray, bent: bool) -> CoupledMotion:
+        """Points that leave their places (c, 3) [m] at time 0 with velocities [m/s]; `bent` with accelerations."""
+        ends, rates = np.stack([places, places + velocities]), np.stack([velocities, velocities])
+        return cls(np.array(0.0), np.array(1.0), places, ends, rates, np.zeros_like(ends) if bent else None, points)

@@ -1,0 +1,154 @@
+"""What a run goes on from: its end as named arrays, and the end again.
+
+Its last carry holds the whole state and all that the stepping knows: places, velocities, tensions, unknowns of laws and
+ties (joints that stick), accelerations, work, what has parted, what effects changed, the step of runs that choose it,
+the last steps of runs that hold their error. Its leaves are named by their way through it, `last_carry_state_r`; which
+there are follows from the scene and the scheme, so that a file is held against a carry of the same kind.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Frozen, Parted, State
+from dropper_jax.stepping.adaptive import Adaptive
+from dropper_jax.stepping.controlled import Controlled
+from dropper_jax.stepping.integrate import Progress, Trajectory
+
+#: Before the names of all leaves.
+LAST = "last_"
+#: Units of leaves, by the last part of their names; of others 1.
+UNITS = {"r": "m", "v": "m s-1", "tension": "N", "t": "s", "acceleration": "m s-2", "work": "J", "h": "s", "a": "m s-2"}
+#: How errors name the run.
+RUN = "the run to go on from"
+#: Keys of `[run]` that may be others where a run goes on.
+FREE = ("dt", "duration", "save_every", "solver", "step_tolerance", "error_tolerance")
+#: Keys of a scene that say nothing about what moves.
+WORDS = ("name", "description", "notes")
+
+
+class Row(NamedTuple):
+    """What is saved of an instant, and begins the arrays of a run that goes on from there."""
+
+    r: jax.Array
+    v: jax.Array
+    tension: jax.Array
+    work: jax.Array
+    parted: Parted | None
+    own: dict[str, Frozen]
+
+
+class Last(NamedTuple):
+    """The end of a run: its last row and its last carry."""
+
+    row: Row
+    carry: Progress | Adaptive | Controlled
+
+
+def last_row(trajectory: Trajectory) -> Row:
+    """The last row of a trajectory."""
+    t = jax.tree.map(lambda a: a[-1], trajectory)
+    return Row(t.r, t.v, t.tension, t.work, t.parted, t.own or {})
+
+
+def first_row(s: State, work: int) -> Row:
+    """The row of the state at which a run begins, with so many contributions to the work."""
+    return Row(s.r, s.v, s.tension, jnp.zeros(work, s.r.dtype), s.parted, s.own)
+
+
+def named(last: Last) -> dict[str, np.ndarray]:
+    """The leaves by name."""
+    return {_name(way): np.asarray(leaf) for way, leaf in jax.tree_util.tree_flatten_with_path(last)[0]}
+
+
+def units(name: str) -> str:
+    """The unit of a leaf of that name."""
+    return UNITS.get(name.rpartition("_")[2], "1")
+
+
+def restored(kind: Last, last: dict[str, np.ndarray]) -> Last:
+    """The end of a run of saved leaves; `kind` is any of the same scene and scheme.
+
+    Raises:
+        SceneError: leaves that are missing or are not those of such a run.
+    """
+    if not last:
+        raise SceneError(f"{RUN} holds no last state, as those of earlier versions; allowed: one made by this version")
+    leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
+    return jax.tree.unflatten(tree, [jnp.asarray(_checked(_name(way), like, last)) for way, like in leaves])
+
+
+def _checked(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray]) -> np.ndarray:
+    if name not in last:
+        raise SceneError(f"{RUN} lacks {name!r} of its last state; allowed: a file as it was written")
+    found = last[name]
+    if found.shape != like.shape or found.dtype != like.dtype:
+        has, needs = (f"{x.dtype}{list(x.shape)}" for x in (found, like))
+        raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, as its scene has it")
+    if not np.all(np.isfinite(found)):
+        raise SceneError(f"{RUN} has infinite or undefined values in {name!r}; allowed: finite ones")
+    return found
+
+
+def _name(way: tuple[Any, ...]) -> str:
+    return LAST + jax.tree_util.keystr(way, simple=True, separator="_")
+
+
+def same_scene(scene: Scene, before: Scene) -> None:
+    """Refuse to go on with another scene, naming the first key in which it differs.
+
+    Raises:
+        SceneError: one line.
+    """
+    ours, theirs = (_moving(s) for s in (scene, before))
+    key = _difference(ours, theirs, "")
+    if key is not None:
+        what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {key}"
+        free = ", ".join(f"run.{name}" for name in FREE)
+        raise SceneError(f"{RUN} {what}; allowed: the same scene; other values only of {free}")
+
+
+def _moving(scene: Scene) -> dict[str, Plain]:
+    plain = {key: value for key, value in scene.to_dict().items() if key not in WORDS}
+    return {**plain, "run": {key: value for key, value in plain["run"].items() if key not in FREE}}
+
+
+def _difference(a: Plain, b: Plain, path: str) -> str | None:
+    """The path of the first value in which two trees of plain values differ; None where they are equal."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        pairs = [(key, a.get(key), b.get(key)) for key in (*a, *(key for key in b if key not in a))]
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        pairs = [(str(i), x, y) for i, (x, y) in enumerate(zip(a, b, strict=True))]
+    else:
+        return None if a == b else path
+    found = (_difference(x, y, f"{path}.{key}" if path else key) for key, x, y in pairs)
+    return next((key for key in found if key is not None), None)
+
+
+def may_go_on(status: str, failure: str) -> None:
+    """Refuse to go on from a run that failed.
+
+    Raises:
+        SceneError: one line.
+    """
+    if status not in ("ok", "interrupted"):
+        raise SceneError(f"{RUN} failed, {failure}; allowed: one that is ok or was interrupted")
+
+
+def done(carry: Progress | Adaptive | Controlled) -> int:
+    """Steps, or saved times of runs that hold their error, that a carry has behind it."""
+    if isinstance(carry, Controlled):
+        return int(carry.saved)
+    return int((carry if isinstance(carry, Progress) else carry.progress).done)
+
+
+def refused(carry: Progress | Adaptive | Controlled) -> int:
+    """Steps refused so far."""
+    return 0 if isinstance(carry, Progress) else int(carry.refused)

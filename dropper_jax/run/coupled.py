@@ -1,0 +1,342 @@
+"""Coupling: another program moves held points of a scene and gets the forces on them, step by step."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, SimulationError, nearest
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.programs import kept
+from dropper_jax.effects.coupled_motion import CoupledMotion
+from dropper_jax.integrators.projected import ProjectedRungeKutta
+from dropper_jax.load.scene import Scene
+from dropper_jax.load.source import load_scene
+from dropper_jax.model import Displacement, Model
+from dropper_jax.run.build import SceneLike, build_model, stepper_of
+from dropper_jax.run.carry import named, restored, same_scene
+from dropper_jax.run.coupled_forces import own_mass, point_forces, set_free
+from dropper_jax.run.start import initial_state
+from dropper_jax.stepping.integrate import Progress, begin, failed
+from dropper_jax.stepping.step import step
+from dropper_jax.stepping.stepper import FULL_STEP, Stepper
+
+#: Most steps inside one step.
+MOST = 1_000_000
+
+Vectors = Sequence[Sequence[float]] | np.ndarray
+
+
+class _Went(NamedTuple):
+    """Where some steps led: progress, the largest residual, steps taken by other means, the forces (c, 3) [N]."""
+
+    progress: Progress
+    residual: jax.Array
+    retried: jax.Array
+    forces: jax.Array
+
+
+class _Motion(NamedTuple):
+    """Places, velocities and accelerations (c, 3) of the coupled points at the end of the last step."""
+
+    places: np.ndarray
+    velocities: np.ndarray
+    accelerations: np.ndarray
+
+
+class _Saved(NamedTuple):
+    """All that a coupling carries."""
+
+    progress: Progress
+    motion: _Motion
+    forces: np.ndarray
+
+
+@kept(static=("stepper", "coupled"))
+def _go(
+    stepper: Stepper, model: Model, free: Model, progress: Progress, h: jax.Array, count: jax.Array, coupled: tuple
+) -> _Went:
+    """`count` steps of h [s]."""
+
+    def one(_: jax.Array, went: tuple[Any, ...]) -> tuple[Any, ...]:
+        (s0, done, first_bad), residual, retried = went
+        s, report = step(stepper, model, s0, h, first_bad < 0)
+        bad = failed(stepper, model, s, report.residual)
+        first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
+        # not `maximum`, which would lose that a step gave no number
+        worst = jnp.where(report.residual <= residual, residual, report.residual)
+        return Progress(s, done + 1, first_bad), worst, retried + (report.level > FULL_STEP)
+
+    zero = jnp.zeros((), model.dtype), jnp.zeros((), jnp.int32)
+    progress, residual, retried = jax.lax.fori_loop(0, count, one, (progress, *zero))
+    return _Went(progress, residual, retried, point_forces(model, free, progress.state, coupled))
+
+
+_forces = kept(static=("points",))(point_forces)
+
+
+class Coupled:
+    """A scene whose held points another program moves: it gives their motion, and gets the forces on them.
+
+        c = dj.Coupled("mooring.txt", points=["fairlead"])
+        force = c.init()                              # (c, 3) [N], at rest
+        force = c.step(positions, velocities, dt)     # places and velocities at the end of dt
+
+    Between the ends of a step a point moves along the cubic through both places and velocities (with accelerations the
+    quintic). Steps inside are of `run.dt` or a little less, a whole number of them. The force on a point is what its
+    lines pull on it, tension along their last links as the last step inside has it, plus weight, buoyancy and drag of
+    those halves of links that belong to the point:
+
+        F = sum_j T_j d_j/|d_j| + F_effects,    d_j from the point along link j
+
+    The inertia of these halves is left out: add `mass` to that of the body. Forces come from the last step inside, so
+    that a body that takes them explicitly needs steps that are short beside its own periods.
+
+    Args:
+        scene: as for `simulate`; its `[run]` gives the scheme and the longest step inside.
+        points: names of held points; default: the one that is held, where there is one.
+        dt: longest step inside [s]; default that of the scene.
+        accelerations: whether `init` and `step` take accelerations.
+
+    Attributes:
+        points: names of the coupled points, the rows of all arrays.
+        time: [s].
+        forces: the last ones (c, 3) [N].
+        mass: of the halves of links at the points (c,) [kg], added mass left out.
+        status: `ok`, or how the last step failed: `not_converged`, `non_finite`.
+        failure: one line on that; empty where it did not.
+        residual, retried: of the last step: largest scaled residual, steps inside that were taken by other means.
+
+    Raises:
+        SceneError: points that are not held or move already, a scheme that chooses its own steps.
+    """
+
+    def __init__(
+        self,
+        scene: SceneLike,
+        points: Sequence[str] | None = None,
+        dt: float | None = None,
+        accelerations: bool = False,
+    ) -> None:
+        scene = load_scene(scene)
+        self.scene: Scene = scene if dt is None else scene.with_values({"run.dt": dt})
+        self.points = _points(self.scene, points)
+        self.accelerations = accelerations
+        self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0
+        self._model: Model | None = None
+        self._saved: _Saved | None = None
+
+    def init(self, positions: Vectors | None = None, velocities: Vectors | None = None) -> np.ndarray:
+        """Start at t = 0 as the scene's `[start]` says, with the points at `positions` (c, 3) [m].
+
+        Args:
+            positions: default where the scene has them; lines that start at rest start at rest from here.
+            velocities: of the points (c, 3) [m/s]; default at rest.
+
+        Returns:
+            Forces on the points (c, 3) [N].
+
+        Raises:
+            SceneError: a static pose that is not found, values that are not finite or not of this shape.
+        """
+        home = np.array([self.scene.point(name).position for name in self.points])
+        places = home if positions is None else self._read("positions", positions)
+        rates = np.zeros_like(places) if velocities is None else self._read("velocities", velocities)
+        here = self._moved_to(places)
+        model = build_model(here)
+        if any(e.moves(name) for e in model.having(Displacement) for name in self.points):
+            raise SceneError("points: move already by an effect of the scene; allowed: held points that rest")
+        motion = CoupledMotion.uniform(self.points, places, rates, self.accelerations)
+        self._model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
+        self._indices = tuple([p.name for p in model.points].index(name) for name in self.points)
+        self._free = set_free(model, self._indices)
+        self._stepper = stepper_of(self._model, here.run)
+        if isinstance(self._stepper.integrator, ProjectedRungeKutta) or here.run.step_tolerance is not None:
+            raise SceneError("run: chooses its own steps, which a coupling does not; allowed: schemes of equal steps")
+        self._plain = self._stepper.until_converged or not model.laws
+        progress = begin(self._stepper, self._model, initial_state(self._model, here.start))
+        forces = np.asarray(_forces(self._model, self._free, progress.state, points=self._indices))
+        self._saved = _Saved(progress, _Motion(places, rates, np.zeros_like(places)), forces)
+        self.status, self.failure = "ok", ""
+        return forces.copy()
+
+    def step(
+        self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
+    ) -> np.ndarray:
+        """Go on by dt [s], to places (c, 3) [m] and velocities [m/s] of the points at its end.
+
+        Returns:
+            Forces on the points (c, 3) [N].
+
+        Raises:
+            SceneError: values that are not finite or not of this shape, a step before `init`.
+            SimulationError: the step failed, see `status`; the state is that before it.
+        """
+        saved = self._state()
+        if not (math.isfinite(dt) and dt > 0.0):
+            raise SceneError(f"dt: {dt} is out of range; allowed: more than 0 s")
+        if (accelerations is not None) != self.accelerations:
+            raise SceneError("accelerations: need Coupled(accelerations=True); allowed: in every step or in none")
+        read = [self._read("positions", positions), self._read("velocities", velocities)]
+        bends = np.zeros_like(read[0]) if accelerations is None else self._read("accelerations", accelerations)
+        to = _Motion(*read, bends)
+        count = max(1, math.ceil(dt / self.scene.run.dt - 1e-9))
+        if count > MOST:
+            why = f"is {count:.3g} steps of {self.scene.run.dt:g} s inside"
+            raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST}")
+        model = self._moving(saved, to, dt)
+        went = self._advance(model, saved.progress, dt / count, count)
+        self.residual, self.retried = float(went.residual), int(went.retried)
+        forces = np.asarray(went.forces)
+        bad = int(went.progress.first_bad) >= 0
+        if bad or not np.all(np.isfinite(forces)):
+            self._fail(dt, count)
+        self.status, self.failure = "ok", ""
+        self._saved = _Saved(went.progress, to, forces)
+        return forces.copy()
+
+    def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
+        """The whole state as arrays, and in an `.npz` file where a path is given."""
+        arrays = named(self._state())
+        if path is not None:
+            text = np.array(json.dumps({"scene": self.scene.as_written(), "points": self.points}))
+            atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
+        return arrays
+
+    def restore(self, saved: dict[str, np.ndarray] | str | Path) -> np.ndarray:
+        """Go back to a state that `save` gave; what follows is the same to the bit.
+
+        Returns:
+            Forces on the points (c, 3) [N].
+
+        Raises:
+            SceneError: a file of another scene or of other points, or none that `save` wrote.
+        """
+        if self._saved is None:
+            self.init()
+        arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
+        found = restored(self._state(), arrays)
+        motion = _Motion(*(np.asarray(a) for a in found.motion))
+        self._saved = _Saved(found.progress, motion, np.asarray(found.forces))
+        self.status, self.failure = "ok", ""
+        return self._saved.forces.copy()
+
+    @property
+    def time(self) -> float:
+        return float(self._state().progress.state.t)
+
+    @property
+    def forces(self) -> np.ndarray:
+        return self._state().forces.copy()
+
+    @property
+    def mass(self) -> np.ndarray:
+        self._state()
+        return np.asarray(own_mass(self._free, self._indices))
+
+    @property
+    def positions(self) -> np.ndarray:
+        """All nodes, line after line, both ends of each included (n + lines, 3) [m]."""
+        s, motion = self._state().progress.state, self._state().motion
+        model = self._moving(self._state(), motion, 1.0, at=float(s.t))
+        return np.asarray(model.nodes(s.r, model.ends(s.t)))
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Tensions of all links (n,) [N], as the last step has them."""
+        return np.asarray(self._state().progress.state.tension)
+
+    def _state(self) -> _Saved:
+        if self._saved is None:
+            raise SceneError("Coupled: has not begun; allowed: `init` first")
+        return self._saved
+
+    def _advance(self, model: Model, progress: Progress, h: float, count: int) -> _Went:
+        """The steps inside, by the program for steps that resist where the plain one does not solve them."""
+        given = model, self._free, progress, jnp.asarray(h, model.dtype), jnp.asarray(count, jnp.int32)
+        went = _go(self._stepper.plain if self._plain else self._stepper, *given, coupled=self._indices)
+        if self._plain and int(went.progress.first_bad) >= 0 and self._stepper != self._stepper.plain:
+            self._plain = False
+            went = _go(self._stepper, *given, coupled=self._indices)
+        return went
+
+    def _moving(self, saved: _Saved, to: _Motion, dt: float, at: float | None = None) -> Model:
+        """The model whose points go from where they are to there."""
+        pairs = [np.stack(both) for both in zip(saved.motion, to, strict=True)]
+        t = float(saved.progress.state.t) if at is None else at
+        model, motion = self._model, self._model.effects[-1]
+        places, rates, bends = (jnp.asarray(a, model.dtype) for a in pairs)
+        values = {"begin": jnp.asarray(t, model.dtype), "width": jnp.asarray(dt, model.dtype)}
+        bends = bends if self.accelerations else None
+        motion = replace(motion, places=places, velocities=rates, accelerations=bends, **values)
+        return replace(model, effects=(*model.effects[:-1], motion))
+
+    def _moved_to(self, places: np.ndarray) -> Scene:
+        names = [p.name for p in self.scene.points]
+        home = [self.scene.point(name).position for name in self.points]
+        if all(np.array_equal(a, b) for a, b in zip(places, home, strict=True)):
+            return self.scene
+        where = zip(self.points, places, strict=True)
+        return self.scene.with_values({f"point.{names.index(name)}.position": p.tolist() for name, p in where})
+
+    def _fail(self, dt: float, count: int) -> None:
+        end = self.time + dt
+        if not math.isfinite(self.residual):
+            self.status, why = "non_finite", "it gave infinite or undefined values"
+        else:
+            self.status, why = "not_converged", f"scaled residual {self.residual:.3g}"
+        self.failure = f"{self.status}: the step to t = {end:.6g} s, {count} steps of {dt / count:.3g} s inside: {why}"
+        raise SimulationError(self.failure)
+
+    def _read(self, what: str, values: Vectors) -> np.ndarray:
+        found = np.asarray(values, float)
+        shape = (len(self.points), 3)
+        if found.shape == (3,) and shape[0] == 1:
+            found = found[None]
+        if found.shape != shape:
+            raise SceneError(f"{what}: has shape {list(found.shape)}; allowed: {list(shape)}, a row per point")
+        if not np.all(np.isfinite(found)):
+            row = int(np.flatnonzero(~np.all(np.isfinite(found), axis=1))[0])
+            raise SceneError(f"{what}: {found[row].tolist()} of {self.points[row]!r} is not finite; allowed: numbers")
+        return found
+
+    def _read_file(self, path: Path) -> dict[str, np.ndarray]:
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            meta = json.loads(str(arrays.pop("meta")))
+            scene, points = Scene.from_dict(meta["scene"]), tuple(meta["points"])
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+        except Exception:  # whatever is in a file that is none
+            raise SceneError(f"{path}: not a saved coupling; allowed: a file written by `Coupled.save`") from None
+        same_scene(self.scene, scene)
+        if points != self.points:
+            raise SceneError(f"{path}: couples {', '.join(points)}; allowed: {', '.join(self.points)}")
+        return arrays
+
+
+def _points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:
+    """The coupled points, checked."""
+    held = [p.name for p in scene.points if p.kind == "fixed"]
+    if given is None:
+        if len(held) != 1:
+            raise SceneError(f"points: missing; needed: names of the held points that move: {', '.join(held)}")
+        return tuple(held)
+    names = (given,) if isinstance(given, str) else tuple(given)
+    for i, name in enumerate(names):
+        if name not in held:
+            raise SceneError(f"points.{i}: {name!r} is not a held point; {nearest(name, held)}")
+        if name in names[:i]:
+            raise SceneError(f"points.{i}: {name!r} is there twice; allowed: every point once")
+    if not names:
+        raise SceneError(f"points: is empty; allowed: names of held points: {', '.join(held)}")
+    return names

@@ -1,0 +1,82 @@
+"""Forces on held points: what lines pull on them, and what acts on the halves of links that belong to them.
+
+Effects act on free nodes. The same model with these points free tells what acts there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model import Graph, Law, Model, Path, State, Tie, as_parted
+from dropper_jax.model.slots import Force
+
+
+def set_free(model: Model, points: tuple[int, ...]) -> Model:
+    """The model with these held points free, and of its forces those that act on any node.
+
+    The first point of a single line stays held: no part of a link belongs to it.
+
+    Raises:
+        SceneError: compound links, whose ends share their inertia with the points.
+    """
+    line, geometry = model.line, model.geometry
+    if line.compound:
+        raise SceneError("points: hold compound links, whose inertia they share; allowed: points of point-mass links")
+    if isinstance(geometry, Graph):
+        held = tuple(h and i not in points for i, h in enumerate(geometry.held))
+        freed: Graph | Path = replace(geometry, held=held)
+    else:
+        freed = replace(geometry, held=(True, geometry.held[1] and geometry.members[0].end not in points))
+    gone = lambda e: isinstance(e, Force) and (isinstance(e, (Law, Tie)) or e.bodily or e.single_line)  # noqa: E731
+    effects = tuple(e for e in model.effects if not gone(e))
+    return replace(model, lines=(replace(line, geometry=freed),), effects=effects)
+
+
+def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -> jax.Array:
+    """Forces (c, 3) [N] on held points: tensions along their links, and the effects' forces; `free` is `set_free`'s."""
+    seen = as_parted(model.entered(s.own), s.parted)
+    ends = seen.ends(s.t)
+    links = seen.links(s.r, ends)
+    pull = seen.geometry.held_pull((s.tension / safe_norm(links))[:, None] * links)
+    rows = [list(seen.geometry.held_points).index(p) for p in points]
+    own = _own(seen.geometry, free.entered(s.own), s, ends.places, _velocities(ends, s))
+    return pull[np.array(rows)] + _at(free.geometry, points, own)
+
+
+def own_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
+    """Mass (c,) [kg] of the halves of links at the points."""
+    return _at(free.geometry, points, free.line.node_mass[:, None])[:, 0]
+
+
+def _velocities(ends: Any, s: State) -> jax.Array:
+    return jnp.zeros_like(ends.places) if ends.velocities is None else ends.velocities
+
+
+def _own(geometry: Any, free: Model, s: State, places: jax.Array, velocities: jax.Array) -> jax.Array:
+    """The effects' forces (nodes, 3) [N] on the nodes of the freed model."""
+    held = list(geometry.held_points)
+
+    def nodal(field: jax.Array, of_ends: jax.Array) -> jax.Array:
+        if not isinstance(geometry, Graph):
+            return jnp.concatenate([field, of_ends[1:]]) if free.free_nodes > len(field) else field
+        node = geometry.point_node
+        rows = [of_ends[held.index(p)] if p in held else field[node[p]] for p in free.geometry.free_points]
+        return jnp.concatenate([field[: geometry.inner], jnp.stack(rows)])
+
+    return free.force(free.instant(nodal(s.r, places), nodal(s.v, velocities), s.t))
+
+
+def _at(geometry: Any, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:
+    """Rows of the points of a field of the freed model (nodes, ...); zero for one that stays held."""
+    if isinstance(geometry, Graph):
+        return nodal[np.array([geometry.point_node[p] for p in points])]
+    free = geometry.ends == 1
+    last = nodal[-1] if free else jnp.zeros_like(nodal[0])
+    return jnp.stack([last if p == geometry.members[0].end else jnp.zeros_like(last) for p in points])

@@ -1,0 +1,57 @@
+"""Coupling beside MoorDyn: the same chain, its fairlead driven by the same motion."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+
+moordyn = pytest.importorskip("moordyn")
+DECK = Path(__file__).parent / "chain.txt"
+HOME, RAMP, PERIOD = np.array([0.0, 0.0, -5.0]), 4.0, 10.0
+#: Steps of the coupling: MoorDyn moves points straight through each, and every change of speed rings in the chain.
+FINE, COARSE, END = 0.005, 0.05, 12.0
+
+
+def motion(t):
+    """Place [m] and velocity [m/s] of a fairlead that begins to move smoothly."""
+    u, w = np.clip(t / RAMP, 0.0, 1.0), 2 * np.pi / PERIOD
+    ramp, rate = u**3 * (10 - 15 * u + 6 * u * u), 30 * (u * (1 - u)) ** 2 / RAMP
+    size, phase = np.array([1.5, 0.3, 0.5]), w * t + np.array([0.0, 1.0, 2.0])
+    return HOME + size * ramp * np.sin(phase), size * (rate * np.sin(phase) + ramp * w * np.cos(phase))
+
+
+def theirs(folder):
+    shutil.copy(DECK, folder / "chain.txt")
+    system = moordyn.Create(str(folder / "chain.txt"))
+    moordyn.Init(system, HOME.tolist(), [0.0] * 3)
+    steps, found = round(COARSE / FINE), []
+    for i in range(round(END / FINE)):
+        place, rate = motion(i * FINE)  # MoorDyn goes on from the beginning of a step
+        force = moordyn.Step(system, place.tolist(), rate.tolist(), i * FINE, FINE)
+        if i % steps == steps - 1:
+            found.append(force)
+    moordyn.Close(system)
+    return np.array(found)
+
+
+def test_forces_of_a_driven_chain_are_those_of_moordyn(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    coupled = dj.Coupled(DECK, points=["fairlead"], dt=0.01)
+    at_rest = coupled.init()[0]
+    other = theirs(tmp_path)
+    ours = np.array([coupled.step(*motion((i + 1) * COARSE), COARSE)[0] for i in range(len(other))])
+    assert np.abs(at_rest - other[0]).max() < 0.01 * np.linalg.norm(at_rest)
+    difference = np.linalg.norm(ours - other, axis=1) / np.linalg.norm(other, axis=1)
+    print(
+        "worst",
+        difference.max(),
+        np.sqrt(np.mean(difference**2)),
+        np.linalg.norm(other, axis=1).min(),
+        np.linalg.norm(other, axis=1).max(),
+    )
+    assert np.ptp(np.linalg.norm(other, axis=1)) > 0.15 * np.linalg.norm(at_rest)  # it is driven
+    assert difference.max() < 0.04
+    assert np.sqrt(np.mean(difference**2)) < 0.01

@@ -1,0 +1,132 @@
+"""Runs that go on from their files: two halves are the whole to the bit, and what cannot go on says so."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import main
+from dropper_jax.run.storage import load_run
+
+ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinetic")
+PENDULUM = "conical-pendulum-damped"
+#: A line that hangs and snaps taut, with its drag: steps that follow, work, a held end that moves.
+ROPE = {
+    "run": {"dt": 0.02, "duration": 0.4, "step_tolerance": 0.02},
+    "point": [{"name": "top", "position": [0.0, 0.0, 0.0]}, {"name": "load", "position": [0.85, 0, 0], "kind": "free"}],
+    "line": [
+        {
+            **{"name": "rope", "from": "top", "to": "load", "links": 3, "length": 0.3, "mass": 0.5},
+            **{"axial": {"law": "rope", "EA": 2000.0, "damping": 5.0}, "nodes": "shared"},
+        }
+    ],
+    "effects": {"weight": {}, "end_motion": {"point": "top", "amplitude": [0.05, 0.0, 0.0], "period": 0.5}},
+    "start": {"kind": "points"},
+}
+
+
+def halves(scene, tmp_path, suffix, **settings):
+    """The whole run, and its second half after the first one's file."""
+    whole = dj.simulate(scene, **settings)
+    first = dj.simulate(scene, **{**settings, "duration": 0.5 * whole.settings["duration"]})
+    file = first.save(tmp_path / f"first{suffix}")
+    return whole, first, load_run(file).continued()
+
+
+@pytest.mark.parametrize(
+    ("scene", "suffix", "settings"),
+    [
+        (PENDULUM, ".npz", {"dt": 0.01, "duration": 1.0}),
+        (PENDULUM, ".nc", {"dt": 0.01, "duration": 1.2, "save_every": 3}),
+        (PENDULUM, ".nc", {"dt": 0.01, "duration": 0.62, "integrator": "tsit5"}),
+        (ROPE, ".nc", {}),
+        ("measured-double-pendulum", ".npz", {"dt": 0.01, "duration": 0.4}),
+    ],
+    ids=["equal", "every-third", "held-error", "following-snaps", "sticking-joints"],
+)
+def test_two_halves_are_the_whole_to_the_bit(scene, suffix, settings, tmp_path):
+    if suffix == ".nc":
+        pytest.importorskip("h5netcdf")
+    whole, first, second = halves(scene, tmp_path, suffix, **settings)
+    assert whole.status == first.status == second.status == "ok"
+    for name in ARRAYS:
+        joined = np.concatenate([getattr(first, name), getattr(second, name)[1:]])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+    assert first.settings["steps"] + second.settings["steps"] == whole.settings["steps"]
+    assert set(second.last) == set(first.last)
+    for name, values in whole.last.items():
+        np.testing.assert_array_equal(second.last[name], values, err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def half():
+    return dj.simulate(PENDULUM, dt=0.01, duration=0.5)
+
+
+def test_a_third_piece_with_a_step_of_its_own_counts_on(half):
+    second = half.continued(0.1).continued(0.2, dt=0.005)
+    np.testing.assert_allclose(second.t[[0, 1, -1]], [0.6, 0.605, 0.8], atol=1e-12)
+    fine = dj.simulate(PENDULUM, dt=0.005, duration=0.8)
+    assert np.abs(second.positions[-1] - fine.positions[-1]).max() < 1e-3  # errors of the coarser step
+
+
+def test_an_interrupted_run_goes_on_to_its_end():
+    def stop(share, text):
+        if text.startswith("t =") and share > 0.3:
+            raise KeyboardInterrupt
+
+    whole = dj.simulate(PENDULUM, dt=0.01, duration=0.5)
+    part = dj.simulate(PENDULUM, dt=0.01, duration=0.5, progress=stop)
+    rest = part.continued()
+    assert part.status == "interrupted"
+    np.testing.assert_array_equal(rest.positions[-1], whole.positions[-1])
+    assert rest.t[-1] == whole.t[-1]
+
+
+def test_the_command_goes_on_with_or_without_its_scene(half, tmp_path, capsys):
+    file = str(half.save(tmp_path / "first.npz"))
+    for scene in ([], [PENDULUM]):
+        argv = ["run", *scene, "--continue", file, "--duration", "0.1", "--dt", "0.01", "--quiet", "--json"]
+        out = tmp_path / "second.npz"
+        assert main([*argv, "--out", str(out), "--plot", str(tmp_path / "p.png")]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert (found["continued_from_s"], found["status"]) == (0.5, "ok")
+        np.testing.assert_array_equal(load_run(out).positions, half.continued(0.1).positions)
+
+
+def told(half, tmp_path, capsys, *argv, **last):
+    run = dj.Solution(**{**vars(half), "last": {k: v for k, v in (half.last | last).items() if v is not None}})
+    file = str(run.save(tmp_path / "edited.npz"))
+    assert main(["run", *argv, "--continue", file, "--quiet"]) == 2
+    message = capsys.readouterr().err.strip()
+    assert "\n" not in message
+    return message
+
+
+def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, capsys):
+    ask = lambda *argv, **last: told(half, tmp_path, capsys, *argv, **last)  # noqa: E731
+    assert "lacks 'last_carry_state_v'" in ask(last_carry_state_v=None)
+    assert "float64[2, 3]; allowed: float64[1, 3]" in ask(last_carry_state_r=np.zeros((2, 3)))
+    assert "infinite or undefined values in 'last_row_r'" in ask(last_row_r=np.full((1, 3), np.nan))
+    assert "is of another scene" in ask("double-pendulum-chaotic")
+    assert "differs from 'conical-pendulum-damped' in line.0" in ask("--set", "line.0.mass=0.7")
+    assert "run.integrator" in ask("--integrator", "rk4")
+    assert "shorter than the step" in ask("--duration", "0.001")
+    assert "holds no last state" in ask(**dict.fromkeys(half.last))
+    assert main(["run", "--continue", str(tmp_path / "none.nc")]) == 2
+    assert main(["run", "--quiet"]) == 2
+
+
+def test_a_run_that_failed_does_not_go_on(half):
+    bad = {"step": 7, "time_s": 0.07, "residual": 1.0, "reason": "of a test"}
+    failed = dataclasses.replace(half, status="not_converged", first_bad=bad)
+    with pytest.raises(SceneError, match=r"the run to go on from failed, not_converged: step 7"):
+        failed.continued()
+
+
+def test_a_continued_run_is_not_run_again_from_its_start(half):
+    with pytest.raises(SceneError, match=r"rerun: this run went on from another run at 0\.5 s"):
+        half.continued(0.05).rerun()

@@ -1,0 +1,158 @@
+"""Coupling: steps from outside are the run with the same motion, forces balance weights, nothing fails silently."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError, SimulationError
+
+DOC = Path(__file__).parents[2] / "docs" / "coupling.md"
+ENDS = ("left", "right")
+TIMES = np.linspace(0.0, 0.5, 6)
+#: A loop of rope between two ends, links' masses in halves on their nodes.
+LOOP = {
+    "run": {"dt": 0.01, "duration": 0.5},
+    "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [1.0, 0.0, 0.2]}],
+    "line": [
+        {
+            **{"name": "loop", "from": "left", "to": "right", "links": 4, "length": 0.35, "mass": 0.2},
+            **{"axial": {"law": "rope", "EA": 500.0, "damping": 2.0}, "nodes": "shared"},
+        }
+    ],
+    "effects": {"weight": {}},
+    "start": {"kind": "static"},
+}
+
+
+def moved():
+    """The loop with ends along tables of places."""
+    t = np.array([0.0, 0.0, 0.15, 0.3, 0.4, 0.4])[:, None]  # from rest to rest, so that nothing jumps
+    left = np.concatenate([0.1 * np.sin(3 * t), 0.05 * t**2, 0.1 * t], axis=1)
+    right = np.array([1.0, 0.0, 0.2]) + np.concatenate([-0.2 * t, 0.1 * np.sin(5 * t), 0.1 * t**2], axis=1)
+    motion = {"points": list(ENDS), "time": TIMES.tolist(), "places": [*left.tolist(), *right.tolist()]}
+    return {**LOOP, "effects": {"weight": {}, "recorded_motion": motion}}
+
+
+@pytest.fixture(scope="module")
+def coupled():
+    return dj.Coupled(LOOP, points=ENDS, accelerations=True)
+
+
+def test_steps_from_outside_are_the_run_with_the_same_motion(coupled):
+    """Ten steps inside each: the quintic through what is given at the rows is that of the table."""
+    whole = dj.simulate(moved())
+    model, _ = dj.build(moved())
+    coupled.init(velocities=model.ends(0.0).velocities)
+    for t in TIMES[1:]:
+        ends, bends = model.ends(t), model.end_acceleration(np.asarray(t))
+        force = coupled.step(ends.places, ends.velocities, 0.1, bends)
+        i = round(t / 0.01)
+        assert coupled.status == "ok"
+        np.testing.assert_allclose(coupled.time, t, atol=1e-12)
+        np.testing.assert_allclose(coupled.positions, whole.positions[i], atol=1e-12, rtol=0)
+        np.testing.assert_allclose(coupled.tension, whole.tension[i], atol=1e-12, rtol=1e-12)
+        links = np.diff(whole.positions[i], axis=0)
+        pull = whole.tension[i][:, None] * links / np.linalg.norm(links, axis=1)[:, None]
+        half = np.array([0.0, 0.0, -0.5 * 0.2 * 9.81])
+        np.testing.assert_allclose(force, [pull[0] + half, -pull[-1] + half], atol=1e-10, rtol=0)
+
+
+def test_forces_at_rest_carry_the_weight(coupled):
+    force = coupled.init()
+    np.testing.assert_allclose(force.sum(axis=0), [0.0, 0.0, -4 * 0.2 * 9.81], atol=1e-8)
+    np.testing.assert_allclose(coupled.mass, [0.1, 0.1], rtol=1e-14)
+    # at other places, the same loop turned about the vertical
+    turned = coupled.init([[0.0, 0.0, 0.0], [0.0, 1.0, 0.2]])
+    np.testing.assert_allclose(turned[:, [1, 0, 2]], force, atol=1e-8)
+
+
+def steps(coupled, number):
+    still = np.zeros((2, 3))
+    for _ in range(number):
+        x = 0.1 * np.sin(4 * coupled.time)
+        coupled.step([[x, 0, 0], [1.0, x, 0.2]], still, 0.025, still)
+    return coupled.forces
+
+
+def test_a_restored_state_repeats_to_the_bit(coupled, tmp_path):
+    coupled.init()
+    steps(coupled, 2)
+    saved, time = coupled.save(tmp_path / "saved.npz"), coupled.time
+    after = steps(coupled, 3)
+    for state in (saved, tmp_path / "saved.npz"):
+        coupled.restore(state)
+        assert coupled.time == time
+        np.testing.assert_array_equal(steps(coupled, 3), after)
+    other = dj.Coupled(LOOP, points=ENDS, accelerations=True)
+    other.restore(tmp_path / "saved.npz")
+    np.testing.assert_array_equal(steps(other, 3), after)
+    heavy = dj.load_scene(LOOP).with_values({"line.0.mass": 0.3})
+    with pytest.raises(SceneError, match=r"of another scene.*line\.0"):
+        dj.Coupled(heavy, points=ENDS, accelerations=True).restore(tmp_path / "saved.npz")
+    (tmp_path / "text.npz").write_text("none")
+    with pytest.raises(SceneError, match="not a saved coupling"):
+        coupled.restore(tmp_path / "text.npz")
+
+
+def test_a_step_that_fails_says_so_and_leaves_the_state(coupled):
+    coupled.init()
+    before, still = steps(coupled, 1), np.zeros((2, 3))
+    with pytest.raises(SimulationError, match=r"^(not_converged|non_finite): the step to t = 0\.05 s, 3 steps"):
+        coupled.step([[0, 0, 0], [1e200, 0, 0]], still, 0.025, still)
+    assert coupled.status in ("not_converged", "non_finite")
+    assert coupled.failure.startswith(coupled.status)
+    np.testing.assert_array_equal(coupled.forces, before)
+    assert np.isfinite(steps(coupled, 1)).all()
+    assert (coupled.status, coupled.failure) == ("ok", "")
+
+
+def test_input_that_makes_no_sense_is_refused(coupled):
+    coupled.init()
+    places, still = [[0.0, 0, 0], [1.0, 0, 0.2]], np.zeros((2, 3))
+    wrong = {
+        "positions: has shape": (places[:1], still, 0.1, still),
+        "positions: .*'right' is not finite": ([places[0], [1.0, np.nan, 0.0]], still, 0.1, still),
+        "velocities: has shape": (places, np.zeros(3), 0.1, still),
+        "dt: -1": (places, still, -1.0, still),
+        "dt: 1e\\+09 s is": (places, still, 1e9, still),
+        "dt: nan": (places, still, float("nan"), still),
+        "accelerations: need": (places, still, 0.1),
+    }
+    for message, given in wrong.items():
+        with pytest.raises(SceneError, match=message):
+            coupled.step(*given)
+    with pytest.raises(SceneError, match="has not begun"):
+        dj.Coupled(LOOP, points=ENDS).step(places, still, 0.1)
+    for points, message in (
+        (None, "points: missing; needed"),
+        (["lefd"], "did you mean 'left'"),
+        (["left", "left"], "is there twice"),
+        ([], "points: is empty"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            dj.Coupled(LOOP, points=points)
+    with pytest.raises(SceneError, match="move already by an effect"):
+        dj.Coupled(moved(), points=ENDS).init()
+    with pytest.raises(SceneError, match="chooses its own steps"):
+        dj.Coupled(dj.load_scene(LOOP).with_values({"run.step_tolerance": 0.1}), points=ENDS).init()
+    with pytest.raises(SceneError, match="compound links"):
+        dj.Coupled("dropper-release-a-compound", points=["right"]).init()
+
+
+def test_the_body_of_the_docs_swings_back():
+    """At 5000 N/m or so and 9 t its surge has a period of some 8 s: after 4 s it is on the other side."""
+    code = re.search(r"```python\n(.*?)```", DOC.read_text(), re.S).group(1)
+    names: dict[str, object] = {}
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(compile(code, str(DOC), "exec"), names)
+    track = np.array(names["track"])
+    assert "after 4 s" in out.getvalue()
+    assert out.getvalue().strip().endswith("ok")
+    assert np.isfinite(track).all()
+    assert np.abs(track[:, 1]).max() < 1e-9  # nothing pushes it sideways
+    assert np.abs(track[-20:, 2]).max() < 0.5  # heave is damped towards rest

@@ -21,7 +21,7 @@ test: .venv/.installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=40 --durations-min=5
 
 # What does not fit into `make test`, at most an hour: the tests marked `check`, programs as users compile them, the
-# whole catalogue of hard cases, many kinds of scene in one process, 2000 random scenes.
+# whole catalogue of hard cases, many kinds of scene in one process, 2000 random scenes, 2000 damaged files.
 check: .venv/.installed-test fuzz
 	$(BIN)/python -m pytest -n 2 --dist load -m check
 	TESTS_CHOSE_XLA_FLAGS=no $(BIN)/python -m pytest -n 2 --dist loadfile $(AS_USERS)
@@ -33,6 +33,7 @@ AS_USERS := tests/effects tests/integrators tests/solvers tests/stepping tests/v
 
 fuzz: .venv/.installed-test
 	FUZZ_EXAMPLES=2000 $(BIN)/python -m pytest tests/load/test_fuzz.py
+	FUZZ_FILES=2000 $(BIN)/python -m pytest tests/faults/test_fuzz_files.py
 
 # Source distribution and wheel in dist/, their metadata and contents looked at.
 package: $(BIN)/python

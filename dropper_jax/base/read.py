@@ -19,6 +19,8 @@ from dropper_jax.base.fields import Pairs
 #: What a TOML file, a JSON text or a caller in Python may give for a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 
+#: Largest count of anything: those of compiled programs have 32 bits.
+MOST = 2**31 - 1
 #: Longest value text in an error line.
 SHOWN = 60
 
@@ -73,6 +75,8 @@ def limits(declared: Mapping[str, Any]) -> str:
     """The allowed range in words, with the unit, such as `> 0 kg`; empty without limits."""
     low, high, unit = declared.get("low"), declared.get("high"), declared.get("unit", "-")
     unit = "" if unit == "-" else f" {unit}"
+    if declared.get("type") is int and high == MOST:  # no limit of the thing itself
+        high = None
     if low is not None and high is not None:
         return f"{'above ' if declared.get('open_low') else ''}{low:g} to {high:g}{unit}"
     if low is not None:
@@ -103,13 +107,15 @@ def _in_unit(declared: Mapping[str, Any]) -> str:
     return "" if unit == "-" else f"in {unit}"
 
 
-def read_integer(value: Plain, path: str, low: int | None = None) -> int:
-    """A whole number, at least `low`."""
+def read_integer(value: Plain, path: str, low: int | None = None, high: int | None = None) -> int:
+    """A whole number, at least `low`, at most `high`."""
     allowed = "a whole number" + ("" if low is None else f" >= {low}")
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise refuse(path, value, "is not a whole number", allowed)
     if low is not None and value < low:
         raise refuse(path, value, "is out of range", allowed)
+    if high is not None and value > high:
+        raise refuse(path, value, "is out of range", f"{allowed} and <= {high}")
     return int(value)
 
 
@@ -177,7 +183,7 @@ def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | i
         items = read_list(value, path, None, "a list of texts")
         return tuple(read_text(item, f"{path}.{i}") for i, item in enumerate(items))
     if kind is int:
-        return read_integer(value, path, declared.get("low"))
+        return read_integer(value, path, declared.get("low"), declared.get("high"))
     if kind is bool:
         if not isinstance(value, bool):
             raise refuse(path, value, "is not a truth value", "true, false")
@@ -222,9 +228,10 @@ def _needed(field: dataclasses.Field) -> str:
     return field.metadata["meaning"] + (f", {words}" if words else "")
 
 
-def count(meaning: str, low: int = 1, **kwargs: Any) -> Any:
-    """Declare a whole number of at least `low`."""
-    return dataclasses.field(metadata={"kind": "option", "meaning": meaning, "type": int, "low": low}, **kwargs)
+def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
+    """Declare a whole number from `low` to `high`."""
+    declared = {"kind": "option", "meaning": meaning, "type": int, "low": low, "high": high}
+    return dataclasses.field(metadata=declared, **kwargs)
 
 
 def field_keys(cls: type, keys: Mapping[str, str] | None = None) -> list[str]:

@@ -8,39 +8,34 @@ each command prints exactly one object on standard output, whatever the exit cod
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 
-from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.before_jax import prepare
-from dropper_jax.cli.codes import INTERRUPTED, INVALID_INPUT, OK
+from dropper_jax.cli.codes import OK
 from dropper_jax.cli.commands import parse
-from dropper_jax.cli.output import failure_object, print_json, print_line
+from dropper_jax.cli.faults import last_words, let_go_of_output, terminated_as_interrupted, with_streams
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     argv = list(sys.argv[1:] if argv is None else argv)
-    as_json = "--json" in argv
+    with_streams()
     prepare()
-    try:
-        args = parse(argv)
-        code = args.run(args)
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:  # `dropper scenes | head`: the reader has what it wanted
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains as it flushes at the end
-        return OK
-    except (SceneError, OSError) as error:
-        return _stop("invalid_input", str(error), INVALID_INPUT, as_json)
-    except KeyboardInterrupt:
-        return _stop("interrupted", "interrupted", INTERRUPTED, as_json)
-
-
-def _stop(status: str, message: str, code: int, as_json: bool) -> int:
-    message = " ".join(message.split())
-    print_line(f"error: {message}")
-    if as_json:
-        print_json(failure_object(status, message))
-    return code
+    with terminated_as_interrupted():
+        try:
+            args = parse(argv)
+            code = args.run(args)
+            sys.stdout.flush()
+            return code
+        except BrokenPipeError:  # `dropper scenes | head`: the reader has what it wanted
+            let_go_of_output()
+            return OK
+        except (Exception, KeyboardInterrupt) as error:
+            return last_words(error, "--json" in argv)
+        except SystemExit:  # --help and --version
+            try:
+                sys.stdout.flush()
+            except OSError as error:
+                return last_words(error, False)
+            raise

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import literal
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import print_line, progress
@@ -75,6 +76,6 @@ def _part(entry: EntryPoint, folder: Path) -> DemoPart:
 def _section(solution: Solution) -> str:
     pictures = "\n".join(f"![{name}]({name}.png)\n" for name in PICTURES)
     return (
-        f"# {solution.scene.name}\n\n{solution.scene.description}\n\n"
+        f"# {literal(solution.scene.name)}\n\n{literal(solution.scene.description)}\n\n"
         f"```\n{text(solution)}\n```\n\n{pictures}\n![animation](animation.gif)"
     )

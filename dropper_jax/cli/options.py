@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import leftovers
+from dropper_jax.base.toml_read import parsed_toml
+from dropper_jax.cli.output import print_line
 from dropper_jax.load.named import find_scene
 
 if TYPE_CHECKING:
@@ -23,8 +26,16 @@ def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
     parser.add_argument("scene", metavar="SCENE", help=what, **({"nargs": "?"} if optional else {}))
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
+    add_allow_outside(parser)
     add_set(parser)
     add_json(parser)
+
+
+def add_allow_outside(parser: argparse.ArgumentParser) -> None:
+    """--allow-outside."""
+    parser.add_argument(
+        "--allow-outside", action="store_true", help="the scene may name files that are not below its folder"
+    )
 
 
 def add_set(parser: argparse.ArgumentParser) -> None:
@@ -55,12 +66,14 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Scen
         raise SceneError("SCENE: missing; needed: the name of a packaged scene or a file")
     found, name = find_scene(args.scene)
 
+    from dropper_jax.base.references import references_of
     from dropper_jax.effects import register_installed
     from dropper_jax.load.scene import Scene
-    from dropper_jax.load.source import plain_values
+    from dropper_jax.load.source import folder_of, plain_values
 
     register_installed()
-    scene = Scene.from_dict(plain_values(found, getattr(args, "depth", None)), name)
+    with references_of(folder_of(args.scene, getattr(args, "allow_outside", True))):
+        scene = Scene.from_dict(plain_values(found, getattr(args, "depth", None)), name)
     return scene.with_values(values) if values else scene
 
 
@@ -71,10 +84,12 @@ def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> di
 
 
 def read_run(file: str) -> Solution:
-    """A saved run; JAX is imported once the file is there."""
+    """A saved run; JAX is imported once the file is there, or what a killed run left of it."""
+    left = leftovers(Path(file)) if not Path(file).exists() else []
     try:
-        with open(file, "rb"):
-            pass
+        if not left and not (Path(file).suffix.lower() == ".zarr" and Path(file).is_dir()):
+            with open(file, "rb"):
+                pass
     except OSError as error:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
@@ -82,6 +97,11 @@ def read_run(file: str) -> Solution:
     from dropper_jax.run.storage import load_run
 
     register_installed()
+    if left:
+        from dropper_jax.run.recovery import recover
+
+        for line in recover(Path(file)):
+            print_line(f"warning: {line}")
     return load_run(file)
 
 
@@ -96,13 +116,17 @@ def _assignment(text: str) -> tuple[str, Any]:
     if not equals or not path.strip():
         raise SceneError(f"--set: {text!r} is not KEY=VALUE; allowed: a path, '=' and a value, such as run.dt=0.01")
     try:
-        return path.strip(), tomllib.loads(f"value = {value}")["value"]
+        return path.strip(), parsed_toml(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return path.strip(), value.strip()
 
 
-def output_file(text: str | None, option: str, suffixes: tuple[str, ...]) -> Path | None:
-    """A file to write, refused before the work starts where its suffix or its folder is wrong."""
+def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path | None:
+    """A file to write, refused before the work starts where its suffix or its folder is wrong.
+
+    Args:
+        folders: suffixes of what is a folder.
+    """
     if text is None:
         return None
     path = Path(text)
@@ -110,7 +134,7 @@ def output_file(text: str | None, option: str, suffixes: tuple[str, ...]) -> Pat
         raise SceneError(f"{option}: {text!r} has no known suffix; allowed: {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise SceneError(f"{option}: the folder {str(path.parent)!r} does not exist; allowed: an existing one")
-    if path.is_dir():
+    if path.is_dir() and path.suffix.lower() not in folders:
         raise SceneError(f"{option}: {text!r} is a folder; allowed: a file")
     return path
 

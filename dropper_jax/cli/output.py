@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from dropper_jax.base.json_values import SCHEMA, jsonable
@@ -29,8 +30,9 @@ def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
 
 
 def print_line(text: str) -> None:
-    """A line for people, on standard error."""
-    print(text, file=sys.stderr, flush=True)
+    """A line for people, on standard error; nowhere, where that takes nothing."""
+    with suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
 
 
 def print_warnings(warnings: Iterable[str]) -> None:
@@ -84,7 +86,8 @@ def _bar() -> Callable[[float, str], None]:
         full = int(BAR * min(max(fraction, 0.0), 1.0))
         bar = "#" * full + "." * (BAR - full)
         end = "\n" if fraction >= 1.0 else ""
-        print(f"\r[{bar}] {100 * fraction:3.0f} % {text:<40}", end=end, file=sys.stderr, flush=True)
+        with suppress(OSError):
+            print(f"\r[{bar}] {100 * fraction:3.0f} % {text:<40}", end=end, file=sys.stderr, flush=True)
 
     return show
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 help = "simulate a scene"
 
 #: Files that hold a whole run.
-RUN_SUFFIXES = (".npz", ".nc")
+RUN_SUFFIXES = (".npz", ".nc", ".zarr")
 #: Options that stand for a value of the scene.
 OVERRIDES = (
     "integrator",
@@ -72,7 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="go on from the end of a saved run, for --duration more seconds (default: what is left of one that was "
         "interrupted, else as long again); SCENE may be left out",
     )
-    parser.add_argument("--out", metavar="FILE", help="save the solution, as .npz or .nc (netCDF, extra io)")
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        help="save the solution, as .npz, .nc (netCDF, extra io) or .zarr (extra sweep)",
+    )
     parser.add_argument(
         "--tables",
         metavar="DIR",
@@ -93,29 +97,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    out = output_file(args.out, "--out", RUN_SUFFIXES)
+    out = output_file(args.out, "--out", RUN_SUFFIXES, folders=(".zarr",))
     film = output_file(args.animate, "--animate", (".gif", ".mp4"))
     plot = _plot_target(args.plot)
     tables, told = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
     before = None if args.start is None else read_run(args.start)
     scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
+    from dropper_jax.cli.keeping import recovered, saved, scratch_beside
     from dropper_jax.run.simulate import simulate
-    from dropper_jax.run.storage import netcdf_packages
-    from dropper_jax.run.tables import write_angles, write_bodies, write_tensions
+    from dropper_jax.run.storage import netcdf_packages, zarr_packages
 
     if out and out.suffix.lower() == ".nc":
         netcdf_packages()
+    if out and out.suffix.lower() == ".zarr":
+        zarr_packages()
     if film:
         from dropper_jax.plots.animation import check_animation
 
         check_animation(film)
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
-    solution = simulate(scene, progress=progress(args.quiet), errors=args.errors, skip=args.skip, start=before)
-    print_warnings(solution.warnings)
-    if out:
-        solution.save(out)
+    recovered(out)
+    with scratch_beside(out) as scratch:
+        solution = simulate(
+            scene,
+            progress=progress(args.quiet),
+            errors=args.errors,
+            skip=args.skip,
+            start=before,
+            scratch=scratch,
+        )
+        print_warnings(solution.warnings)
+        refused = saved(solution, out)
+        if refused is not None:
+            return _unsaved(args, solution, refused)
+        return _after(args, solution, plot, film, tables, told)
+
+
+def _unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:
+    """The result of a run whose file cannot be written."""
+    print_line(f"error: {refused}")
+    report(solution, args.json, {"status": "not_saved", "error": refused} if solution.status == "ok" else None)
+    return FAILED
+
+
+def _after(
+    args: argparse.Namespace,
+    solution: Solution,
+    plot: Path | None,
+    film: Path | None,
+    tables: Path | None,
+    told: Path | None,
+) -> int:
+    """Tables and pictures of a run, and its report."""
+    from dropper_jax.run.tables import write_angles, write_bodies, write_tensions
+
+    scene = solution.scene
     if tables:
         write_angles(solution, tables / "angles.csv")
         write_tensions(solution, tables / "tensions.csv")

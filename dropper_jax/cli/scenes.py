@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
-from dropper_jax.cli.options import add_json, add_set, assignments, number, output_file
+from dropper_jax.cli.options import add_allow_outside, add_json, add_set, assignments, number, output_file
 from dropper_jax.cli.output import done_object, listing, print_json, print_result, print_warnings
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.packaged import is_packaged, packaged_scene, scene_names
@@ -25,15 +26,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "scene", nargs="?", metavar="SCENE", help="print this scene as TOML: a packaged one, or a MoorDyn input"
     )
     add_set(parser)
+    add_allow_outside(parser)
     parser.add_argument(
         "--expanded", action="store_true", help="print it without parameters, repetitions and arrays: the plain scene"
     )
     parser.add_argument("--moordyn", metavar="FILE", help="write the scene as a MoorDyn v2 input instead")
     parser.add_argument("--dt", type=number, help="MoorDyn's time step [s], else the scene's: its schemes are explicit")
+    parser.add_argument(
+        "--reference",
+        nargs="?",
+        const="",
+        metavar="KEY",
+        help="print what scenes may hold: all, or this key or section",
+    )
+    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of scenes, for editors")
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.reference is not None or args.schema:
+        return _reference(args)
     if args.scene is not None:
         return _one(args)
     for option, given in (
@@ -53,6 +65,24 @@ def run(args: argparse.Namespace) -> int:
     return OK
 
 
+def _reference(args: argparse.Namespace) -> int:
+    """Every key of a scene, or those that are asked for."""
+    if args.scene is not None:
+        raise SceneError(f"SCENE: {args.scene!r} is not needed with --reference and --schema; allowed: without it")
+
+    from dropper_jax.cli.reference import as_text, as_values
+    from dropper_jax.effects import register_installed
+    from dropper_jax.load.reference import find, schema, sections
+
+    register_installed()
+    if args.schema:
+        print(json.dumps(schema(), indent=1))
+        return OK
+    found = find(args.reference) if args.reference else sections()
+    print_result(args.json, done_object(sections=as_values(found)), as_text(found))
+    return OK
+
+
 def _one(args: argparse.Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
     if args.dt is not None and not args.dt > 0:
@@ -63,11 +93,13 @@ def _one(args: argparse.Namespace) -> int:
     if is_packaged(args.scene) and not (changes or file or args.expanded):
         return _show({"name": label, **found}, args.json)  # good as packaged: values are looked at with JAX imported
 
+    from dropper_jax.base.references import references_of
     from dropper_jax.load.scene import Scene
-    from dropper_jax.load.source import plain_values
+    from dropper_jax.load.source import folder_of, plain_values
 
-    table = {"name": label, **plain_values(found)}
-    scene = Scene.from_dict(table)
+    with references_of(folder_of(args.scene, args.allow_outside)):
+        table = {"name": label, **plain_values(found)}
+        scene = Scene.from_dict(table)
     if changes:
         scene = scene.with_values(changes)
     if changes or args.expanded:

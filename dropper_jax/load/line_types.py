@@ -33,6 +33,7 @@ from dropper_jax.base.read import (
     read_table,
     refuse,
 )
+from dropper_jax.scene.line import MOST_LINKS
 
 #: Attached points nearer than this part of the line's length would leave a piece without length.
 SAME = 1e-9
@@ -183,7 +184,16 @@ def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
     if item["type"] not in types:
         raise SceneError(f"{path}.type: {item['type']!r} is not a line type; {nearest(str(item['type']), types)}")
     length = read_number(item["length"], f"{path}.length", LENGTH)
-    return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1))
+    return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1, MOST_LINKS))
+
+
+def _place(value: Plain) -> np.ndarray | None:
+    """A place (3,) [m]; None where it is none, which is refused as the point is read."""
+    value = plain(value)
+    good = isinstance(value, list) and len(value) == 3
+    if not good or not all(isinstance(x, int | float) and not isinstance(x, bool) for x in value):
+        return None
+    return np.array(value, float)
 
 
 def _split(
@@ -210,12 +220,13 @@ def _split(
             raise SceneError(
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point at one place"
             )
-    places = {p.get("name"): p.get("position") for p in points if isinstance(p, Mapping)}
-    start, end = places.get(line.get("from")), places.get(line.get("to"))
+    known = [p for p in points if isinstance(p, Mapping) and isinstance(p.get("name"), str)]
+    places = {p["name"]: p.get("position") for p in known}
+    start, end = (_place(places.get(str(line.get(key)))) for key in ("from", "to"))
     for at, name in stops:
         if name not in places and start is not None and end is not None:
-            a, b = np.asarray(start, float), np.asarray(end, float)
-            points.append({"name": name, "kind": "free", "position": (a + (b - a) * at / total).tolist()})
+            place = start + (end - start) * at / total
+            points.append({"name": name, "kind": "free", "position": place.tolist()})
     names = [line.get("from"), *(name for _, name in stops), line.get("to")]
     cuts = [0.0, *(at for at, _ in stops), total]
     found = []

@@ -8,6 +8,7 @@ from importlib.resources.abc import Traversable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.load.farm import farm_table, is_farm
 from dropper_jax.load.pitching import pitching
 
@@ -27,10 +28,10 @@ def parse_toml(data: bytes, label: str) -> dict[str, Any]:
     """Plain values of a TOML file.
 
     Raises:
-        SceneError: no UTF-8, or a syntax error (with the line number).
+        SceneError: no UTF-8, a syntax error (with the line number), tables within tables beyond measure.
     """
     try:
-        return tomllib.loads(data.decode())
+        return parsed_toml(data.decode())
     except UnicodeDecodeError as error:
         raise SceneError(f"{label}: not a text file in UTF-8 (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:

@@ -7,15 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.references import references_of
 from dropper_jax.load.named import find_scene
+from dropper_jax.load.packaged import is_packaged
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.reading.reader import read_moordyn
 from dropper_jax.moordyn.reading.yaml_mooring import SUFFIXES, read_yaml_mooring
 
 
-def load_scene(source: str | Path | Mapping[str, Any] | Scene) -> Scene:
+def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside: bool = False) -> Scene:
     """A scene from a packaged name, a TOML file, a MoorDyn input (told by its header of line types), a mooring of
     MoorPy or RAFT (.yaml) or plain values.
+
+    Args:
+        allow_outside: a file may name files that are neither below its folder nor below the working folder.
 
     Raises:
         SceneError: for a file that is missing or no TOML, an unknown name (with the nearest), or any bad value.
@@ -25,7 +30,15 @@ def load_scene(source: str | Path | Mapping[str, Any] | Scene) -> Scene:
     if isinstance(source, Mapping):
         return Scene.from_dict(source)
     found, name = find_scene(source)
-    return Scene.from_dict(plain_values(found), name)
+    with references_of(folder_of(source, allow_outside)):
+        return Scene.from_dict(plain_values(found), name)
+
+
+def folder_of(source: str | Path, allow_outside: bool) -> Path | None:
+    """The folder below which the files that a scene names must be; None: anywhere, as for packaged scenes."""
+    if allow_outside or (isinstance(source, str) and is_packaged(source)):
+        return None
+    return Path(source).parent
 
 
 def plain_values(found: dict[str, Any] | Path, depth: float | None = None) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
@@ -20,7 +21,7 @@ from mpl_toolkits.mplot3d import proj3d
 from PIL import Image
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.files import PART, atomic_write, part_prefix, remove, remove_leftovers
 from dropper_jax.base.progress import Progress
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
@@ -101,7 +102,10 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
     """Frames (height, width, 3) of bytes as H.264 by ffmpeg, whole or not at all."""
     first = next(images)
     height, width = first.shape[:2]
-    part = path.with_name(f".{path.stem}.part.mp4")
+    remove_leftovers(path)
+    # ffmpeg tells the kind by the suffix; the name is nobody's to guess
+    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
+    part = folder / "film.mp4"
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
     # players want even sizes and 4:2:0
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
@@ -114,7 +118,7 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
             raise OSError(f"{path.name}: ffmpeg failed: {said or process.returncode}")
         part.replace(path)
     finally:
-        part.unlink(missing_ok=True)
+        remove(folder)
     return path
 
 

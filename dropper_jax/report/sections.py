@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.markdown import literal
+
 DEGREE = 180.0 / math.pi
 #: Lines in one table, the largest of more; report.json has all.
 MOST_ROWS = 30
@@ -281,5 +283,5 @@ def newton(value: float) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(str(cell).replace("|", "/") for cell in row) + " |" for row in lines)
+    cells = [[literal(cell) for cell in row] for row in (head, *rows)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(head), *cells[1:]))

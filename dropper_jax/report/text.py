@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from dropper_jax.base.markdown import literal
 from dropper_jax.report import sections
 from dropper_jax.report.bodies import bodies_text
 from dropper_jax.report.crop import crop_text
@@ -20,10 +21,10 @@ def markdown(found: dict[str, Any], pictures: list[dict[str, str]]) -> str:
         pictures: paths from the report's folder, by name, of each run.
     """
     runs = found["runs"]
-    parts = [f"# Report: {', '.join(dict.fromkeys(run['scene'] for run in runs))}", _overview(runs)]
+    parts = [f"# Report: {literal(', '.join(dict.fromkeys(run['scene'] for run in runs)))}", _overview(runs)]
     for number, (run, files) in enumerate(zip(runs, pictures, strict=True), start=1):
         if len(runs) > 1:
-            parts.append(f"# Run {number}: {run['file']}")
+            parts.append(f"# Run {number}: {literal(run['file'])}")
         parts += _run(run, files)
     if len(runs) > 1:
         parts += ["# Between the runs", _spread(found["spread"])]
@@ -56,7 +57,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         return f"![{name.replace('_', ' ')}]({files[name]})" if name in files else ""
 
     return [
-        "\n".join(f"- {note}" for note in run["notes"]),
+        "\n".join(f"- {literal(note)}" for note in run["notes"]),
         "## Tension",
         sections.tension(run["tension"]),
         picture("tension_range"),

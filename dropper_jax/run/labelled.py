@@ -15,6 +15,8 @@ from dropper_jax.scene import whole_lines
 if TYPE_CHECKING:
     import xarray
 
+#: How arrays are stored: small, and with sums that tell damage.
+PACKED = {"zlib": True, "complevel": 4, "fletcher32": True}
 #: Simulated time has no date: in files it counts from this one, since CF wants one.
 EPOCH = "seconds since 2000-01-01 00:00:00"
 #: CF's names, where it has one.
@@ -107,7 +109,7 @@ def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[st
         elif name in dataset.coords:
             packed[name] = {"_FillValue": None}
         elif variable.ndim and variable.size:
-            packed[name] = {"zlib": True, "complevel": 4}
+            packed[name] = PACKED
     return dataset, packed
 
 

@@ -18,6 +18,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import allowed_error
+from dropper_jax.run.rows import InMemory
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
@@ -55,7 +56,7 @@ class Pieces(NamedTuple):
 
 class Gone(NamedTuple):
     """A run that was gone through: what was saved, its last carry, time [s] of it and of compiling meanwhile, whether
-    the user stopped it."""
+    the user stopped it, and why the disk did."""
 
     trajectory: Trajectory
     beside: Beside
@@ -63,6 +64,7 @@ class Gone(NamedTuple):
     run_s: float
     late_s: float
     interrupted: bool
+    refused: str = ""
 
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
@@ -140,28 +142,35 @@ def _room(s: State) -> int:
     return max(1, min(ROOM, 2 ** int(np.log2(max(BYTES / max(size, 1), 1.0)))))
 
 
-def go_through(run: Pieces, saves: int, say: Callable[[float, str], None]) -> Gone:
-    """Pieces until the end, a failure or an interruption."""
-    carry, done = run.carry, 0
-    pieces: list[tuple[Carry, tuple[Trajectory, Beside]]] = []
-    begun, interrupted = time.perf_counter(), False
+def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> Gone:
+    """Pieces until the end, a failure or an interruption; a disk that takes no more is one too.
+
+    Args:
+        rows: where the pieces are kept; default: in memory.
+    """
+    carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
+    at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
+    begun, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
             carry, piece = run.go_on(carry, saves - done)
-            pieces.append((carry, jax.tree.map(np.asarray, piece)))  # at once, so that a stop keeps both or none
-            done += len(piece[0].r)
+            rows.append(jax.tree.map(np.asarray, piece))
+            at = carry, done + len(piece[0].r)
+            done = at[1]
             t, failed = _reached(carry)
             say(min(done / saves, 1.0), f"t = {t:.3g} s")
             if failed:
                 break
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OSError) as error:
         interrupted = True
-        if not pieces:
+        if not at[1]:
             raise
+        refused = "" if isinstance(error, KeyboardInterrupt) else f"stopped: {error.strerror or error}"
     late_s = getattr(run.go_on, "late_s", 0.0)
     run_s = time.perf_counter() - begun - late_s
-    joined, beside = jax.tree.map(lambda *parts: np.concatenate(parts), *(piece for _, piece in pieces))
-    return Gone(joined, beside, pieces[-1][0], run_s, late_s, interrupted)
+    carry, done = at
+    joined, beside = rows.joined(done)
+    return Gone(joined, beside, carry, run_s, late_s, interrupted, refused)
 
 
 def _reached(carry: Carry) -> tuple[float, bool]:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import metadata
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
@@ -30,12 +32,14 @@ from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.pieces import compile_run, first_carry, go_through
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import judged, without_push
+from dropper_jax.run.room import check_room
+from dropper_jax.run.rows import BLOCK, InMemory, OnDisk, let_go
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.stiffness import stiffness_remarks
 from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.controlled import Controlled
-from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
+from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory, begin
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import TOO_FAR, Stepper
 
@@ -64,6 +68,7 @@ def simulate(
     errors: bool = False,
     skip: float = 0.0,
     start: Solution | None = None,
+    scratch: str | Path | None = None,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; what is not given is taken from its `[run]`.
@@ -89,6 +94,8 @@ def simulate(
         skip: time at the start [s] that those loads leave out.
         start: a run of the same scene to go on from its last state, whose times count on (see `Solution.continued`);
             values of `[run]` but scheme and precision may be others.
+        scratch: an empty folder in which saved states are kept as they come, for runs that are larger than memory; the
+            solution's arrays are mapped from there, and last as long as it does.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 
@@ -127,12 +134,16 @@ def simulate(
     stepper = stepper_of(model, run, **renamed)  # a pairing that makes no sense is refused before the start is sought
     say(0.0, "finding the start")
     first, since = _first(stepper, model, scene, start)
+    folder = None if scratch is None else Path(scratch)
+    check_room(model, first.row, run, folder)
+    about = {"scene": scene.as_written(), "settings": settings, "went_on": start is not None}
+    rows = InMemory() if folder is None else OnDisk(folder, about)
     begun = time.perf_counter()
     compiled = compile_run(stepper, model, first.carry, run)
     compile_s = time.perf_counter() - begun
-    gone = go_through(compiled, run.saves, say)
+    gone = go_through(compiled, run.saves, say, rows)
     trajectory, within, carry = gone.trajectory, gone.beside, gone.carry
-    solution = _solution(scene, stepper, model, first, since, trajectory, dict(settings))
+    solution = _solution(scene, stepper, model, first, since, trajectory, dict(settings), rows)
     if isinstance(carry, Adaptive):
         solution = _followed(solution, within, refused(carry) - refused(first.carry))
     if isinstance(carry, Controlled):
@@ -141,7 +152,8 @@ def simulate(
         solution = replace(solution, last=named(Last(last_row(trajectory), carry)))
     solution = replace(solution, compile_s=compile_s + gone.late_s, run_s=gone.run_s)
     if gone.interrupted:
-        solution = replace(solution, status="interrupted")
+        told = (gone.refused,) if gone.refused else ()
+        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *told))
     solution = judged(solution)
     if choice is not None:
         solution = _within(solution, tolerance, choice)
@@ -180,6 +192,26 @@ def _first(stepper: Stepper, model: Model, scene: Scene, before: Solution | None
             here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
             last = last._replace(carry=here)
     return last, since
+
+
+def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> Solution:
+    """The run that a killed process left in its scratch folder, as far as its states are whole.
+
+    Raises:
+        SceneError: its steps were held by their error, which needs more than the states.
+    """
+    model = build_model(scene)
+    renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
+    stepper = stepper_of(model, scene.run, **renamed)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        raise SceneError(f"integrator: {stepper.integrator.name} holds its steps by their error; allowed: any other")
+    first, since = _first(stepper, model, scene, None)
+    s = begin(stepper, model, initial_state(model, scene.start)).state
+    beside = None if scene.run.step_tolerance is None else Within(*(0.0,) * len(Within._fields))
+    rows = OnDisk.left(folder, (Trajectory(*(0.0,) * 8, s.parted, s.own), beside))
+    run, within = rows.joined(scene.run.saves)
+    solution = _solution(scene, stepper, model, first, since, run, dict(settings), rows)
+    return judged(solution if within is None else _followed(solution, within, 0))
 
 
 def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
@@ -221,19 +253,25 @@ def _with_errors(
 
 
 def _solution(
-    scene: Scene, stepper: Stepper, model: Model, first: Last, since: _Since, run: Trajectory, extra: dict[str, Any]
+    scene: Scene,
+    stepper: Stepper,
+    model: Model,
+    first: Last,
+    since: _Since,
+    run: Trajectory,
+    extra: dict[str, Any],
+    rows: InMemory,
 ) -> Solution:
     dt, every = scene.run.dt, scene.run.save_every
     start, before = first.row, done(first.carry)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
-    join = lambda first, rest: np.concatenate([np.asarray(first)[None], rest])  # noqa: E731
+    join = rows.join
     t = since.origin + (since.saves + np.arange(good + 1)) * (every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
-    moved = jnp.asarray(join(start.r, kept.r)), jnp.asarray(join(start.v, kept.v))
-    seen = jax.tree.map(np.asarray, _observe(model, *moved, jnp.asarray(t, model.dtype), parted, own))
+    seen = _seen(model, (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own), rows)
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     names = work_names(model) if stepper.track_work else ()
@@ -261,12 +299,12 @@ def _solution(
         scene=scene,
         settings=settings,
         t=t,
-        positions=seen.positions,
-        velocities=seen.velocities,
+        positions=seen.each.positions,
+        velocities=seen.each.velocities,
         tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
         t_tension=np.concatenate([t[:1], t[1:] - middle]),
-        kinetic=seen.kinetic,
-        potential=seen.potential,
+        kinetic=seen.each.kinetic,
+        potential=seen.each.potential,
         work=work,
         work_names=names,
         step_status=np.zeros(good + 1, np.int8),
@@ -275,21 +313,50 @@ def _solution(
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
         max_residual=float(np.max(run.residual[: good + 1])),
-        max_closure_error=float(np.max(seen.closure)),
+        max_closure_error=float(np.max(seen.each.closure)),
         versions=_versions(),
         broken=broken,
         own=_named(own),
         continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
-        **body_motion(model, *moved),
+        **seen.bodies,
         warnings=(
             *scene.notes,
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *motion_warnings(scene),
-            *(() if t[0] else _at_rest(scene, seen.positions[0], np.asarray(start.tension))),
+            *(() if t[0] else _at_rest(scene, seen.each.positions[0], np.asarray(start.tension))),
             *(words(row) for row in broken),
         ),
     )
+
+
+class _Seen(NamedTuple):
+    """What is reported of all saved times: of the lines, and of the bodies by name."""
+
+    each: Observed
+    bodies: dict[str, np.ndarray]
+
+
+def _seen(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Seen:
+    """What is reported of states (k, ...): places, velocities, times, what parted, effects' own.
+
+    Many go by blocks of one length, so that they share a program and never stand in memory together.
+    """
+    count = len(states[2])
+    if count <= BLOCK:
+        states = jax.tree.map(jnp.asarray, states)
+        return _Seen(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
+    found = None
+    for first in range(0, count, BLOCK):
+        at = np.arange(first, first + BLOCK).clip(max=count - 1)
+        block = jax.tree.map(lambda a, at=at: jnp.asarray(a[at]), states)
+        seen = _Seen(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
+        if found is None:
+            found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
+        for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(seen), strict=True):
+            whole[first : first + BLOCK] = part[: count - first]
+        let_go(jax.tree.leaves((states, found)))
+    return found
 
 
 def _followed(solution: Solution, within: Within, refused: int) -> Solution:

@@ -18,6 +18,7 @@ from dropper_jax.base.read import Plain
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
+from dropper_jax.run.rows import BLOCK, let_go
 from dropper_jax.run.twists import torque
 from dropper_jax.scene import LineSlice, line_places, line_slices, whole_lines
 
@@ -181,7 +182,10 @@ class Solution:
     def max_speed(self) -> float:
         """Largest speed of a node [m/s]."""
         with np.errstate(over="ignore", invalid="ignore"):  # a run that failed may hold anything
-            return float(np.max(np.linalg.norm(self.velocities, axis=-1)))
+            blocks = (self.velocities[i : i + BLOCK] for i in range(0, len(self.velocities), BLOCK))
+            found = float(np.max([np.max(np.linalg.norm(block, axis=-1)) for block in blocks]))
+        let_go([self.velocities])
+        return found
 
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:
@@ -354,21 +358,21 @@ class Solution:
         return to_xarray(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write to an `.npz` or `.nc` file with scene and settings inside, so that `rerun` can repeat the run."""
-        from dropper_jax.run.storage import write_netcdf, write_npz  # noqa: PLC0415
+        """Write to `.npz`, `.nc` or `.zarr` with scene and settings inside, so that `rerun` can repeat the run."""
+        from dropper_jax.run.storage import write_netcdf, write_npz, write_zarr  # noqa: PLC0415
 
-        return (write_netcdf if Path(path).suffix.lower() == ".nc" else write_npz)(self, path)
+        return {".nc": write_netcdf, ".zarr": write_zarr}.get(Path(path).suffix.lower(), write_npz)(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
-        """Read a saved run, `.npz` or `.nc`.
+        """Read a saved run, `.npz`, `.nc` or `.zarr`.
 
         Raises:
             SceneError: one line, where the file is missing or is not a saved run.
         """
-        from dropper_jax.run.storage import read_netcdf, read_npz  # noqa: PLC0415
+        from dropper_jax.run.storage import read_netcdf, read_npz, read_zarr  # noqa: PLC0415
 
-        return (read_netcdf if Path(path).suffix.lower() == ".nc" else read_npz)(path)
+        return {".nc": read_netcdf, ".zarr": read_zarr}.get(Path(path).suffix.lower(), read_npz)(path)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the numbers are the same to the bit.

@@ -1,24 +1,29 @@
 """Saved runs: `.npz`, labelled data (xarray, netCDF with CF-style names, units and provenance), and the one loader.
 
-Needs the extra `io` (xarray, h5netcdf); `.npz` files need nothing beyond the package.
+Needs the extra `io` (xarray, h5netcdf), Zarr folders `sweep` too; `.npz` files need nothing beyond the package.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
-import os
+import sys
 import tempfile
-import zipfile
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.files import PART, atomic_write, part_prefix, remove_leftovers
 from dropper_jax.run import labelled
 from dropper_jax.run.carry import LAST, units
+from dropper_jax.run.held import Held
+from dropper_jax.run.reopened import check_archive, reopened
+from dropper_jax.run.rows import let_go
 from dropper_jax.run.solution import ARRAYS, BODIES, FORMAT, WITHIN, Solution
 
 if TYPE_CHECKING:
@@ -56,7 +61,7 @@ NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
 
 
 def load_run(path: str | Path) -> Solution:
-    """A saved run from an `.npz` or `.nc` file, with the numbers that were saved.
+    """A saved run from an `.npz` or `.nc` file or a `.zarr` folder, with the numbers that were saved.
 
     Raises:
         SceneError: one line, where the file is missing or is not a saved run.
@@ -79,18 +84,22 @@ def read_npz(path: str | Path) -> Solution:
         SceneError: one line, where the file is missing or is not a saved run.
     """
     try:
-        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
-            meta = json.loads(str(file["meta"]))
-            arrays = {name: file[name] for name in (*ARRAYS, *(name for name in SOME if name in file.files))}
-            arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
-            arrays["last"] = {name: file[name] for name in file.files if name.startswith(LAST)}
+        with open(path, "rb") as opened:
+            check_archive(opened, path)
+            with np.load(opened, allow_pickle=False) as file:
+                meta = json.loads(str(file["meta"]))
+                arrays = {name: file[name] for name in (*ARRAYS, *(name for name in SOME if name in file.files))}
+                arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
+                arrays["last"] = {name: file[name] for name in file.files if name.startswith(LAST)}
+    except SceneError:
+        raise
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile):
+    except Exception:  # whatever zipfile, zlib, NumPy's header and JSON say about damaged bytes
         raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
-    return Solution.restore(meta, arrays)
+    return reopened(path, meta, arrays)
 
 
 def extra(module: str, name: str) -> Any:
@@ -191,10 +200,11 @@ def _attributes(solution: Solution) -> dict[str, Any]:
     }
 
 
-def from_xarray(dataset: xarray.Dataset) -> Solution:
-    """The run of a dataset made by `to_xarray`.
+def from_xarray(dataset: xarray.Dataset, path: str | Path = "dataset") -> Solution:
+    """The run of a dataset made by `to_xarray`; `path` names it in errors.
 
     Raises:
+        SceneError: one line, where its parts do not go together.
         KeyError, ValueError, TypeError: a dataset that is none.
     """
     there = {key: name for key, (name, *_) in VARIABLES.items() if key not in SOME or name in dataset}
@@ -202,7 +212,7 @@ def from_xarray(dataset: xarray.Dataset) -> Solution:
     own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
     last = {str(name): np.asarray(dataset[name].values) for name in dataset.data_vars if str(name).startswith(LAST)}
     time = np.asarray(dataset["time"].values)
-    return Solution.restore(json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, "last": last, **arrays})
+    return reopened(path, json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, "last": last, **arrays})
 
 
 def write_netcdf(solution: Solution, path: str | Path) -> Path:
@@ -215,13 +225,79 @@ def write_netcdf(solution: Solution, path: str | Path) -> Path:
     netcdf_packages()
     dataset, packed = labelled.for_file(to_xarray(solution))
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
-            part = Path(folder) / "run.nc"
-            dataset.to_netcdf(part, engine="h5netcdf", encoding=packed)
-            os.replace(part, path)
-    except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as either
+        return atomic_write(path, lambda file: _dump(dataset, file, packed, vars(solution).values()))
+    except (OSError, RuntimeError) as error:  # HDF5 reports what it cannot do as either
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise SceneError(f"{path}: {' '.join(reason.split())}") from None
+
+
+def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], arrays: Iterable[Any]) -> None:
+    """The dataset into an open file.
+
+    HDF5 brings the process down where a write fails as it closes a file: it is told that all went well, and we are not.
+    """
+    held = Held(file, lambda: let_go(arrays))
+    dataset.to_netcdf(held, engine="h5netcdf", encoding=packed)
+    if held.refused is not None:
+        raise held.refused
+
+
+def write_zarr(solution: Solution, path: str | Path) -> Path:
+    """Write a Zarr folder with consolidated metadata, whole or not at all; needs the extras `io` and `sweep`.
+
+    Raises:
+        SceneError: one line, where the packages are missing, something else is there, or the disk refuses.
+    """
+    path = Path(path)
+    zarr_packages()
+    if path.exists() and not _is_run_folder(path):
+        raise SceneError(f"{path}: is there and is no saved run; allowed: a new folder, or a saved run to replace")
+    dataset = to_xarray(solution)
+    try:
+        remove_leftovers(path)
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=part_prefix(path), suffix=PART) as folder:
+            part = Path(folder) / "run"
+            dataset.to_zarr(part, mode="w-", zarr_format=2, consolidated=True)
+            if path.exists():
+                path.rename(Path(folder) / "before")
+            part.rename(path)
+    except (OSError, RuntimeError) as error:
         raise SceneError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
     return path
+
+
+def zarr_packages() -> None:
+    """Ask for what Zarr needs, so that a missing package is told before the work starts."""
+    extra("xarray", "io")
+    extra("zarr", "sweep")
+
+
+def _is_run_folder(path: Path) -> bool:
+    try:
+        return PROVENANCE in json.loads((path / ".zattrs").read_text(encoding="utf-8"))
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def read_zarr(path: str | Path) -> Solution:
+    """The run of a Zarr folder.
+
+    Raises:
+        SceneError: one line, where the folder is missing or is not a saved run.
+    """
+    xr = extra("xarray", "io")
+    extra("zarr", "sweep")
+    if not Path(path).is_dir():
+        raise SceneError(f"{path}: cannot be read: no such folder")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a damaged folder has odd files in it, which the refusal tells
+            with xr.open_zarr(path, decode_times=False) as dataset:
+                return from_xarray(dataset, path)
+    except SceneError:
+        raise
+    except Exception:  # whatever xarray, zarr and its codecs say about damaged bytes; our own checks are SceneErrors
+        raise SceneError(f"{path}: {NOT_A_RUN}") from None
 
 
 def read_netcdf(path: str | Path) -> Solution:
@@ -232,12 +308,30 @@ def read_netcdf(path: str | Path) -> Solution:
     """
     netcdf_packages()
     xr = extra("xarray", "io")
-    try:
-        with open(path, "rb"):
+    found = None
+    with _without_complaints():
+        try:
+            with open(path, "rb"):
+                pass
+            with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+                found = from_xarray(dataset, path)
+        except SceneError:
+            raise
+        except FileNotFoundError as error:
+            raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+        except Exception:  # whatever xarray, h5netcdf and HDF5 say about damaged bytes; our own checks are SceneErrors
             pass
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-            return from_xarray(dataset)
-    except FileNotFoundError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise SceneError(f"{path}: {NOT_A_RUN}") from None
+    if found is None:
+        raise SceneError(f"{path}: {NOT_A_RUN}")
+    return found
+
+
+@contextmanager
+def _without_complaints() -> Iterator[None]:
+    """Nothing on standard error about objects that cannot be closed: h5netcdf's, of a file that it could not open."""
+    before = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before

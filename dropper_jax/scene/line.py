@@ -18,6 +18,10 @@ from dropper_jax.scene.growth import GrowthSpec
 BY_THE_METRE = ("type", "sections", "attach", "shelter")
 
 
+#: Most links of a line: solvers would take hours for a step.
+MOST_LINKS = 100_000
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class LineSpec:
     """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
@@ -27,7 +31,7 @@ class LineSpec:
     name: str = option("name", type=str)
     start: str = option("name of the point where the line begins", type=str)
     end: str = option("name of the point where the line ends", type=str)
-    links: int = count("number of links")
+    links: int = count("number of links", high=MOST_LINKS)
     length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
     mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
     centre_of_mass: np.ndarray | None = parameter(
@@ -66,7 +70,8 @@ class LineSpec:
         axial = own.pop("axial", {"law": "rigid"})
         growth = own.pop("growth", None)
         links = own.get("links")
-        count = links if isinstance(links, int) and links > 0 else 1  # a wrong number is refused as the field is read
+        known = isinstance(links, int) and 0 < links <= MOST_LINKS
+        count = links if known else 1  # a wrong number is refused as the field is read
         values = read_fields(cls, own, path, {"link": count}, cls.KEYS)
         if (values["centre_of_mass"] is None) != (values["inertia"] is None):
             missing = "inertia" if values["inertia"] is None else "centre_of_mass"

@@ -9,6 +9,7 @@ from typing import Any
 
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    MOST,
     Plain,
     as_table,
     check_keys,
@@ -70,6 +71,9 @@ class RunSpec:
         if values["duration"] < values["dt"]:
             allowed = f"at least one step, {values['dt']:g} s"
             raise refuse(f"{path}.duration", values["duration"], "is shorter than the step", allowed)
+        if values["duration"] > MOST * values["dt"]:
+            reason = f"takes {values['duration'] / values['dt']:.3g} steps of {values['dt']:g} s"
+            raise refuse(f"{path}.duration", values["duration"], reason, f"at most {MOST} steps")
         if values["step_tolerance"] is not None and values["save_every"] != 1:
             why = "is given beside run.step_tolerance, whose steps save every dt"
             raise refuse(f"{path}.save_every", values["save_every"], why, "1")

@@ -97,7 +97,7 @@ def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
     try:
         with open(file, newline="", encoding="utf-8") as opened:
             lines = [row for row in csv.reader(line for line in opened if not line.startswith("#")) if row]
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
         raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
     if len(lines) < 2:
         raise SceneError(f"{path}: {str(file)!r} has no rows; allowed: a header and one row per component or time")

@@ -35,6 +35,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import check_keys
+from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.scene import SceneData
 from fitting.channels.data import Data
 from fitting.channels.entries import check_once, tables_of
@@ -78,7 +79,7 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
 
 def parsed(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parsed_toml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

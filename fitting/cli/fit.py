@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet, add_set, number, output_folder, read_scene
+from dropper_jax.cli.options import add_allow_outside, add_json, add_quiet, add_set, number, output_folder, read_scene
 from dropper_jax.cli.output import listing, print_line, print_warnings, progress, table
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
     add_set(parser)
+    add_allow_outside(parser)
     parser.add_argument(
         "--free",
         metavar="NAMES",

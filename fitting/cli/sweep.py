@@ -30,6 +30,8 @@ help = "run a grid of cases in batches and keep the results in a Zarr folder"
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 #: Quantities of `fitting.sweep`, which imports JAX.
 KEPT = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
+#: Most values of one path.
+MOST_VALUES = 10_000_000
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
@@ -46,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--chunk", type=int, default=64, help="cases advanced together on a device (default: 64)")
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
+    parser.add_argument(
+        "--mix-versions", action="store_true", help="go on with a part made with other versions of JAX or dropper-jax"
+    )
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 
@@ -72,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
             traces=args.traces,
             chunk=args.chunk,
             scheduler=args.scheduler,
+            mix_versions=args.mix_versions,
             progress=progress(args.quiet),
         )
     except SweepStopped as error:
@@ -136,7 +142,11 @@ def _values(option: str) -> tuple[str, np.ndarray]:
         low, high, count, spacing = [*text.split(":"), "linear"][:4]
         if int(count) < 1:
             raise ValueError
+        if int(count) > MOST_VALUES:
+            raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {MOST_VALUES}")
         return path.strip(), getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
+    except SceneError:
+        raise
     except (ValueError, KeyError):
         raise SceneError(
             f"--vary: {option!r} is not NAME=LO:HI:N; allowed: also NAME=LO:HI:N:log and NAME=A,B,C"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import literal
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.plots import style
 from fitting.channels.result import ChannelFit
@@ -83,7 +84,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     files = [picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)
     parts = [
-        f"# Fit of {result.scene.name}",
+        f"# Fit of {literal(result.scene.name)}",
         f"Status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
         markdown(parameter_rows(result)),
@@ -97,8 +98,8 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
         "## Quality",
         "\n".join(f"- {name}: {value}" for name, value in summary(result)),
         "## Warnings",
-        "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
-        *(f"## {run.name}\n\n![{run.name}](channels_{i + 1}.png)" for i, run in enumerate(runs)),
+        "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None.",
+        *(f"## {literal(run.name)}\n\n![{literal(run.name)}](channels_{i + 1}.png)" for i, run in enumerate(runs)),
     ]
     files.append(atomic_write(folder / "report.md", "\n\n".join(parts) + "\n"))
     return files

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import literal
 from dropper_jax.base.toml_text import as_toml
 from fitting.calibration.decision import verdict
 from fitting.calibration.energy import look_at_energy
@@ -56,7 +57,7 @@ def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
     """The Markdown text; `whole` are uninterrupted runs by the number of their trace."""
     energy = look_at_energy(result)
     parts = [
-        f"# Fit of {result.scene.name}",
+        f"# Fit of {literal(result.scene.name)}",
         f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
         markdown(parameter_rows(result)),
@@ -72,14 +73,14 @@ def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
         "## What was not identifiable",
         not_identifiable(result),
         "## Warnings",
-        "\n".join(f"- {warning}" for warning in result.warnings) or "None.",
+        "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None.",
     ]
     if result.advice:
         parts += ["## What may be wrong", markdown(advice_rows(result.advice))]
     if result.comparison:
         parts += ["## Damping laws", verdict(result.comparison) + ".", markdown(comparison_rows(result.comparison))]
     for run, trace in fitted_runs(result):
-        parts.append(f"## {trace.name}")
+        parts.append(f"## {literal(trace.name)}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
         if whole and run in whole:
             text = whole[run].text
@@ -124,5 +125,5 @@ def not_identifiable(result: FitResult) -> str:
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a Markdown table; the first one is the heading."""
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    lines = ["| " + " | ".join(literal(cell) for cell in row) + " |" for row in rows]
     return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])

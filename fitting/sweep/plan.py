@@ -18,6 +18,7 @@ import numpy as np
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
 from dropper_jax.stepping.stepper import Stepper
@@ -33,6 +34,8 @@ QUANTITIES = {
     "excursion": ("m", "largest distance of a node from where it started"),
     "energy_final": ("J", "kinetic and potential energy at the end"),
 }
+#: Share of the memory that is left which the table of all cases may take.
+SHARE = 0.5
 SEED = "sea.waves.seed"
 STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 FORMAT = 1
@@ -151,11 +154,23 @@ def make_plan(
     for name in names:
         if name not in QUANTITIES:
             raise SceneError(f"quantities: {name!r} is unknown; {nearest(name, QUANTITIES)}")
+    _check_cases({path: values.size for path, values in vary.items()}, len(names))
     paths = _paths(scene, list(vary))
     # the first value of every axis is in the base, so that an effect that the scene lacks is there to be varied
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
     return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())))
+
+
+def _check_cases(counts: Mapping[str, int], quantities: int) -> None:
+    """Refuse a grid whose table has no room in memory."""
+    cases = math.prod(counts.values())
+    need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
+    if left is not None and need > SHARE * left:
+        what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
+        raise SceneError(
+            f"vary: {what}, whose table needs {in_words(need)} of memory, and {in_words(left)} are left; allowed: fewer"
+        )
 
 
 def _first_seed(scene: Scene) -> int:

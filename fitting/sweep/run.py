@@ -71,6 +71,7 @@ def sweep(
     chunk: int = 64,
     scheduler: Scheduler | None = None,
     progress: Progress | None = None,
+    mix_versions: bool = False,
     **settings: Any,
 ) -> SweepResult:
     """Run every combination of values and keep what was asked for in a Zarr folder.
@@ -85,6 +86,7 @@ def sweep(
         chunk: cases advanced together on a device; about 64 keep 7 links in the cache of a core.
         scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
         progress: called with the fraction done and a line of text.
+        mix_versions: go on with a part that was made with other versions of JAX or of this package.
         **settings: further fields of `Stepper`.
 
     Raises:
@@ -93,8 +95,16 @@ def sweep(
     """
     plan = make_plan(scene, vary, seeds, quantities, traces, chunk, **settings)
     say = progress or silent
-    store = Store(out, plan, versions())
-    done = store.done()
+    store = Store(out, plan, versions(), mix_versions)
+    try:
+        return _fill(store, scheduler, say)
+    finally:
+        store.close()
+
+
+def _fill(store: Store, scheduler: Scheduler | None, say: Progress) -> SweepResult:
+    """Run what is not there."""
+    plan, done = store.plan, store.done()
     todo = [c for c in range(plan.chunks) if not done[c]]
     before = sum(len(plan.cases_of(c)) for c in range(plan.chunks) if done[c])
     begun, first, ran = time.perf_counter(), None, 0
@@ -192,9 +202,10 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
         flat = xr.open_zarr(path, consolidated=False, decode_times=False, mask_and_scale=False)
         identity = json.loads(flat.attrs[IDENTITY])
         names = input_names(list(identity["vary"]))
-    except (OSError, KeyError, ValueError) as error:
-        raise SceneError(f"{path}: is no sweep; allowed: a folder written by `dropper sweep` ({error})") from None
-    flat = flat.set_coords(names)
-    if len(names) == 1:
-        return flat.swap_dims(case=names[0])
-    return flat.load().set_index(case=names).unstack("case").transpose(*names, ...)
+        flat = flat.set_coords(names)
+        if len(names) == 1:
+            return flat.swap_dims(case=names[0])
+        return flat.load().set_index(case=names).unstack("case").transpose(*names, ...)
+    except Exception as error:  # whatever xarray, Zarr and its codecs say about damaged bytes
+        reason = " ".join(str(error).split())[:200]
+        raise SceneError(f"{path}: is no sweep; allowed: a folder written by `dropper sweep` ({reason})") from None

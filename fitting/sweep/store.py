@@ -6,7 +6,6 @@ A chunk's status is written last and in one piece: only a chunk whose status is 
 from __future__ import annotations
 
 import json
-import shutil
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers
+from dropper_jax.base.lock import Lock
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 IDENTITY = "dropper_jax_sweep"
 PENDING = -1
+#: Versions that must be those of the part that is there.
+TOLD = ("jax", "jaxlib", "dropper-jax")
 #: Differences named in a refusal.
 NAMED = 3
 #: Dimensions of the arrays besides the inputs.
@@ -39,27 +42,74 @@ def input_names(paths: list[str]) -> list[str]:
 class Store:
     """The group of one plan: made where there is none, continued where it belongs to the same inputs.
 
+    One process fills it: it holds the lock until `close`.
+
+    Args:
+        mix_versions: go on where a part was made with other versions of JAX or of this package.
+
     Raises:
-        SceneError: a folder that is no sweep, or one of other inputs, with what differs.
+        SceneError: a folder that is no sweep, is damaged, was made with other versions, is being filled by another
+            process, or belongs to other inputs, with what differs.
     """
 
-    def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str]) -> None:
+    def __init__(self, path: str | Path, plan: Plan, versions: dict[str, str], mix_versions: bool = False) -> None:
         self.path, self.plan = Path(path), plan
         zarr = extra("zarr", "sweep")
-        if self.path.exists():
-            self._check()
-        else:
-            part = self.path.with_name(f".{self.path.name}.part")
-            shutil.rmtree(part, ignore_errors=True)
-            self._create(zarr.open_group(part, mode="w-"), versions)
-            part.rename(self.path)
-        self.group = zarr.open_group(self.path, mode="r+")
+        self.lock = Lock(self.path)
+        try:
+            remove_leftovers(self.path)
+            if self.path.exists():
+                self._check()
+                self._check_versions(versions, mix_versions)
+            else:
+                part = self.path.with_name(f"{part_prefix(self.path)}new{PART}")
+                remove(part)
+                self._create(zarr.open_group(part, mode="w-"), versions)
+                part.rename(self.path)
+            self.group = zarr.open_group(self.path, mode="r+")
+            self._check_arrays()
+        except BaseException:
+            self.lock.release()
+            raise
+
+    def close(self) -> None:
+        """Let another process fill it."""
+        self.lock.release()
+
+    def _check_versions(self, here: dict[str, str], mixed: bool) -> None:
+        """Refuse a part made with other versions, or note them where mixing is wanted."""
+        group = extra("zarr", "sweep").open_group(self.path, mode="r+")
+        there = group.attrs.get("versions", {})
+        there = there if isinstance(there, dict) else {}
+        other = [f"{name} {there.get(name)} there, {here[name]} here" for name in TOLD if there.get(name) != here[name]]
+        if other and not mixed:
+            raise SceneError(
+                f"{self.path}: was begun with other versions: {'; '.join(other)}; allowed: those versions, a new "
+                "folder, or --mix-versions"
+            )
+        if other:
+            earlier = group.attrs.get("versions_mixed", [])
+            group.attrs["versions_mixed"] = [*(earlier if isinstance(earlier, list) else []), here]
+
+    def _check_arrays(self) -> None:
+        """Refuse a group whose arrays are not those of the plan."""
+        plan = self.plan
+        inner = {name: about[0] for name, about in self._variables().items()}
+        shapes = {name: (plan.cases, *own) for name, own in {**inner, "failed_at": (), "status": ()}.items()}
+        try:
+            found = {name: tuple(self.group[name].shape) for name in shapes}
+        except Exception:  # whatever Zarr says about damaged metadata
+            found = {}
+        if found != shapes:
+            raise SceneError(f"{self.path}: is damaged: its arrays are not those of the sweep; allowed: a new folder")
 
     def _check(self) -> None:
         zarr = extra("zarr", "sweep")
         try:
             there = json.loads(zarr.open_group(self.path, mode="r").attrs[IDENTITY])
-        except (OSError, ValueError, KeyError, TypeError):
+            if not isinstance(there, dict):
+                raise TypeError
+        except Exception:  # whatever Zarr says about a folder that is none
             raise SceneError(
                 f"{self.path}: is there and is no sweep; allowed: a new folder, or a sweep to go on"
             ) from None
@@ -141,7 +191,7 @@ class Store:
         cases = self.plan.cases_of(chunk)
         try:
             return bool(np.all(self.group["status"][cases[0] : cases[-1] + 1] != PENDING))
-        except (OSError, ValueError, RuntimeError):  # cut off while it was written
+        except Exception:  # cut off while it was written
             return False
 
     def write(self, chunk: int, found: dict[str, np.ndarray]) -> None:

@@ -47,7 +47,10 @@ def read_csv(path: Path, columns: str) -> CsvTable:
     body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if len(body) < 2:
         raise SceneError(f"{path.name}: has no samples; allowed: a header {columns} and rows of numbers")
-    rows = list(csv.reader(body))
+    try:
+        rows = list(csv.reader(body))
+    except csv.Error as error:
+        raise SceneError(f"{path.name}: no CSV: {error}; allowed: columns {columns}") from None
     names = [name.strip() for name in rows[0]]
     if "t" not in names:
         raise SceneError(f"{path.name}: has no column 't'; found: {', '.join(names)[:80]}")

@@ -138,7 +138,7 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
 
 
 def _convention(file: str, comment: str) -> Convention:
-    found = dict(re.findall(r"(\w+)\s*=\s*([^\s,;]+)", comment))
+    found = dict(re.findall(r"\b(\w+)\s*=\s*([^\s,;]+)", comment))  # \b: once a word, however long
     return convention(found.get("zero"), found.get("sign"), found.get("unit"), file)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers
 
 if TYPE_CHECKING:
     import cv2
@@ -115,7 +117,9 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
         raise SceneError(f"{path.name}: has no known suffix; allowed: {', '.join(CODECS)}")
     code = cv2.VideoWriter_fourcc(*CODECS[path.suffix.lower()])
     writer = None
-    part = path.with_name(f".part-{path.name}")
+    remove_leftovers(path)
+    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=part_prefix(path), suffix=PART))
+    part = folder / f"film{path.suffix}"
     try:
         for frame in frames:
             if frame.ndim == 2:
@@ -130,5 +134,5 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
         writer.release()
         os.replace(part, path)
     finally:
-        part.unlink(missing_ok=True)
+        remove(folder)
     return path

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.references import referenced
+from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
 from dropper_jax.moordyn.reading.points import first_version, read_ends
 from dropper_jax.moordyn.reading.sections import Deck, split_file
@@ -162,7 +164,7 @@ def _effects(options: Options, folder: Path, stiff: bool) -> dict[str, Any]:
     values = options.values
     bed: dict[str, Any] = {"stiffness": values["kbot"], "damping": values["cbot"]}
     if "seafloorfile" in options.texts:
-        bed.update(read_seafloor(folder / options.texts["seafloorfile"]))
+        bed.update(read_seafloor(referenced(options.texts["seafloorfile"], "SeafloorFile", folder)))
     elif not values["rho"]:
         bed["depth"] = values["wtrdpth"]
     wet = {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}} if values["rho"] else {}
@@ -183,7 +185,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
         return {}
     depth = values["wtrdpth"]
     if "seafloorfile" in options.texts and not depth:
-        depths = read_seafloor(folder / options.texts["seafloorfile"])["bed_depth"]
+        depths = read_seafloor(referenced(options.texts["seafloorfile"], "SeafloorFile", folder))["bed_depth"]
         depth = sum(depths) / len(depths)
     if not depth or depth <= 0.0:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))
@@ -212,7 +214,7 @@ def _given(deck: Deck, scene: dict[str, Any]) -> None:
         if key not in ("name", "description", "pieces", "law") and not key.startswith("run."):
             continue
         try:
-            value = tomllib.loads(f"value = {text}")["value"]
+            value = parsed_toml(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             continue  # a remark of somebody, not a value of ours
         if key == "pieces":

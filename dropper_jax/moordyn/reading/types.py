@@ -8,6 +8,7 @@ from typing import Any
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
+from dropper_jax.base.references import referenced
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.values import columns, number
 
@@ -76,8 +77,9 @@ def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
 
 def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
     """Strain and tension [N] of a file with three header lines; `force_table` joins its rows smoothly."""
+    file = referenced(text, f"{deck.path.name}:{row.number}: EA", deck.path.parent)
     try:
-        lines = (deck.path.parent / text).read_text(encoding="utf-8").splitlines()[3:]
+        lines = file.read_text(encoding="utf-8").splitlines()[3:]
         rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
         strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
     except OSError as error:

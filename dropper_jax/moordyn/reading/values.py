@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from dropper_jax.base.read import MOST
 from dropper_jax.moordyn.reading.sections import Deck, Row
 
 
@@ -23,6 +24,8 @@ def number(deck: Deck, row: Row, text: str, what: str, low: float | None = None,
 def whole(deck: Deck, row: Row, text: str, what: str, low: int = 1) -> int:
     """A whole number, at least `low`."""
     value = number(deck, row, text, what, low)
+    if value > MOST:
+        deck.refuse(row.number, f"{what}: {text!r} is out of range; allowed: at most {MOST}")
     if value != int(value):
         deck.refuse(row.number, f"{what}: {text!r} is not a whole number")
     return int(value)

@@ -1,0 +1,50 @@
+"""`dropper doctor`: whether this installation computes what it should, and with what."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from dropper_jax.base.memory import in_words
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_json
+from dropper_jax.cli.output import done_object, failure_object, listing, print_line, print_result
+
+help = "versions, devices, cache, and whether known answers come out"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    from dropper_jax.study.doctor import examine
+
+    found = examine()
+    failed = [check["name"] for check in found["checks"] if not check["ok"]]
+    error = f"not as it should be: {', '.join(failed)}" if failed else None
+    about = failure_object("unhealthy", error) if error else done_object()
+    if error:
+        print_line(f"error: {error}")
+    print_result(args.json, {**about, **found}, text(found))
+    return FAILED if failed else OK
+
+
+def text(found: dict[str, Any]) -> str:
+    """The examination for people."""
+    pairs = []
+    for extra, packages in found["versions"].items():
+        named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
+        pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
+    system, cache = found["system"], found["cache"]
+    memory = "unknown" if system["memory_bytes"] is None else f"{in_words(system['memory_bytes'])} left"
+    kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
+    pairs += [
+        ("system", f"{system['platform']}, {system['cores']} cores, memory {memory}"),
+        ("devices", ", ".join(found["devices"])),
+        ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
+        ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),
+        ("cache", kept if cache["folder"] else "off (DROPPER_COMPILE_CACHE)"),
+        *((check["name"], f"{'ok' if check['ok'] else 'WRONG'}: {check['found']}") for check in found["checks"]),
+    ]
+    return listing(pairs)

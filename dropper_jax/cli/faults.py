@@ -1,0 +1,146 @@
+"""Ends of a command that are no result: bad input, signals, streams that take nothing, faults of our own.
+
+Each ends in one line on standard error and, with `--json`, one object on standard output. What nobody foresaw is told
+in one line too, and exits as a failed run; `DROPPER_TRACEBACK=1` shows where it happened.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.codes import FAILED, INTERRUPTED, INVALID_INPUT
+from dropper_jax.cli.output import failure_object, print_json, print_line
+
+#: Shows where a fault of our own happened.
+TRACEBACK = "DROPPER_TRACEBACK"
+#: What JAX says of a platform that it does not have, and of memory.
+NO_BACKEND, NO_MEMORY = "Unable to initialize backend", ("RESOURCE_EXHAUSTED", "Out of memory")
+#: Errors of a stream that takes nothing more.
+REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF, errno.EFBIG)
+#: Longest text of a fault in its line.
+SHOWN = 300
+
+
+def with_streams() -> None:
+    """Somewhere to write to where a stream was closed at the start: else `print` fails, or the next file opened takes
+    its place."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - as long as the process
+
+
+@contextmanager
+def terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM does as SIGINT: what is done is kept. A handler of somebody else's stays."""
+    mine = threading.current_thread() is threading.main_thread()
+    if not mine or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """What is begun here is ended before a signal is heeded; a second one is heeded at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        if len(came) > 1:
+            raise KeyboardInterrupt
+
+    for number in before:
+        signal.signal(number, wait)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def last_words(error: BaseException, as_json: bool) -> int:
+    """Tell what ended the command; returns its exit code."""
+    nameless = isinstance(error, OSError) and error.filename is None and error.errno in REFUSALS
+    if nameless or _output_is_stuck():  # what is written to files has their names
+        let_go_of_output()
+        reason = getattr(error, "strerror", None) or "is closed"
+        print_line(f"error: standard output: cannot be written: {reason}")
+        return FAILED
+    status, message, code = told(error)
+    if status == "internal_error" and os.environ.get(TRACEBACK):
+        traceback.print_exception(error)
+    message = " ".join(message.split())
+    print_line(f"error: {message}")
+    if as_json:
+        try:
+            print_json(failure_object(status, message))
+        except OSError as refused:
+            let_go_of_output()
+            print_line(f"error: standard output: cannot be written: {refused.strerror}")
+            return FAILED
+    return code
+
+
+def told(error: BaseException) -> tuple[str, str, int]:
+    """Status, message and exit code of what ended a command."""
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted", "interrupted", INTERRUPTED
+    if isinstance(error, SceneError):
+        return "invalid_input", str(error), INVALID_INPUT
+    if isinstance(error, OSError):
+        return "invalid_input", _of_file(error), INVALID_INPUT
+    text = " ".join(str(error).split())
+    if NO_BACKEND in text:
+        wanted = os.environ.get("JAX_PLATFORMS", "")
+        return "invalid_input", f"JAX_PLATFORMS: {wanted!r} cannot be used here; allowed: cpu, or unset", INVALID_INPUT
+    if isinstance(error, MemoryError) or any(word in text for word in NO_MEMORY):
+        return "out_of_memory", f"out of memory: {text[:SHOWN] or 'nothing is left'}; a shorter run needs less", FAILED
+    if isinstance(error, RecursionError):
+        return "invalid_input", "the input is nested too deeply", INVALID_INPUT
+    what = f"{type(error).__name__}: {text}"[:SHOWN]
+    return "internal_error", f"internal: {what} ({TRACEBACK}=1 shows where; no fault of the input)", FAILED
+
+
+def _of_file(error: OSError) -> str:
+    """The file and what is wrong with it."""
+    if error.filename is None or error.strerror is None:
+        return str(error)
+    return f"{error.filename}: {error.strerror}"
+
+
+def _output_is_stuck() -> bool:
+    """Whether standard output refuses what was printed."""
+    try:
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        return True
+    return False
+
+
+def let_go_of_output() -> None:
+    """Nothing more goes to standard output: else Python complains as it flushes at the end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

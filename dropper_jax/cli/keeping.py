@@ -1,0 +1,60 @@
+"""Runs kept as they go on: scratch folders beside their files, what killed runs left, disks that refuse."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import PART, part_prefix, remove, unwritable
+from dropper_jax.cli.faults import undisturbed
+from dropper_jax.cli.output import print_line
+
+if TYPE_CHECKING:
+    from dropper_jax.run.solution import Solution
+
+
+@contextmanager
+def scratch_beside(out: Path | None) -> Iterator[Path | None]:
+    """An empty folder beside the file that a run is to be saved to, gone afterwards; None where it is not saved."""
+    if out is None:
+        yield None
+        return
+    try:
+        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=part_prefix(out), suffix=PART))
+    except OSError as error:
+        raise unwritable(out, error) from None
+    try:
+        yield folder
+    finally:
+        remove(folder)
+
+
+def recovered(out: Path | None) -> None:
+    """Keep and name what a killed run left beside `out`."""
+    if out is None:
+        return
+    from dropper_jax.run.recovery import recover
+
+    for line in recover(out):
+        print_line(f"warning: {line}")
+
+
+def saved(solution: Solution, out: Path | None) -> str | None:
+    """Save a run; where that fails, save it where temporary files go, and return what is wrong in one line."""
+    if out is None:
+        return None
+    with undisturbed():
+        try:
+            solution.save(out)
+            return None
+        except (SceneError, OSError) as error:
+            reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+        reason = " ".join(reason.split())
+        with suppress(SceneError, OSError):
+            other = Path(tempfile.mkdtemp(prefix="dropper-")) / f"{out.stem}.npz"
+            return f"{reason}; the run is kept in {solution.save(other)}"
+    return f"{reason}; nothing could be kept"

@@ -1,0 +1,360 @@
+"""Every key of a scene, generated from where it is declared: meaning, unit, range, default, source.
+
+The declarations (`base.fields.parameter`, `option`, `base.read.count`) are what the reader of scenes checks against, so
+that a key is described once. What is read by hand has its rows in `BY_HAND`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.axial import LAWS
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import limits
+from dropper_jax.effects import EFFECTS
+from dropper_jax.integrators import INTEGRATORS, OPTIONS
+from dropper_jax.load.line_types import LineType
+from dropper_jax.scene import (
+    AnchorSpec,
+    BodySpec,
+    BuoySpec,
+    FailureSpec,
+    GrowthSpec,
+    LineSpec,
+    PointSpec,
+    RunSpec,
+    StartSpec,
+    VesselSpec,
+)
+from dropper_jax.scene.body import CylinderSpec, SphereSpec
+from dropper_jax.scene.fit import PriorSpec, SensorSpec
+from dropper_jax.scene.vessel import RaoSpec
+from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
+
+#: Shapes of values in words.
+SHAPES = {
+    "number": "number",
+    "node": "number, or one per node",
+    "link": "number, or one per link",
+    "joint": "number, or one per joint",
+    "vector": "3 numbers",
+    "table": "list of numbers",
+    "vectors": "list of 3-vectors",
+    "numbers": "number, or a list",
+}
+TYPES = {int: "whole number", bool: "truth value", tuple: "list of whole numbers", list: "list of texts"}
+#: A sentence of a docstring that says where something comes from.
+SOURCE = re.compile(
+    r"[^.;]*\b(?:[Tt]hesis|[Pp]aper|MoorDyn|[Ee]quation|Table|DNV|1[89]\d\d|20[012]\d)\b[^;]*?(?:\.(?=\s|$)|;|$)"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """A key of a scene.
+
+    Attributes:
+        path: as `--set` takes it, `*` for the number or name of an entry.
+        kind: what its value is, in words.
+        allowed: range or choices, in words.
+        default: in words; `needed` where it must be given, `none` where it may be left out.
+        schema: what JSON Schema says of it.
+    """
+
+    path: str
+    meaning: str
+    kind: str
+    unit: str = "-"
+    allowed: str = ""
+    default: str = "none"
+    schema: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.path.rpartition(".")[2]
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A table of a scene: its head in TOML, what it is, where that comes from, its keys."""
+
+    path: str
+    head: str
+    about: str
+    source: str
+    keys: tuple[Key, ...]
+
+
+TEXT, NUMBER, TABLE = {"type": "string"}, {"type": ["number", "string"]}, {"type": "object"}
+LIST = {"type": "array"}
+
+
+def _by_hand(path: str, *rows: tuple[str, str, str, Mapping[str, Any]]) -> tuple[Key, ...]:
+    return tuple(Key(f"{path}.{name}".lstrip("."), meaning, kind, schema=dict(s)) for name, meaning, kind, s in rows)
+
+
+#: Keys that are read by hand, by section.
+BY_HAND: dict[str, tuple[Key, ...]] = {
+    "": _by_hand(
+        "",
+        ("name", "name of the scene; default: that of its file", "text", TEXT),
+        ("description", "what it is", "text", TEXT),
+        ("notes", "remarks, repeated as warnings of every run", "list of texts", {**LIST, "items": TEXT}),
+    ),
+    "line.*": _by_hand(
+        "line.*",
+        ("type", "name of a [[line_type]]; `length` then is that of the whole line", "text", TEXT),
+        ("sections", "sections one after another: {type, length [m], links}", "list of tables", LIST),
+        ("attach", "points along the line: {point, at}, `at` the arc length from its first end [m]", "list", LIST),
+        ("shelter", "factor on the current that reaches the line", "number, or a table over it", {}),
+    ),
+    "line.*.axial": _by_hand(
+        "line.*.axial",
+        ("law", f"axial law: {', '.join(LAWS)}", "text", {"enum": list(LAWS)}),
+        ("strain", "strains of a table (law tabulated), rising from 0", "list of numbers", LIST),
+        ("tension", "tensions at those strains [N]", "list of numbers", LIST),
+    ),
+    "body.*": _by_hand(
+        "body.*", ("attachments", "places of points on it [m], in its axes, by their names", "table", TABLE)
+    ),
+    "vessel.*": _by_hand(
+        "vessel.*",
+        ("motion", "rows of surge, sway, heave [m], roll, pitch, yaw [rad] at `time`", "list of lists", LIST),
+        ("attachments", "places of points on it [m], in its axes, by their names", "table", TABLE),
+    ),
+    "vessel.*.rao": tuple(
+        Key(f"vessel.*.rao.{motion}{end}", f"{what} of {motion} over elevation", "rows by heading", unit, schema={})
+        for motion in ("surge", "sway", "heave", "roll", "pitch", "yaw")
+        for end, what, unit in (
+            ("", "amplitude", "m/m" if motion in ("surge", "sway", "heave") else "rad/m"),
+            ("_phase", "phase", "rad"),
+        )
+    ),
+    "sea": _by_hand("sea", ("packaged", "name of a packaged sea, whose values the scene may override", "text", TEXT)),
+    "fit": _by_hand("fit", ("free", "paths that a fit leaves open", "list of texts", {**LIST, "items": TEXT})),
+    "parameters": _by_hand("parameters", ("*", "a number with a name, or an expression of others", "number", NUMBER)),
+    "point_type.*": _by_hand(
+        "point_type.*",
+        ("float", "volume of a float at the point [m^3]", "number", NUMBER),
+        ("float_density", "density of its foam and shell [kg/m^3]; default 80", "number", NUMBER),
+    ),
+    "array.*": _by_hand(
+        "array.*",
+        ("of", "name of a [unit]", "text", TEXT),
+        ("repeat", "counters with a count or [first, last] each", "table", TABLE),
+        ("name", "how the names of each unit begin", "text", TEXT),
+        ("origin", "where each lies [m]", "3 numbers or expressions", LIST),
+        ("heading", "of the unit's x axis from the scene's [deg]", "number", NUMBER),
+        ("shared", "points of a unit that are points of others", "table", TABLE),
+    ),
+}
+#: Sections in the order of a file: path, head, class that declares its keys, and their other names.
+DECLARED: tuple[tuple[str, str, type | None], ...] = (
+    ("", "", None),
+    ("run", "[run]", RunSpec),
+    ("point.*", "[[point]]", PointSpec),
+    ("point_type.*", "[[point_type]]", PointSpec),
+    ("line.*", "[[line]]", LineSpec),
+    ("line.*.axial", "line.axial", None),
+    ("line.*.growth", "line.growth", GrowthSpec),
+    ("line_type.*", "[[line_type]]", LineType),
+    ("buoy.*", "[[buoy]]", BuoySpec),
+    ("body.*", "[[body]]", BodySpec),
+    ("body.*.cylinders.*", "body.cylinders", CylinderSpec),
+    ("body.*.spheres.*", "body.spheres", SphereSpec),
+    ("vessel.*", "[[vessel]]", VesselSpec),
+    ("vessel.*.rao", "vessel.rao", RaoSpec),
+    *((f"effects.{name}", f"[effects.{name}]", cls) for name, cls in EFFECTS.items()),
+    ("start", "[start]", StartSpec),
+    ("sea", "[sea]", SeaSpec),
+    ("sea.waves", "[sea.waves]", WaveSpec),
+    ("sea.current", "[sea.current]", CurrentSpec),
+    ("sea.level", "[sea.level]", LevelSpec),
+    ("failure.*", "[[failure]]", FailureSpec),
+    ("anchor.*", "[[anchor]]", AnchorSpec),
+    ("fit", "[fit]", None),
+    ("fit.sensor.*", "[[fit.sensor]]", SensorSpec),
+    ("fit.prior.*", "[[fit.prior]]", PriorSpec),
+    ("parameters", "[parameters]", None),
+    ("unit.*", "[unit.NAME]", None),
+    ("array.*", "[[array]]", None),
+)
+ABOUT = {
+    "": "Keys at the top of the file.",
+    "line.*.axial": "How the links of a line stretch; rigid where it is left out.",
+    "fit": "What a fit of this scene leaves open, and what measures it (see docs/calibration.md).",
+    "parameters": "Numbers with names; a value that is a text beginning with `=` is an expression of them.",
+    "unit.*": "Points, lines and buoys that belong together, placed by `[[array]]`.",
+    "array.*": "Where units lie (see docs/longlines.md).",
+    "point_type.*": "What points of a kind have in common; a point names it by `type`.",
+}
+
+
+def sections() -> list[Section]:
+    """All sections of a scene, with effects registered from outside."""
+    known = {path for path, _, _ in DECLARED}
+    more = [(f"effects.{n}", f"[effects.{n}]", c) for n, c in EFFECTS.items() if f"effects.{n}" not in known]
+    return [_section(*row) for row in (*DECLARED, *more)]
+
+
+def _section(path: str, head: str, cls: type | None) -> Section:
+    keys = [] if cls is None else list(_declared(path, cls))
+    if path == "run":
+        keys += [_option(name, about) for name, about in OPTIONS.items()]
+    if path == "line.*.axial":
+        names = {key.name for key in BY_HAND[path]}
+        own = {key.name: key for law in LAWS.values() for key in _declared(path, law) if key.name not in names}
+        keys += own.values()
+    if path == "point_type.*":
+        keys = [key for key in keys if key.name != "position"]
+    about = ABOUT.get(path) or inspect.getdoc(cls) or ""
+    return Section(path, head, _first(about), "" if cls is None else source_of(cls), (*keys, *BY_HAND.get(path, ())))
+
+
+def _declared(path: str, cls: type) -> Iterable[Key]:
+    """Keys that a class declares."""
+    names = getattr(cls, "KEYS", {}) or {}
+    for field in dataclasses.fields(cls):
+        about = field.metadata
+        if "kind" not in about:
+            continue
+        name = f"{path}.{names.get(field.name, field.name)}"
+        number = about["kind"] == "parameter"
+        allowed = limits({**about, "unit": "-"}) if number or about.get("type") is int else ""
+        if about.get("choices"):
+            allowed = ", ".join(map(str, about["choices"]))
+        kind = SHAPES[about["shape"]] if number else TYPES.get(about.get("type"), "text")
+        yield Key(name, about["meaning"], kind, about.get("unit", "-"), allowed, _default(field), _schema(about))
+
+
+def _option(name: str, about: Mapping[str, Any]) -> Key:
+    takers = ", ".join(scheme for scheme, one in INTEGRATORS.items() if name in one.options())
+    meaning = f"{about.get('meaning', name)} ({takers})"
+    return Key(f"run.{name}", meaning, "number", "-", limits({**about, "unit": "-"}), "that of the scheme", NUMBER)
+
+
+def _default(field: dataclasses.Field) -> str:
+    if field.default is dataclasses.MISSING:
+        return "needed"
+    value = field.default
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list | np.ndarray):
+        return str([float(x) if isinstance(x, int | float) else x for x in value])
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
+    """What JSON Schema says of a declared value; a text may be an expression of the scene's parameters."""
+    if about["kind"] != "parameter":
+        kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
+        choices = {"enum": list(about["choices"])} if about.get("choices") else {}
+        return {**kinds.get(about.get("type"), {} if choices else TEXT), **choices}
+    number: dict[str, Any] = {"type": ["number", "string"]}
+    if about.get("low") is not None:
+        number["exclusiveMinimum" if about.get("open_low") else "minimum"] = about["low"]
+    if about.get("high") is not None:
+        number["maximum"] = about["high"]
+    shape = about["shape"]
+    if shape == "number":
+        return number
+    if shape == "vector":
+        return {"type": "array", "items": number, "minItems": 3, "maxItems": 3}
+    if shape == "vectors":
+        return {"type": "array", "items": {"type": "array", "items": number}}
+    several = {"type": "array", "items": number}
+    return several if shape == "table" else {"anyOf": [number, several]}
+
+
+def source_of(cls: type) -> str:
+    """Sentences of a class's and its module's documentation that say where it comes from."""
+    texts = [inspect.getdoc(cls) or "", sys.modules[cls.__module__].__doc__ or ""]
+    found = [" ".join(match[0].split()) for text in texts for match in SOURCE.finditer(" ".join(text.split()))]
+    return " ".join(dict.fromkeys(sentence.strip() for sentence in found if sentence.strip()))
+
+
+def _first(text: str) -> str:
+    """The first paragraph."""
+    return " ".join(text.split("\n\n")[0].split())
+
+
+def find(word: str) -> list[Section]:
+    """Sections whose path, or whose keys' paths, are or end in a word; numbers and names of entries may stand for `*`.
+
+    Raises:
+        SceneError: none, with the nearest.
+    """
+    every = sections()
+    wanted = word.strip(".[]")
+    found = []
+    for section in every:
+        if _matches(section.path, wanted) or section.head.strip("[]") == wanted:
+            found.append(section)
+        elif keys := tuple(key for key in section.keys if _matches(key.path, wanted) or key.name == wanted):
+            found.append(dataclasses.replace(section, keys=keys))
+    if not found:
+        known = [s.path for s in every if s.path] + [key.path for s in every for key in s.keys]
+        known += [key.name for s in every for key in s.keys]
+        hint = nearest(word, known)
+        raise SceneError(
+            f"--reference: {word!r} is no key; {hint if not hint.startswith('known') else 'all: --reference'}"
+        )
+    return found
+
+
+def _matches(path: str, word: str) -> bool:
+    """Whether a path with `*` is the word, entries of lists by number, name or left out."""
+    plain = path.replace(".*", "")
+    pattern = re.escape(path).replace(r"\*", r"[^.]+")
+    return bool(path) and (word == plain or re.fullmatch(pattern, word) is not None)
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of a scene."""
+    root: dict[str, Any] = {"type": "object", "properties": {}, "additionalProperties": False}
+    for section in sections():
+        place = _place(root, section.path)
+        for key in section.keys:
+            if key.name == "*":
+                place["additionalProperties"] = dict(key.schema)
+            else:
+                place["properties"][key.name] = {"description": _description(key), **key.schema}
+        if section.path in ("point.*", "line.*", "buoy.*", "failure.*"):
+            place["properties"]["repeat"] = {"type": "object", "description": "counters: as often as they say"}
+        if section.path == "point.*":
+            place["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
+            place["properties"]["type"] = {"type": "string", "description": "name of a [[point_type]]"}
+    root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
+    root["properties"]["run"]["required"] = ["dt", "duration"]
+    root["required"] = ["run", "line"]
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scene of dropper_jax"}
+    return {**head, **root}
+
+
+def _place(root: dict[str, Any], path: str) -> dict[str, Any]:
+    """The object of a section, made where it is not there."""
+    place = root
+    words = path.split(".") if path else []
+    for i, word in enumerate(words):
+        if word == "*":
+            continue
+        listed = i + 1 < len(words) and words[i + 1] == "*" and word not in ("unit",)
+        made = {"type": "object", "properties": {}, "additionalProperties": False}
+        inner = place["properties"].setdefault(word, {"type": "array", "items": made} if listed else made)
+        place = inner["items"] if listed else inner
+    return place
+
+
+def _description(key: Key) -> str:
+    parts = [key.meaning, "" if key.unit == "-" else f"[{key.unit}]"]
+    parts += ["" if key.default in ("none", "needed") else f"(default: {key.default})"]
+    return " ".join(part for part in parts if part)

@@ -1,0 +1,95 @@
+"""A file for libraries that do not survive a disk that is full."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import BinaryIO
+
+#: Writes larger than this are data, which nobody reads back once the disk has refused; smaller ones are kept.
+DATA = 65_536
+#: Bytes after which whoever writes is told.
+OFTEN = 16_000_000
+
+
+class Held:
+    """An open file that takes whatever it is given; once the disk has refused, what is small goes to memory.
+
+    Args:
+        told: called after every `OFTEN` bytes.
+
+    Attributes:
+        refused: the error of the disk; None where it took all.
+    """
+
+    def __init__(self, file: BinaryIO, told: Callable[[], None] = lambda: None) -> None:
+        file.flush()
+        self._file = file.fileno()
+        self._at, self._size = 0, 0
+        self._told, self._since = told, 0
+        self._kept: list[tuple[int, bytes]] = []
+        self.refused: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        left, at = memoryview(data).cast("B"), self._at
+        size = len(left)
+        try:
+            while left and self.refused is None:
+                wrote = os.pwrite(self._file, left, at)
+                left, at = left[wrote:], at + wrote
+        except OSError as error:
+            self.refused = error
+        if left and len(left) <= DATA:
+            self._kept.append((at, bytes(left)))
+        self._at += size
+        self._size = max(self._size, self._at)
+        self._since += size
+        if self._since > OFTEN:
+            self._told()
+            self._since = 0
+        return size
+
+    def read(self, size: int = -1) -> bytes:
+        size = max(self._size - self._at, 0) if size < 0 else size
+        found = bytearray(max(min(size, self._size - self._at), 0))
+        there = os.pread(self._file, len(found), self._at)
+        found[: len(there)] = there
+        for at, data in self._kept:
+            first, last = max(at, self._at), min(at + len(data), self._at + len(found))
+            if first < last:
+                found[first - self._at : last - self._at] = data[first - at : last - at]
+        self._at += len(found)
+        return bytes(found)
+
+    def readinto(self, buffer: bytearray) -> int:
+        found = self.read(len(memoryview(buffer).cast("B")))
+        memoryview(buffer).cast("B")[: len(found)] = found
+        return len(found)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def truncate(self, size: int | None = None) -> int:
+        self._size = self._at if size is None else size
+        if self.refused is None:
+            try:
+                os.ftruncate(self._file, self._size)
+            except OSError as error:
+                self.refused = error
+        return self._size
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+    def seekable(self) -> bool:
+        return True
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True

@@ -1,0 +1,150 @@
+"""Saved runs as they are read again: parts that do not go together are refused before anybody computes with them."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.memory import available_memory, in_words
+from dropper_jax.run.solution import BODIES, FORMAT, WITHIN, Solution
+from dropper_jax.scene import line_slices
+
+#: Kinds of what stands beside the arrays.
+KINDS: dict[str, type | tuple[type, ...]] = {
+    "status": str,
+    "failed_steps": int,
+    "retried_steps": int,
+    "max_residual": (int, float),
+    "max_closure_error": (int, float),
+    "compile_s": (int, float),
+    "run_s": (int, float),
+    "versions": dict,
+    "warnings": list,
+    "broken": list,
+    "work_names": list,
+    "settings": dict,
+    "scene": dict,
+}
+#: Settings that must be there; numbers (and whether they may be zero) and texts are looked at where they are.
+NEEDED = ("dt", "duration", "integrator")
+NUMBERS = {"dt": False, "duration": False, "save_every": False, "residual_tolerance": True, "steps": True}
+TEXTS = ("integrator", "solver", "dtype")
+#: Share of the memory that is left which a file may fill.
+SHARE = 0.8
+
+
+def check_archive(file: BinaryIO, path: str | Path) -> None:
+    """Refuse an archive whose arrays, unpacked, would not fit into memory.
+
+    Raises:
+        SceneError: with both numbers.
+        zipfile.BadZipFile: no archive.
+    """
+    with zipfile.ZipFile(file) as archive:
+        size = sum(item.file_size for item in archive.infolist())
+    file.seek(0)
+    left = available_memory()
+    if left is not None and size > SHARE * left:
+        raise SceneError(
+            f"{path}: holds {in_words(size)} of arrays, {in_words(left)} of memory are left; allowed: a file that fits"
+        )
+
+
+def reopened(path: str | Path, meta: Any, arrays: dict[str, Any]) -> Solution:
+    """The run of provenance and arrays that were read from a file.
+
+    Raises:
+        SceneError: one line with the file and what is wrong with it.
+    """
+    if not isinstance(meta, dict) or meta.get("format") != FORMAT:
+        raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
+    wrong = next(_wrong_about(meta), None)
+    if wrong:
+        raise SceneError(f"{path}: not a saved run: {wrong}")
+    try:
+        solution = Solution.restore(meta, arrays)
+    except SceneError as error:
+        raise SceneError(f"{path}: not a saved run: its scene: {error}") from None
+    except (TypeError, ValueError, KeyError, AttributeError, IndexError, RecursionError) as error:
+        raise SceneError(f"{path}: not a saved run: {' '.join(str(error).split())}") from None
+    wrong = next(_wrong_arrays(solution), None)
+    if wrong:
+        raise SceneError(f"{path}: not a saved run: {wrong}")
+    return solution
+
+
+def _wrong_about(meta: Mapping[str, Any]) -> Any:
+    """What is wrong with the provenance, in words."""
+    for key, kind in KINDS.items():
+        value = meta.get(key)
+        if value is None and key in ("max_residual", "max_closure_error"):  # of a run that failed: not finite
+            continue
+        if not isinstance(value, kind) or isinstance(value, bool):
+            yield f"{key} is {type(value).__name__} in its provenance"
+    settings = meta["settings"] if isinstance(meta.get("settings"), dict) else {}
+    for key, may_be_zero in NUMBERS.items():
+        value = settings.get(key, 1)
+        known = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
+        if not known or (value == 0 and not may_be_zero):
+            yield f"settings.{key} is {value!r:.40}"
+    for key in TEXTS:
+        if not isinstance(settings.get(key, ""), str):
+            yield f"settings.{key} is {settings.get(key)!r:.40}"
+    for key in NEEDED:
+        if key not in settings:
+            yield f"settings.{key} is missing"
+    for key in ("warnings", "work_names"):
+        if not all(isinstance(item, str) for item in meta[key]):
+            yield f"{key} holds what is no text"
+    bad = meta.get("first_bad")
+    if bad is not None and not (isinstance(bad, dict) and {"step", "time_s", "residual", "reason"} <= bad.keys()):
+        yield "first_bad lacks its step, time, residual or reason"
+    for row in meta["broken"]:
+        if not (isinstance(row, dict) and {"line", "link", "time_s"} <= row.keys()):
+            yield "broken lacks a line, link or time"
+
+
+def _wrong_arrays(solution: Solution) -> Any:
+    """What is wrong with the arrays, in words: kinds, shapes, times that do not increase, values that no run has."""
+    lines = line_slices(solution.scene)
+    nodes, links = lines[-1].nodes.stop, lines[-1].links.stop
+    t = solution.t
+    if t.ndim != 1 or not t.size or t.dtype.kind != "f":
+        yield f"t has the shape {t.shape} and kind {t.dtype}"
+        return
+    k = len(t)
+    shapes = {
+        "positions": (k, nodes, 3),
+        "velocities": (k, nodes, 3),
+        "tension": (k, links),
+        "t_tension": (k,),
+        "kinetic": (k,),
+        "potential": (k,),
+        "work": (k, len(solution.work_names)),
+        **dict.fromkeys(WITHIN, (k, links)),
+        **{name: (k, len(solution.scene.bodies), 3) for name in BODIES},
+    }
+    for name, shape in shapes.items():
+        value = getattr(solution, name)
+        if value is None and name in (*WITHIN, *BODIES):
+            continue
+        if value.shape != shape or value.dtype.kind != "f":
+            yield f"{name} has the shape {value.shape} and kind {value.dtype}, {shape} floats belong to its scene"
+            return
+        if solution.status == "ok" and not np.all(np.isfinite(value)):
+            yield f"{name} is not finite, though its status says ok"
+    if solution.step_status.shape != (k,) or solution.step_status.dtype.kind not in "iu":
+        yield f"step_status has the shape {solution.step_status.shape} and kind {solution.step_status.dtype}"
+    if solution.scene.bodies and solution.body_position is None:
+        yield "the motion of its bodies is missing"
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
+        yield "its times do not increase"
+    for name, value in solution.own.items():
+        if value.shape[:1] != (k,):
+            yield f"own.{name} has the shape {value.shape}"

@@ -1,0 +1,135 @@
+"""Health of an installation: versions, devices, cache, and answers that are known."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from importlib import metadata
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.compile_cache import OFF, VARIABLE
+from dropper_jax.base.memory import available_memory
+from dropper_jax.base.one_kernel import in_force
+from dropper_jax.run.simulate import simulate
+
+NEEDED = ("jax", "jaxlib", "numpy", "scipy", "matplotlib", "optax")
+#: Packages of the extras, by extra.
+EXTRAS = {
+    "io": ("xarray", "h5netcdf", "h5py"),
+    "sweep": ("zarr", "dask", "distributed"),
+    "video": ("opencv-python-headless",),
+    "moordyn": ("moordyn",),
+    "sensitivity": ("SALib",),
+    "fatigue": ("rainflow",),
+    "posterior": ("blackjax",),
+}
+#: Largest error of the pendulum's tension, relative: that of its step.
+ALLOWED = 1e-4
+#: Compiles a program with a cache and tells whether it was taken from there, and what it gives.
+PROBE = """
+import json, sys
+import jax
+hits = []
+jax.monitoring.register_event_listener(lambda name, **_: hits.append(name))
+from dropper_jax.base.compile_cache import compile_cache
+place = compile_cache(sys.argv[1])
+import jax.numpy as jnp
+found = float(jax.jit(lambda x: jnp.sum(jnp.sin(x) ** 2 + jnp.cos(x) ** 2))(jnp.arange(100.0)))
+taken = any(name.endswith("/cache_hits") for name in hits)
+print(json.dumps({"place": None if place is None else str(place), "taken": taken, "found": found}))
+"""
+
+
+def examine() -> dict[str, Any]:
+    """All that `dropper doctor` tells; `checks` are those that can fail, each with `ok` and words."""
+    return {
+        "versions": versions(),
+        "system": {"platform": platform.platform(), "cores": os.cpu_count(), "memory_bytes": available_memory()},
+        "devices": [f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
+        "float64": bool(jax.config.jax_enable_x64),
+        "one_kernel": in_force(),
+        "cache": cache(),
+        "checks": [known_tension(), known_product(), cached_programs()],
+    }
+
+
+def versions() -> dict[str, dict[str, str | None]]:
+    """Versions of what is needed and of the extras; None where a package is not installed."""
+    own = {"python": platform.python_version(), "dropper-jax": _version("dropper-jax")}
+    return {"needed": {**own, **_versions(NEEDED)}, **{extra: _versions(names) for extra, names in EXTRAS.items()}}
+
+
+def _versions(names: tuple[str, ...]) -> dict[str, str | None]:
+    return {name: _version(name) for name in names}
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def cache() -> dict[str, Any]:
+    """Where compiled programs are kept, and how many there are."""
+    folder = os.environ.get(VARIABLE, OFF)
+    if folder in ("", OFF):
+        return {"folder": None, "programs": 0, "bytes": 0}
+    files = [os.path.join(where, name) for where, _, names in os.walk(folder) for name in names]
+    return {"folder": folder, "programs": len(files), "bytes": sum(os.path.getsize(file) for file in files)}
+
+
+def known_tension() -> dict[str, Any]:
+    """A conical pendulum pulls with its weight over the sine of its angle below the horizontal, `m g/sin(theta)`."""
+    solution = simulate("conical-pendulum", duration=1.0)
+    expected = 9.81 / math.sin(math.pi / 8)
+    error = float(np.max(np.abs(solution.tension / expected - 1.0)))
+    ok = solution.status == "ok" and error < ALLOWED
+    return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {ALLOWED:.0e} allowed")
+
+
+def known_product() -> dict[str, Any]:
+    """|I row|^2 of rows (i, 0, 0) is i^2: some versions of JAX give others (jax-ml/jax issue 39103)."""
+    i = jnp.arange(16_385, dtype=float)
+    rows = jnp.stack([i, 0 * i, 0 * i], axis=1)
+    squares = jax.jit(jax.vmap(lambda row: jnp.sum((jnp.eye(3) @ row) ** 2)))(rows)
+    wrong = int(np.sum(np.asarray(squares) != np.arange(16_385.0) ** 2))
+    return _check("products of matrices and vectors", not wrong, f"{wrong} of {len(i)} wrong")
+
+
+def cached_programs() -> dict[str, Any]:
+    """Whether a program that one process kept is accepted by the next, with the same answer."""
+    name = "programs kept from one start to the next"
+    with tempfile.TemporaryDirectory() as folder:
+        told = [_probe(folder) for _ in range(2)]
+    if None in told:
+        return _check(name, False, "a process that keeps programs does not end well")
+    first, second = told
+    if first["place"] is None:
+        return _check(name, False, "this version of JAX is built otherwise than is known, or its folder is refused")
+    if not second["taken"]:
+        return _check(name, False, "kept, but not taken again: every start compiles")
+    same = first["found"] == second["found"] and abs(second["found"] - 100.0) < 1e-9
+    return _check(name, same, "taken again" if same else f"{second['found']!r} instead of 100")
+
+
+def _probe(folder: str) -> dict[str, Any] | None:
+    call = [sys.executable, "-c", PROBE, folder]
+    done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
+    try:
+        return json.loads(done.stdout) if done.returncode == 0 else None
+    except ValueError:
+        return None
+
+
+def _check(name: str, ok: bool, words: str) -> dict[str, Any]:
+    return {"name": name, "ok": ok, "found": words}

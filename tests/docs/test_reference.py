@@ -1,0 +1,95 @@
+"""The reference is that of the declarations, names every path of every scene, and its schema takes what is packaged."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import main
+from dropper_jax.cli.reference import as_markdown
+from dropper_jax.load.packaged import packaged_scene, scene_names
+from dropper_jax.load.paths import paths
+from dropper_jax.load.reference import find, schema, sections
+from dropper_jax.load.scene import Scene
+
+ROOT = Path(__file__).parents[2]
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md"]
+
+
+def test_the_page_is_that_of_the_declarations():
+    made = "make it again: python -m dropper_jax.cli.reference > docs/reference.md"
+    assert (ROOT / "docs" / "reference.md").read_text() == as_markdown(sections()), made
+
+
+@pytest.mark.parametrize("name", ["edulis-longline", "dropper-north-sea", "paper-case-1-pitching", "platform-longline"])
+def test_every_path_of_a_scene_is_described(name):
+    """`--set` takes paths from its own list, made otherwise."""
+    patterns = [re.escape(key.path).replace(r"\*", r"[^.]+") for section in sections() for key in section.keys]
+    patterns += ["sea.(waves|current|level)", r"body\.[^.]+\.(cylinders|spheres)"]  # sections of their own
+    known = re.compile("|".join(f"(?:{pattern})" for pattern in patterns))
+    missing = [path for path in paths(Scene.from_dict(packaged_scene(name)).to_dict()) if not known.fullmatch(path)]
+    assert [path for path in missing if ".attachments." not in path] == []
+
+
+def test_every_key_says_what_it_is():
+    for section in sections():
+        assert section.about or not section.keys, section.path
+        for key in section.keys:
+            assert key.meaning.strip(), key.path
+            assert key.kind, key.path
+
+
+def test_a_key_is_found_by_path_by_name_and_by_section():
+    assert [key.path for key in find("run.dt")[0].keys] == ["run.dt"]
+    assert [key.path for key in find("line.3.mass")[0].keys] == ["line.*.mass"]
+    assert "effects.linear_damping.b_l" in [key.path for section in find("b_l") for key in section.keys]
+    assert find("effects.bending")[0].head == "[effects.bending]"
+    with pytest.raises(SceneError, match=r"'run\.dtt' is no key; did you mean 'run\.dt'"):
+        find("run.dtt")
+
+
+def test_the_command_prints_text_values_and_a_schema(capsys):
+    assert main(["scenes", "--reference", "run.dt"]) == 0
+    assert "run.dt: time step" in capsys.readouterr().out
+    assert main(["scenes", "--reference", "run.dt", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sections"][0]["keys"][0]["unit"] == "s"
+    assert main(["scenes", "--schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "A scene of dropper_jax"
+
+
+def test_the_schema_takes_all_packaged_scenes_and_refuses_mistakes():
+    jsonschema = pytest.importorskip("jsonschema")
+    validator = jsonschema.Draft202012Validator(schema())
+    validator.check_schema(validator.schema)
+    for name in scene_names():
+        validator.validate(packaged_scene(name))
+    good = packaged_scene("string")
+    for wrong in (
+        {"run": {**good["run"], "dt": -1.0}},
+        {"run": {"duration": 1.0}},
+        {"lines": []},
+        {"effects": {"wind": {}}},
+    ):
+        assert not validator.is_valid({**good, **wrong}), wrong
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a page, as they are linked to."""
+    heads = re.findall(r"^#+ (.+)$", re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_files_and_headings_that_are_there(page):
+    for target in re.findall(r"\]\(([^)\s]+)[^)]*\)", page.read_text()):
+        if "://" in target:
+            continue
+        file, _, heading = target.partition("#")
+        there = page.parent / file if file else page
+        assert there.exists(), f"{page.name} links to {target}"
+        if heading:
+            assert heading in anchors(there), f"{page.name} links to {target}"

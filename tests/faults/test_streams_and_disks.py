@@ -1,0 +1,249 @@
+"""Streams that take nothing, disks that are full, signals, damaged and unfinished files: one line, and nothing lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base import files
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.lock import Lock
+from dropper_jax.base.toml_read import parsed_toml
+from dropper_jax.cli import main
+from dropper_jax.run import pieces, rows
+from dropper_jax.run.recovery import recover
+from dropper_jax.run.rows import OnDisk
+from dropper_jax.run.storage import load_run
+
+ROOT = Path(dj.__file__).parents[1]
+RUN = [sys.executable, "-m", "dropper_jax", "run", "conical-pendulum", "--quiet"]
+
+linux = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+
+
+def shell(line: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment}
+    line = line.replace("dropper ", f"{sys.executable} -m dropper_jax ")
+    return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, env=found)
+
+
+@linux
+@pytest.mark.parametrize(
+    ("line", "code", "words"),
+    [
+        ("dropper scenes > /dev/full", 3, "error: standard output: cannot be written: No space left on device\n"),
+        ("dropper scenes --json > /dev/full", 3, "error: standard output: cannot be written"),
+        ("dropper scenes >&-", 0, ""),
+        ("dropper scenes nope 2> /dev/full", 2, ""),
+        ("dropper scenes nope 2>&-", 2, ""),
+        ("dropper scenes | true", 0, ""),
+    ],
+)
+def test_streams_that_take_nothing_end_in_a_line_or_in_silence(line, code, words):
+    done = shell(line)
+    assert done.returncode == code
+    assert done.stderr.startswith(words)
+    assert done.stderr.count("\n") == (1 if words else 0)
+    assert done.stdout == ""
+
+
+def test_an_unknown_platform_is_one_line_and_one_object():
+    done = shell("dropper run conical-pendulum --duration 1 --json", JAX_PLATFORMS="abacus")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: JAX_PLATFORMS: 'abacus' cannot be used here")
+    assert json.loads(done.stdout)["status"] == "invalid_input"
+
+
+@pytest.mark.parametrize("suffix", ["nc", "npz"])
+def test_a_full_disk_is_told_with_the_file_and_brings_nothing_down(tmp_path, suffix):
+    """The limit on the size of files works as a disk that is full; HDF5 ended in a segmentation fault."""
+    if suffix == "nc":
+        pytest.importorskip("h5netcdf")
+    out = tmp_path / f"run.{suffix}"
+    done = shell(f"ulimit -f 12; dropper run double-pendulum-chaotic --duration 1 --quiet --json --out {out}")
+    assert done.returncode == 3
+    assert f"error: {out}: cannot be written: File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert json.loads(done.stdout)["status"] == "interrupted"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_fault_of_our_own_is_one_line_and_one_object(monkeypatch, capsys):
+    def fault(*_, **__):
+        raise TypeError("nobody\nforesaw this")
+
+    monkeypatch.setattr("dropper_jax.cli.scenes.find_scene", fault)
+    assert main(["scenes", "string", "--json"]) == 3
+    out, err = capsys.readouterr()
+    assert json.loads(out)["status"] == "internal_error"
+    assert err == f"error: {json.loads(out)['error']}\n"
+    assert "TypeError: nobody foresaw this" in err
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 40 + "]" * 40, "x = " + "[" * 9999, ".".join("a" * 99) + " = 1"])
+def test_what_is_nested_beyond_measure_is_refused(text):
+    with pytest.raises(ValueError, match="nested more than 32 deep"):
+        parsed_toml(text)
+
+
+def test_numbers_beyond_64_bits_are_refused():
+    for number in ("9" * 30, "9" * 5000):
+        with pytest.raises(ValueError, match=r"64 bits|digits"):
+            parsed_toml(f"x = {number}")
+    assert parsed_toml(f"x = {2**63 - 1}") == {"x": 2**63 - 1}
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["run", "string", "--set", "line.0.links=1000000000"], "line.0.links: 1000000000 is out of range"),
+        (["run", "string", "--duration", "1e15"], "takes 2e+17 steps of 0.005 s"),
+        (["run", "conical-pendulum", "--duration", "2e7"], "saved states, which need"),
+        (["sweep", "string", "--vary", "b_l=0:1:1000000000000", "--out", "x.zarr"], "allowed: at most 10000000"),
+    ],
+)
+def test_what_is_too_large_is_told_before_it_begins(capsys, argv, words):
+    assert main(argv) == 2
+    out, err = capsys.readouterr()
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_stays(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    machine = files.part_prefix(tmp_path / "a").split(".")[2].rsplit("-", 2)[0]
+    left = tmp_path / f".a.{machine}-{dead.pid}-x.part"
+    alive = tmp_path / f".a.{machine}-{os.getppid()}-x.part"
+    for file in (left, alive):
+        file.write_text("half")
+    files.atomic_write(tmp_path / "a", "whole")
+    assert not left.exists()
+    assert alive.exists()
+
+
+def test_a_lock_names_its_owner_and_is_free_once_it_is_gone(tmp_path):
+    held = "import sys, time; from pathlib import Path; from dropper_jax.base.lock import Lock\n"
+    held += "lock = Lock(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    call = [sys.executable, "-c", held, str(tmp_path / "a")]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, env=environment) as other:
+        other.stdout.readline()
+        with pytest.raises(SceneError, match=rf"a: is being filled by process {other.pid} on "):
+            Lock(tmp_path / "a")
+        other.kill()
+    Lock(tmp_path / "a").release()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[dj.simulate.__module__], "BLOCK", 64)
+    kept = dj.simulate("conical-pendulum", dt=0.01, duration=3.0, scratch=tmp_path)
+    whole = dj.simulate("conical-pendulum", dt=0.01, duration=3.0)
+    for name in ("t", "positions", "velocities", "tension", "work", "kinetic", "potential"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name), err_msg=name)
+    assert kept.energy_drift == whole.energy_drift
+
+
+def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
+    """The process ends between two pieces, half of the third written; the next start saves what was whole."""
+    monkeypatch.setattr(pieces, "SECONDS", 0.0)
+    out = tmp_path / "run.npz"
+    machine = files.part_prefix(out).split(".")[3].rsplit("-", 2)[0]
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    folder = tmp_path / f".run.npz.{machine}-{dead.pid}-x.part"
+    folder.mkdir()
+    append = OnDisk.append
+
+    def ended(self, piece):
+        if self.count == 20:
+            with (folder / "rows.0").open("ab") as file:
+                file.write(b"half")
+            raise SystemError
+        append(self, piece)
+
+    monkeypatch.setattr(OnDisk, "append", ended)
+    with pytest.raises(SystemError):
+        dj.simulate("conical-pendulum", dt=0.01, duration=2.0, scratch=folder)
+    told = recover(out)
+    assert told == [f"{out}: from a run that was killed; the piece after t = 0.2 s is lost"]
+    found, whole = load_run(out), dj.simulate("conical-pendulum", dt=0.01, duration=2.0)
+    assert found.status == "interrupted"
+    np.testing.assert_array_equal(found.positions, whole.positions[:21])
+    assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
+    out = tmp_path / "run.npz"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    call = [*RUN, "--duration", "20000", "--out", str(out), "--json"]
+    with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as run:
+        for _ in range(600):
+            if any(rows.whole_rows(folder) for folder in tmp_path.iterdir()):
+                break
+            time.sleep(0.1)
+        run.send_signal(signal.SIGTERM)
+        said = run.communicate()[0]
+    assert run.returncode == 130
+    assert json.loads(said)["status"] == "interrupted"
+    assert load_run(out).status == "interrupted"
+    assert len(load_run(out).t) > 1
+
+
+def test_a_page_holds_a_description_with_its_own_markers(tmp_path):
+    from dropper_jax.view.make import view_page
+
+    run = dj.simulate("conical-pendulum", dt=0.01, duration=0.1)
+    text = "/*SCRIPT*/ /*DATA*/ </script>"
+    marked = dj.simulate(run.scene.with_values({"description": text}), dt=0.01, duration=0.1)
+    page = view_page(marked)
+    data = page.split('<script id="data" type="application/json">')[1].split("</script>")[0]
+    assert json.loads(data)["description"] == text
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("<img src=x onerror=1>", "&lt;img src=x onerror=1&gt;"),
+        ("[here](http://a.b)", "\\[here\\](http&#58;//a.b)"),
+        ("a|b", "a&#124;b"),
+        ("back_bone-1", "back_bone-1"),
+    ],
+)
+def test_names_stand_in_reports_as_they_are(name, shown):
+    from dropper_jax.base.markdown import literal
+
+    assert literal(name) == shown
+
+
+def test_a_scene_names_files_below_its_folder_only(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inner = tmp_path.parent / f"{tmp_path.name}-scene"
+    inner.mkdir()
+    waves = "period_s,amplitude_m,phase_rad\n8.0,0.5,0.0\n6.0,0.2,1.0\n"
+    outside = tmp_path.parent / f"{tmp_path.name}-waves.csv"
+    for file in (inner / "waves.csv", outside):
+        file.write_text(waves)
+    assert main(["scenes", "dropper-regular-wave"]) == 0
+    head, _, rest = capsys.readouterr().out.partition("[sea.waves]\n")
+    rest = rest[rest.index("\n[") :] if "\n[" in rest else ""
+    for text, code in (("waves.csv", 0), (str(outside), 2), (f"../{outside.name}", 2)):
+        (inner / "scene.toml").write_text(f'{head}[sea.waves]\nkind = "components"\nfile = "{text}"\n{rest}')
+        assert main(["scenes", str(inner / "scene.toml"), "--expanded"]) == code, text
+        said = capsys.readouterr()
+        assert ("outside the scene's folder" in said.err) == bool(code)
+    (inner / "scene.toml").write_text(f'{head}[sea.waves]\nkind = "components"\nfile = "{outside}"\n{rest}')
+    assert main(["scenes", str(inner / "scene.toml"), "--expanded", "--allow-outside"]) == 0
+    with pytest.raises(SceneError, match="outside"):
+        dj.load_scene(inner / "scene.toml")
+    assert dj.load_scene(inner / "scene.toml", allow_outside=True).sea.waves.kind == "components"

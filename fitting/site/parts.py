@@ -26,6 +26,7 @@ class Part:
         capacity: (lines,) [N] breaking load; of a line whose links differ the least.
         factor: on its loads by kind of state, `intact` and `broken`; a state that no case has may be None.
         curve: its fatigue curve, or None.
+        of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Part:
     capacity: np.ndarray
     factor: dict[str, float | None]
     curve: Curve | None
+    of_scene: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -216,6 +216,7 @@ def _parts(
                 np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names]),
                 _factor(given, factors, kinds, f"{path}.factor"),
                 None if curve is None else Curve.read(curve, f"{path}.curve"),
+                part.capacity is None,
             )
         )
     _unique("part.name", [part.name for part in found])

@@ -229,6 +229,7 @@ EXPECTED = {
     *(f"paper-case-{number}-table-6" for number in range(1, 6)),
     "edulis-longline",
     "edulis-tide",
+    "looped-longline",
     "platform-longline",
     "rigid-dropper-longline",
     "dropper-farm",

@@ -1,0 +1,128 @@
+"""Derivatives of many quantities of a run in reverse mode: one run, then one way back for all of them.
+
+    J_i = f_i(r_1, T_1, ..., r_K, T_K),    dJ_i = sum_k (df_i/dr_k dr_k + df_i/dT_k dT_k)
+
+A run keeps the state before and the unknowns of each step (some 0.2 MB for 400 links), so that the way back solves
+nothing again: each step costs one factorisation, shared by all quantities, and one transposed solve for each. `grad` of
+`integrate` gives the same derivatives; it runs twice or three times, and its program takes three times as long to
+compile. Steps that resist are not halved here: such a run is to be taken again with a smaller step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Unknowns
+from dropper_jax.stepping.derivative import _At, _inputs, _pull
+from dropper_jax.stepping.integrate import begin
+from dropper_jax.stepping.solve import substep
+from dropper_jax.stepping.stepper import Stepper
+
+
+class Record(NamedTuple):
+    """A run of k steps as the way back needs it.
+
+    Attributes:
+        before: the state before each step, every leaf (k, ...).
+        unknowns: what each step solved for, every leaf (k, ...).
+        r: free nodes (k, nodes, 3) [m] after each step.
+        tension: links (k, n) [N].
+        residual: largest scaled row of all steps; NaN where one is.
+    """
+
+    before: State
+    unknowns: Unknowns
+    r: jax.Array
+    tension: jax.Array
+    residual: jax.Array
+
+
+def check_recordable(stepper: Stepper, model: Model) -> None:
+    """Refuse what has no way back here.
+
+    Raises:
+        SceneError: an explicit scheme or one of several stages, links that break, effects with a state or laws of
+            their own.
+    """
+    scheme = stepper.integrator
+    if stepper.solver == "none" or len(getattr(scheme, "stages", ())) != 1:
+        raise SceneError(f"run.integrator: {scheme.name!r} has no way back; allowed: energy_momentum")
+    if not stepper.until_converged:
+        raise SceneError("scene: a single line; allowed: systems of lines that join at points")
+    start = model.begun()
+    if model.line.failures is not None or start or model.laws or model.ties:
+        what = "links that break" if model.line.failures is not None else "friction, bodies or effects with a state"
+        raise SceneError(f"scene: {what} are not followed backwards; allowed: storms without them")
+
+
+def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -> Record:
+    """`steps` steps of `h` [s] from `s`, with what the way back needs."""
+    s = begin(stepper, model, s).state
+    h = jnp.asarray(h, model.dtype)
+
+    def one(s: State, _: None) -> tuple[State, tuple[State, Unknowns, jax.Array]]:
+        after, u, residual = substep(stepper, model, s, h)
+        return after, (s, u, residual)
+
+    last, (before, unknowns, residual) = jax.lax.scan(one, s, None, length=steps)
+    r, tension = (jnp.concatenate([a[1:], b[None]]) for a, b in ((before.r, last.r), (before.tension, last.tension)))
+    return Record(before, unknowns, r, tension, jnp.max(residual))
+
+
+def way_back(
+    stepper: Stepper,
+    model: Model,
+    moving: Sequence[int],
+    run: Record,
+    h: jax.Array,
+    by_place: jax.Array,
+    by_tension: jax.Array,
+) -> tuple[list[jax.Array], State]:
+    """Derivatives of q quantities by leaves of the model and by the start.
+
+    Args:
+        moving: numbers of the leaves of the model that count; static.
+        by_place: df/dr_k (k, q, nodes, 3); by_tension: df/dT_k (k, q, n).
+
+    Returns:
+        By the leaves, each (q, ...), and by the state that the run starts from, every leaf (q, ...).
+    """
+    leaves, tree = jax.tree.flatten(model)
+    h = jnp.asarray(h, model.dtype)
+    inputs_of = lambda u: (leaves, h, u, None)  # noqa: E731
+    many = by_place.shape[1]
+    chosen = [leaves[i] for i in moving]
+
+    def one(carry: tuple[State, list[jax.Array]], row: tuple[State, Unknowns, jax.Array, jax.Array]) -> tuple:
+        ct, total = carry
+        before, u, by_r, by_t = row
+        at = _At(chosen, before, [])
+
+        def pull(ct: State, by_r: jax.Array, by_t: jax.Array) -> _At:
+            ct = _added(ct, by_r, by_t)
+            return _pull(stepper, stepper.solver, _partial(tree, tuple(moving), inputs_of(u)), at, ct, u)
+
+        found = jax.vmap(pull)(ct, by_r, by_t)
+        return (found.s, [a + b for a, b in zip(total, found.model, strict=True)]), None
+
+    first = jax.tree.map(lambda a: a[0], run.before)
+    ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first)
+    total = [jnp.zeros((many, *a.shape), a.dtype) for a in chosen]
+    rows = run.before, run.unknowns, by_place, by_tension
+    (ct, total), _ = jax.lax.scan(one, (ct, total), rows, reverse=True)
+    return total, ct
+
+
+def _added(ct: State, by_r: jax.Array, by_t: jax.Array) -> State:
+    return replace(ct, r=ct.r + by_r, tension=ct.tension + by_t)
+
+
+def _partial(tree: jax.tree_util.PyTreeDef, moving: tuple[int, ...], frozen: tuple) -> object:
+    return lambda at: _inputs(tree, moving, frozen, at)

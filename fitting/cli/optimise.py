@@ -1,0 +1,87 @@
+"""`dropper optimise SITE.toml`: the design that meets a site's limits at least cost, found by exact derivatives."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.progress import silent
+from dropper_jax.cli.codes import FAILED, OK
+from dropper_jax.cli.options import add_json, add_quiet, output_file
+from dropper_jax.cli.output import print_json, print_line, progress
+
+if TYPE_CHECKING:
+    from fitting.optimise.run import Optimum
+
+name = "optimise"
+help = "design a farm: least material, load or motion within a site's limits"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("site", metavar="SITE.toml", help="the site, with [[variable]] and [objective]")
+    parser.add_argument("--state", metavar="FILE.json", help="keep the search here; goes on with one that is there")
+    parser.add_argument("--picture", metavar="FILE.png", help="layout and utilisation, before and after")
+    parser.add_argument("--check", action="store_true", help="only check the site and the derivatives")
+    add_json(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    picture = output_file(args.picture, "--picture", (".png",))
+    state = output_file(args.state, "--state", (".json",))
+
+    from dropper_jax.effects import register_installed
+    from dropper_jax.run.solution import jsonable
+    from fitting.optimise.run import checked, optimise, read_problem
+    from fitting.site import read_site
+
+    register_installed()
+    site = read_site(args.site)
+    say = progress(args.quiet) or silent
+    if args.check:
+        worst = checked(read_problem(site), say)
+        say(1.0, "ok")
+        told = {"schema": 1, "status": "ok", "check": worst}
+        print_json(jsonable(told)) if args.json else print(f"derivatives agree with differences to {worst:.1e}")
+        return OK
+    found = optimise(site, state, say)
+    say(1.0, "ok" if found.feasible else "no design met all constraints")
+    if picture:
+        from fitting.optimise.picture import design_picture
+
+        design_picture(site, found, picture)
+    message = "" if found.feasible else "no design that was found meets all constraints on whole runs"
+    if args.json:
+        status = "ok" if found.feasible else "not_converged"
+        print_json(jsonable({"schema": 1, "status": status, "site": site.name, **found.to_json()}))
+    else:
+        print(text(found))
+    if message:
+        print_line(f"error: {message}")
+    return OK if found.feasible else FAILED
+
+
+def text(found: Optimum) -> str:
+    """The design for people: before, after, what is active, what it hangs on."""
+    from dropper_jax.cli.output import table
+    from fitting.optimise.run import ACTIVE
+
+    head = [("", "before", "after", "bounds")]
+    rows = [
+        (v.name, f"{a:.4g}", f"{b:.4g}", f"{v.low:g} to {v.high:g}")
+        for v, a, b in zip(found.variables, found.before, found.after, strict=True)
+    ]
+    rows += [
+        (f"objective ({found.of})", f"{found.objective[0]:.5g}", f"{found.objective[1]:.5g}", f"{-found.gain:+.1%}")
+    ]
+    limits = [("constraint, met up to 1", "before", "after", "1 % more of it gives")]
+    for label, (a, b) in found.constraints.items():
+        price = found.prices.get(label)
+        told = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
+        limits.append((label, f"{a:.3f}", f"{b:.3f}", told))
+    assumed = [("1 % more of", "objective")] + [(n, f"{c:+.3g}") for n, c in found.assumptions.items()]
+    end = (
+        f"constraints of whole runs, mean of the seeds' maxima; derivatives checked to {found.check:.1e}; windows and "
+        f"whole runs differ by up to {found.residual:.2f}; {found.rounds} rounds, {found.runs} evaluations"
+    )
+    return "\n\n".join([table([*head, *rows]), table(limits), table(assumed), end])

@@ -1,0 +1,1 @@
+"""Designs found by their gradients: `dropper optimise SITE.toml`."""

@@ -1,0 +1,193 @@
+"""What a design is wanted to be: the objective and the constraints of a site.
+
+[objective]
+of = "material"                 kilograms times price; or "load": the largest utilisation of `part`; or "motion":
+                                the largest way [m] of nodes of `lines` from their mean place
+price = { backbone = 3.0, "loop-*" = 0.0 }   per kg of lines, by pattern; 1 where left out
+float_price = 8.0               per kg of floats (points with a volume); 1 where left out
+
+[[constraint]]                  beside those of the site's parts, anchors and [backbone], which always hold
+kind = "depth"                  of `points` (patterns) or `lines` at rest: `shallowest`, `deepest` [m]
+kind = "clearance"              of each of `lines` from the next one in storms: `least` [m]
+kind = "motion"                 of `lines` in storms: `most` [m]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import check_keys, read_list, read_number, read_table, read_text
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from fitting.optimise.quantities import Clearance, Motion, Quantity, anchor_loads, line_nodes, part_load
+from fitting.site import Site
+from fitting.site.parts import matched
+
+OBJECTIVES = ("material", "load", "motion")
+KINDS = {
+    "depth": ("kind", "points", "lines", "shallowest", "deepest"),
+    "clearance": ("kind", "lines", "least"),
+    "motion": ("kind", "lines", "most"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Objective:
+    """`[objective]`: what is to be small."""
+
+    of: str
+    price: tuple[tuple[str, float], ...] = ()
+    float_price: float = 1.0
+    part: str | None = None
+    lines: tuple[str, ...] = ()
+
+    def material(self, scene: Scene) -> float:
+        """Kilograms times price of lines and floats."""
+        total = 0.0
+        for line in scene.lines:
+            name = line.piece_of or line.name
+            price = next((p for pattern, p in self.price if fnmatchcase(name, pattern)), 1.0)
+            total += price * float(np.sum(line.mass))
+        floats = (p for p in scene.points if p.kind == "free" and p.volume)
+        return total + self.float_price * sum(float(p.mass or 0.0) for p in floats)
+
+
+@dataclasses.dataclass(frozen=True)
+class Depth:
+    """Depths between which nodes are to be at rest [m] below the water's level."""
+
+    name: str
+    points: tuple[str, ...]
+    lines: tuple[str, ...]
+    shallowest: float | None
+    deepest: float | None
+
+    def nodes(self, model: Model) -> np.ndarray:
+        """Numbers of the free nodes that count."""
+        index = {point.name: i for i, point in enumerate(model.points)}
+        free = [int(model.geometry.point_node[index[name]]) for name in self.points]
+        of_lines = line_nodes(model, self.lines)
+        return np.array([*free, *(int(i) for name in self.lines for i in of_lines[name])], int)
+
+    def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[tuple[str, float, np.ndarray]]:
+        """Each bound with how near it is (1 at it) and its derivative by the variables (p,), of the worst node."""
+        own = self.nodes(model)
+        depth, found = level - r[own, 2], []
+        unit = self.deepest or self.shallowest or 1.0
+        if self.shallowest is not None:
+            i = int(np.argmin(depth))
+            found.append(
+                (f"{self.name} shallowest", 1.0 + (self.shallowest - depth[i]) / unit, dr[:, own[i], 2] / unit)
+            )
+        if self.deepest is not None:
+            i = int(np.argmax(depth))
+            found.append((f"{self.name} deepest", 1.0 + (depth[i] - self.deepest) / unit, -dr[:, own[i], 2] / unit))
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Goals:
+    """Objective and constraints, read."""
+
+    objective: Objective
+    depths: tuple[Depth, ...]
+    clearances: tuple[tuple[tuple[str, ...], float], ...]
+    motions: tuple[tuple[tuple[str, ...], float], ...]
+
+    def quantities(self, site: Site, model: Model) -> tuple[Quantity, ...]:
+        """What storms are judged by: all that has a limit of 1, and the objective where it is of storms, last."""
+        found: list[Quantity] = [part_load(model, part) for part in site.parts]
+        found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor)]
+        for i, (lines, least) in enumerate(self.clearances):
+            found.append(Clearance(f"clearance {i + 1}", _pairs(model, lines), least))
+        for i, (lines, most) in enumerate(self.motions):
+            found.append(Motion(f"motion {i + 1}", _nodes(model, lines), 1.0 / most))
+        if self.objective.of == "motion":
+            found.append(Motion("largest motion", _nodes(model, self.objective.lines)))
+        return tuple(found)
+
+
+def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
+    return tuple(dict.fromkeys(int(i) for own in line_nodes(model, lines).values() for i in own))
+
+
+def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Nodes of each line with those of the next one, ends and what both have left out."""
+    inner = int(model.geometry.inner)
+    nodes = [[int(i) for i in own if i < inner] for own in line_nodes(model, lines).values()]
+    return tuple((a, b) for one, other in zip(nodes[:-1], nodes[1:], strict=True) for a in one for b in other)
+
+
+def read_goals(site: Site) -> Goals:
+    """The goals of a site.
+
+    Raises:
+        SceneError: an objective that there is not, unknown lines, points or parts, bounds that contradict.
+    """
+    names, free = site.lines, [p.name for p in site.scene.points if p.kind == "free"]
+    objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
+    depths, clearances, motions = [], [], []
+    if site.backbone is not None:
+        own = site.backbone
+        lines = matched(own.lines, names, "backbone.lines")
+        depths.append(Depth("backbone", (), lines, own.shallowest, own.deepest))
+    items = read_list(site.raw.get("constraint", []), "constraint", None, "one or more [[constraint]] tables")
+    for i, item in enumerate(items):
+        path, table = f"constraint.{i}", read_table(item, f"constraint.{i}")
+        kind = read_text(table.get("kind"), f"{path}.kind", KINDS)
+        check_keys(table, KINDS[kind], path)
+        if kind == "depth":
+            depths.append(_depth(table, path, names, free))
+            continue
+        key = "least" if kind == "clearance" else "most"
+        limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": "m"})
+        lines = matched(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
+        if kind == "clearance" and len(lines) < 2:
+            raise SceneError(f"{path}.lines: finds {lines[0]!r} alone; allowed: patterns of two lines or more")
+        (clearances if kind == "clearance" else motions).append((lines, limit))
+    return Goals(objective, tuple(depths), tuple(clearances), tuple(motions))
+
+
+def _objective(table: Mapping[str, Any], site: Site) -> Objective:
+    check_keys(table, ("of", "price", "float_price", "part", "lines"), "objective")
+    of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
+    price = read_table(table.get("price", {}), "objective.price")
+    for pattern in price:
+        matched([pattern], site.lines, "objective.price")
+    prices = tuple((k, read_number(v, f"objective.price.{k}", {"low": 0.0})) for k, v in price.items())
+    part = table.get("part")
+    if of == "load":
+        part = read_text(part, "objective.part", [p.name for p in site.parts])
+    lines = matched(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
+    per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
+    return Objective(of, prices, per_float, part, lines)
+
+
+def _patterns(given: Any, path: str) -> list[str]:
+    return [given] if isinstance(given, str) else [read_text(x, path) for x in read_list(given, path, None, "patterns")]
+
+
+def _depth(table: Mapping[str, Any], path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
+    bounds = {
+        key: read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None
+        for key in ("shallowest", "deepest")
+    }
+    if bounds["shallowest"] is None and bounds["deepest"] is None:
+        raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
+    if None not in bounds.values() and not bounds["shallowest"] < bounds["deepest"]:
+        raise SceneError(
+            f"{path}.deepest: {bounds['deepest']:g} m contradicts shallowest; allowed: > {bounds['shallowest']:g} m"
+        )
+    points = (
+        matched(_patterns(table["points"], path), free, f"{path}.points", "free point") if "points" in table else ()
+    )
+    own = matched(_patterns(table["lines"], path), lines, f"{path}.lines") if "lines" in table else ()
+    if not (points or own):
+        raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
+    return Depth(f"depth {path.split('.')[1]}", points, own, **bounds)

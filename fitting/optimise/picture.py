@@ -1,0 +1,47 @@
+"""A picture of a design: the layout from the side, and how far constraints are used, before and after."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, look, new_figure
+from dropper_jax.plots.style import save as save_figure
+from fitting.optimise.models import still_model
+from fitting.optimise.rest import near_rest
+from fitting.optimise.run import Optimum
+from fitting.site import Site
+
+#: Most constraints shown, the most used ones.
+SHOWN = 14
+
+
+@look()
+def design_picture(site: Site, found: Optimum, file: Path) -> Path:
+    """Write the picture."""
+    figure = new_figure(10.0, 7.0)
+    above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
+    storm = site.cases[0].storm
+    for values, colour, label in ((found.before, FAINT, "before"), (found.after, FIRST, "after")):
+        model = still_model(site, found.variables, np.asarray(values), storm)
+        s = near_rest(model, None)
+        nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
+        begin = 0
+        for member in model.geometry.members:
+            own = nodes[begin : begin + member.links + 1]
+            above.plot(own[:, 0], own[:, 2], color=colour, linewidth=1.0, label=label if begin == 0 else None)
+            begin += member.links + 1
+    above.axhline(storm.level, color=SECOND, linewidth=0.8)
+    above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
+    above.set(xlabel="x [m]", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
+    above.legend(loc="lower right")
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:SHOWN][::-1]
+    place = np.arange(len(rows))
+    below.barh(place + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
+    below.barh(place - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
+    below.axvline(1.0, color=SECOND, linewidth=1.0)
+    below.set_yticks(place, [row[0] for row in rows], fontsize=7)
+    below.set(xlabel="used, limit at 1")
+    below.legend(loc="lower right")
+    return save_figure(figure, file)

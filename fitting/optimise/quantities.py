@@ -1,0 +1,166 @@
+"""What a storm is judged by: peaks of signals, each over its limit, as hard and as soft maxima.
+
+    soft = s log sum exp(x/s),    s = SHARPNESS times a height that is held
+
+A signal is positive and reaches 1 at its limit: load times factor over capacity, the least distance over a distance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model import Model
+from fitting.site import Anchor, Part
+
+#: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor makes good.
+SHARPNESS = 0.01
+
+
+class Quantity:
+    """A signal over time whose peak counts; `name` in tables, static."""
+
+    name: str
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        """Values (k, m) at k times, from free nodes (k, nodes, 3) and tensions (k, n)."""
+        raise NotImplementedError
+
+    def hard(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        """The largest value."""
+        return jnp.max(self.signal(model, r, tension))
+
+    def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
+        """The soft peak where hard ones are about as high as `height`, which is held; differentiable."""
+        width = SHARPNESS * height
+        return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
+
+
+@dataclasses.dataclass(frozen=True)
+class Load(Quantity):
+    """Tension times `scale` of some links; with factor over capacity as scale their utilisation."""
+
+    name: str
+    links: tuple[int, ...]
+    scale: tuple[float, ...]
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        return jnp.maximum(tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorLoad(Quantity):
+    """Load on an anchor over what it holds, as `dropper_jax.scene.anchor` has it, times the factor.
+
+    Attributes:
+        point: its number among the points; `first`, `last`: links that begin and end there.
+        scale: (over H, over V, of a hypotenuse or not).
+        uplift: tangent of the largest angle of the load; None for the load itself.
+    """
+
+    name: str
+    point: int
+    first: tuple[int, ...]
+    last: tuple[int, ...]
+    across: float
+    up: float
+    round: bool
+    uplift: float | None = None
+    #: Loads [N] are counted over this where the angle is asked for.
+    unit: float = 1.0
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        pull = jax.vmap(lambda r, t: self._pull(model, r, t))(r, tension)
+        horizontal, up = safe_norm(pull[:, :2]), jnp.maximum(pull[:, 2], 0.0)
+        if self.uplift is not None:
+            # V <= H tan(a), as a number that is positive and reaches 1 there
+            return (1.0 + (pull[:, 2] - self.uplift * horizontal) / self.unit)[:, None]
+        across, rising = self.across * horizontal, self.up * up
+        return (safe_norm(jnp.stack([across, rising], axis=-1)) if self.round else across + rising)[:, None]
+
+    def _pull(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        d = model.links(r, model.ends(jnp.zeros((), r.dtype)))
+        total = jnp.zeros(3, r.dtype)
+        for sign, links in ((1.0, self.first), (-1.0, self.last)):
+            for i in links:
+                total = total + sign * jnp.maximum(tension[i], 0.0) * d[i] / safe_norm(d[i])
+        return total
+
+
+@dataclasses.dataclass(frozen=True)
+class Clearance(Quantity):
+    """The wanted distance [m] over that of pairs of free nodes."""
+
+    name: str
+    pairs: tuple[tuple[int, int], ...]
+    least: float
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        one, other = np.array(self.pairs).T
+        return self.least / jnp.maximum(safe_norm(r[:, one] - r[:, other]), 1e-3 * self.least)
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion(Quantity):
+    """How far nodes go from their mean place [m], times `scale`."""
+
+    name: str
+    nodes: tuple[int, ...]
+    scale: float = 1.0
+    unit: ClassVar[str] = "m"
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        own = r[:, np.array(self.nodes)]
+        return self.scale * safe_norm(own - jnp.mean(own, axis=0))
+
+
+def line_links(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Numbers of the links of each line as it was written; pieces `name-1`, `name-2` of a cut one belong to it."""
+    found: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
+        stem, _, piece = member.name.rpartition("-")
+        own = member.name if member.name in found else stem if piece.isdecimal() else member.name
+        if own in found:
+            found[own].append(np.arange(model.line.links)[span])
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Numbers of the free nodes of each line, its ends included where they are free."""
+    links, graph = line_links(model, names), model.geometry
+    return {
+        name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
+        for name, own in links.items()
+    }
+
+
+def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
+    """Utilisation of a part: load times factor over capacity, the worst of its links."""
+    links = line_links(model, part.lines)
+    scale = [part.factor[kind] / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
+    return Load(part.name, tuple(int(i) for name in part.lines for i in links[name]), tuple(map(float, scale)))
+
+
+def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[AnchorLoad]:
+    """Utilisation of each of its points, and where an angle is given how near the load comes to it."""
+    found, graph, table, factor = [], model.geometry, anchor.table, anchor.factor[kind]
+    index = {point.name: i for i, point in enumerate(model.points)}
+    for name in anchor.points:
+        node = graph.point_node[index[name]]
+        first, last = (tuple(map(int, np.flatnonzero(side == node))) for side in (graph.first, graph.last))
+        if table.kind == "tested":
+            across = up = factor / table.capacity
+        else:
+            across, up = factor / (table.friction * table.weight), factor / table.weight
+        ends = index[name], first, last
+        found.append(AnchorLoad(name, *ends, across, up, table.kind == "tested"))
+        if table.uplift is not None:
+            tangent = float(np.tan(np.radians(table.uplift)))
+            found.append(AnchorLoad(f"{name} uplift", *ends, across, up, True, tangent, 1.0 / up))
+    return found

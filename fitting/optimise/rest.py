@@ -1,0 +1,84 @@
+"""The pose at rest of a design, and how it follows the variables.
+
+F(r, p) = 0  ->  dr/dp = -K^-1 dF/dp,    K = dF/dr (sparse, all forces)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model import Model, State, state
+from dropper_jax.statics.relaxation import stiffness
+from dropper_jax.statics.static_pose import equilibrium
+from dropper_jax.statics.system import find_rest, system_tolerance, unbalanced
+from fitting.optimise.models import Still
+
+
+@dataclasses.dataclass(frozen=True)
+class Rest:
+    """A pose at rest.
+
+    Attributes:
+        state: places and tensions.
+        dr: derivative of the places by the variables (p, free, 3) [m per unit].
+        dtension: that of the tensions (p, n) [N per unit].
+    """
+
+    state: State
+    dr: np.ndarray
+    dtension: np.ndarray
+
+
+def near_rest(model: Model, near: State | None) -> State:
+    """The pose at rest of a model in calm water, sought from one near it where there is one.
+
+    Raises:
+        SceneError: none was found.
+    """
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    if near is not None:
+        tolerance = system_tolerance(model)
+        found, residual = find_rest(model, near, loads, tolerance)
+        if residual <= tolerance:
+            return state(model, found.r, tension=found.tension)
+    found = equilibrium(model)
+    if found.status != "ok":
+        raise SceneError(f"design: {found.message}")
+    return found.state
+
+
+def rest(still: Still, near: State | None = None) -> Rest:
+    """The pose and its derivatives by the variables."""
+    from scipy.sparse.linalg import splu  # noqa: PLC0415
+
+    s = near_rest(still.model, near)
+    loads = jnp.zeros_like(s.r)
+    count = next(iter(still.slopes.values())).shape[0]
+    rows, pull = (np.asarray(a) for a in _by_variables(still, s, loads, count))
+    try:
+        matrix = splu(stiffness(still.model, s, loads).tocsc())
+    except RuntimeError:
+        raise SceneError(
+            "design: parts of it hang on nothing, and its pose at rest is not one; allowed: others"
+        ) from None
+    dr = -matrix.solve(rows.reshape(count, -1).T).T.reshape(count, *s.r.shape)
+    _, along = jax.vmap(
+        lambda d: jax.jvp(lambda r: unbalanced(still.model, state(still.model, r, t=s.t), loads)[1], (s.r,), (d,))
+    )(jnp.asarray(dr))
+    return Rest(s, dr, pull + np.asarray(along))
+
+
+def _by_variables(still: Still, s: State, loads: jax.Array, count: int) -> tuple[jax.Array, jax.Array]:
+    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at places that are held."""
+
+    def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
+        model = still.moved(shift)
+        return unbalanced(model, state(model, s.r, t=s.t), loads)
+
+    zero = jnp.zeros(count)
+    return jax.vmap(lambda way: jax.jvp(rows, (zero,), (way,))[1])(jnp.eye(count))

@@ -1,0 +1,252 @@
+"""`optimise`: from a site to a design, its derivatives checked first, in a search that can be gone on with."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
+from dropper_jax.base.progress import silent
+from fitting.optimise.design import Design, Say, Values, Window
+from fitting.optimise.goals import Goals, read_goals
+from fitting.optimise.models import ASSUMPTIONS
+from fitting.optimise.search import Search, listed, measure, programme, sought
+from fitting.optimise.settings import Settings
+from fitting.optimise.variables import Variable, read_variables
+from fitting.site import Site
+
+#: Steps of the check of derivatives over a variable's range (links go slack and nodes touch the bed within larger
+#: ones), and the largest difference, over the largest derivative, that it lets pass at the better of them.
+CHECK_STEPS, CHECK = (1e-6, 1e-7), 1e-2
+#: Random directions of the check.
+DIRECTIONS = 2
+#: A constraint is called active from here on.
+ACTIVE = 0.97
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimum:
+    """What the search found.
+
+    Attributes:
+        variables, before, after: and their values (p,); `after` is the best design whose whole runs meet all
+            constraints, or where the search ended if none does (`feasible` False).
+        objective: before and after.
+        constraints: by name, before and after (whole runs).
+        prices: by name of an active constraint, change of the objective for 1 % more of its limit.
+        assumptions: by name, change of the objective for 1 % more.
+        residual: largest relative difference of soft peaks times factor from hard ones over the last windows.
+        check: differences of the derivatives before the search, over the largest one.
+    """
+
+    variables: tuple[Variable, ...]
+    before: np.ndarray
+    after: np.ndarray
+    of: str
+    objective: tuple[float, float]
+    constraints: dict[str, tuple[float, float]]
+    prices: dict[str, float]
+    assumptions: dict[str, float]
+    feasible: bool
+    residual: float
+    check: float
+    rounds: int
+    runs: int
+    history: list[dict[str, Any]]
+
+    @property
+    def gain(self) -> float:
+        """Share by which the objective fell."""
+        return 1.0 - self.objective[1] / self.objective[0]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        table = dataclasses.asdict(self)
+        table["variables"] = [dataclasses.asdict(v) for v in self.variables]
+        return jsonable({**table, "gain": self.gain})
+
+
+def read_problem(site: Site) -> Design:
+    """The design problem of a site, checked.
+
+    Raises:
+        SceneError: whatever is wrong with it, before anything runs.
+    """
+    variables = read_variables(site.raw.get("variable", []), site.scene)
+    goals: Goals = read_goals(site)
+    if all(state is not None for state in site.states):
+        raise SceneError("cases.states: none is 'intact'; allowed: 'intact' among them, which is what is optimised")
+    design = Design(site, variables, goals, Settings.read(site.raw.get("optimise", {})))
+    design.check()
+    return design
+
+
+def check_slopes(design: Design, windows: Sequence[Window]) -> float:
+    """Largest difference of a window's derivatives from central differences, along random directions.
+
+    Raises:
+        SceneError: it is beyond `CHECK`.
+    """
+    rng, x = np.random.default_rng(0), design.start
+    span = np.array([v.span for v in design.variables])
+    window = windows[0]
+    slope = design.window(x, window).slope[:, : len(x)]
+    worst = 0.0
+    for _ in range(DIRECTIONS):
+        way = rng.choice([-1.0, 1.0], len(x)) * span
+        size = np.maximum(np.max(np.abs(slope * span), axis=1), 1e-6)
+        off = []
+        for step in CHECK_STEPS:
+            ends = [design.window(x + sign * step * way, window, slopes=False).soft for sign in (1.0, -1.0)]
+            off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
+        worst = max(worst, float(np.max(np.min(off, axis=0))))
+    if not worst <= CHECK:
+        raise SceneError(
+            f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
+            f"to {CHECK:g}; take a smaller run.dt or a shorter optimise.window"
+        )
+    return worst
+
+
+def optimise(site: Site, state: str | Path | None = None, say: Say = silent, check: bool = True) -> Optimum:
+    """The best design of a site.
+
+    Args:
+        state: file that the search is kept in after every step, and gone on from where it is there.
+
+    Raises:
+        SceneError: a site that cannot be used, constraints that no design within the bounds meets to first order, or
+            runs that fail.
+    """
+    design = read_problem(site)
+    file = None if state is None else Path(state)
+    mark = _mark(design)
+    search, off = _resumed(file, mark, design)
+
+    def save() -> None:
+        if file is not None:
+            atomic_write(file, json.dumps(jsonable({"site": mark, "check": off, **dataclasses.asdict(search)})))
+
+    if search.before is None:
+        _possible(design)
+        if check:
+            off = checked(design, say)
+            save()
+    if not search.done:
+        sought(search, design, save, say)
+    return _optimum(design, search, off, say)
+
+
+def _possible(design: Design) -> None:
+    """Refuse depths at rest that no design within the bounds meets to first order, before any storm is run."""
+    for case in {c.storm.still: c for c in design.cases}.values():
+        found, own = design.still(design.start, case)
+        rows = [
+            row
+            for depth in design.goals.depths
+            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level))
+        ]
+        if not rows:
+            continue
+        names, value, slopes = zip(*rows, strict=True)
+        p = len(design.variables)
+        low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
+        values = Values(0.0, np.zeros(p), names, np.array(value), np.array(slopes))
+        step = programme(values, low - design.start, high - design.start, 1.0, 1.0)
+        left = values.value + values.slopes[:, :p] @ step.step
+        if step.violation > 1e-3:
+            worst = int(np.argmax(left))
+            raise SceneError(
+                f"constraint: {names[worst]} cannot be met together with the others within the variables' bounds; "
+                "allowed: wider bounds, or limits that do not contradict"
+            )
+
+
+def _mark(design: Design) -> str:
+    """Digest of what a state belongs to."""
+    site = design.site
+    table = {
+        "scene": site.scene.to_dict(),
+        "raw": site.raw,
+        "run": str(site.run),
+        "cases": [c.storm.name for c in site.cases],
+    }
+    return hashlib.sha256(json.dumps(jsonable(table), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _resumed(file: Path | None, mark: str, design: Design) -> tuple[Search, float]:
+    fresh = Search(design.start, design.settings.reach)
+    if file is None or not file.exists():
+        return fresh, float("nan")
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        if table.pop("site") != mark:
+            raise SceneError(
+                f"--state: {str(file)!r} is of another site or version of it; allowed: its own, or a new file"
+            )
+        off = table.pop("check")
+        arrays = {key: None if table[key] is None else np.array(table[key]) for key in ("x", "best", "fixed")}
+        best = table["best_objective"]
+        found = Search(**{**table, **arrays, "best_objective": np.inf if best is None else best})
+        return found, float("nan") if off is None else off
+    except (ValueError, KeyError, TypeError):
+        raise SceneError(
+            f"--state: {str(file)!r} is no state of a search; allowed: one that it wrote, or a new file"
+        ) from None
+
+
+def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
+    """The end of a search: constraints of whole runs, prices, assumptions."""
+    feasible = search.best is not None
+    if feasible:
+        search.x = search.best
+    say(0.95, "the end: whole runs and prices")
+    windows, found, _ = measure(search, design, say)
+    here = design.values(search.x, windows, say)
+    p = len(design.variables)
+    span = np.array([v.span for v in design.variables])
+    low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
+    room = 0.02 * span
+    limit = 1.0 - design.settings.margin
+    step = programme(
+        here, np.maximum(low - search.x, -room), np.minimum(high - search.x, room), search.scale, max(limit, here.worst)
+    )
+    prices = {n: -0.01 * float(price) for n, price in zip(here.names, step.prices, strict=True) if price > 0}
+    costs = here.slope[p:] + step.prices @ here.slopes[:, p:]
+    before = search.before
+    names = found.names
+    after = listed(found)
+    return Optimum(
+        variables=design.variables,
+        before=np.array(before["x"]),
+        after=search.x,
+        of=design.goals.objective.of,
+        objective=(before["objective"], found.objective),
+        constraints={n: (before["constraints"][n], after[n]) for n in names},
+        prices=prices,
+        assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
+        feasible=feasible,
+        residual=float(np.max(np.abs(here.value - found.value))),
+        check=off,
+        rounds=search.round,
+        runs=len(search.history),
+        history=search.history,
+    )
+
+
+def checked(design: Design, say: Say = silent) -> float:
+    """The check of a design's derivatives at its start: see `check_slopes`."""
+    say(0.0, "checking derivatives")
+    found = design.still(design.start, design.cases[0])
+    count = len(design.quantities(found[0]))
+    begin = Window(design.cases[0], 0.0, np.ones(count), None)
+    heights = design.window(design.start, begin, slopes=False, given=found).hard
+    return check_slopes(design, [dataclasses.replace(begin, height=heights)])

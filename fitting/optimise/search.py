@@ -1,0 +1,212 @@
+"""The search for a design: linear programmes within a reach that grows where they tell the truth.
+
+    min  c.d + P sum s    over  |d| <= reach, g + J d <= 1 - margin + s, s >= 0
+
+A step that lowers the merit `objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza
+1989); a storm is run and differentiated once for each. After some steps the windows are found anew from whole runs: a
+design counts where its whole runs meet all constraints, and the best of these is what the search ends with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from fitting.optimise.design import Design, Say, Values, Window
+from fitting.optimise.storms import Storms
+
+#: Price of a violation, in objectives at the start.
+PRICE = 10.0
+#: Least part of the predicted gain that a step must bring, and the parts beyond which the reach shrinks or grows.
+LEAST, POOR, GOOD = 0.05, 0.25, 0.6
+SHRINK, GROW, SMALLEST, LARGEST = 0.4, 1.6, 2e-3, 0.5
+#: How far constraints of the best design may lie above 1: rounding.
+ROUNDING = 1e-9
+
+
+@dataclasses.dataclass
+class Search:
+    """Where the search is; everything that a restart needs.
+
+    Attributes:
+        x: the design (p,); `reach`: share of the ranges; `round`: rounds done.
+        scale: objective at the start.
+        best: the best design whose whole runs meet all constraints, its objective; None while there is none.
+        fixed: variables that have been set to a size of their catalogue (p,).
+        history: one row per evaluation.
+    """
+
+    x: np.ndarray
+    reach: float
+    scale: float = 0.0
+    round: int = 0
+    best: np.ndarray | None = None
+    best_objective: float = np.inf
+    before: dict[str, Any] | None = None
+    fixed: np.ndarray | None = None
+    history: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    done: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Programme:
+    """Solution of a linear programme: step (p,), predicted objective and violation, prices of constraints (m,)."""
+
+    step: np.ndarray
+    objective: float
+    violation: float
+    prices: np.ndarray
+
+
+def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, limit: float) -> Programme:
+    """The linear programme for steps between low and high (p,).
+
+    Raises:
+        RuntimeError: it has no solution, which slack rules out.
+    """
+    from scipy.optimize import linprog  # noqa: PLC0415
+
+    p, m = len(low), len(values.value)
+    cost = np.concatenate([values.slope[:p] / scale, np.full(m, PRICE)])
+    rows = np.hstack([values.slopes[:, :p], -np.eye(m)])
+    bounds = [*zip(low, high, strict=True), *[(0.0, None)] * m]
+    found = linprog(cost, A_ub=rows, b_ub=limit - values.value, bounds=bounds, method="highs")
+    if found.status != 0:
+        raise RuntimeError(found.message)
+    step = found.x[:p]
+    left = np.maximum(values.value + values.slopes[:, :p] @ step - limit, 0.0)
+    return Programme(
+        step, values.objective + values.slope[:p] @ step, float(left.sum()), -scale * found.ineqlin.marginals
+    )
+
+
+def violation(values: Values, limit: float) -> float:
+    """Sum of what constraints exceed their limit by."""
+    return float(np.sum(np.maximum(values.value - limit, 0.0)))
+
+
+def run_round(
+    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
+) -> Values:
+    """Steps of one round; the values at its end."""
+    settings, limit = design.settings, 1.0 - design.settings.margin
+    span = np.array([v.span for v in design.variables])
+    low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
+    fixed = np.zeros(len(span), bool) if search.fixed is None else search.fixed
+    say(0.0, f"round {search.round + 1}: derivatives")
+    here = design.values(search.x, windows, say)
+    merit = lambda v: v.objective / search.scale + PRICE * violation(v, limit)  # noqa: E731
+    taken = tried = 0
+    while taken < settings.renew and tried < 3 * settings.renew and search.reach > SMALLEST:
+        tried += 1
+        room = np.where(fixed, 0.0, search.reach * span)
+        step = programme(
+            here, np.maximum(low - search.x, -room), np.minimum(high - search.x, room), search.scale, limit
+        )
+        gain = merit(here) - (step.objective / search.scale + PRICE * step.violation)
+        if gain < 1e-4 * settings.enough + 1e-9:
+            break
+        trial = np.clip(search.x + step.step, low, high)
+        there, failure = _tried(design, trial, windows, say)
+        won = -np.inf if there is None else merit(here) - merit(there)
+        row = {"round": search.round + 1, "taken": won >= LEAST * gain, "reach": search.reach}
+        if there is None:
+            row |= {"failure": failure}
+        else:
+            row |= {"objective": there.objective, "worst": there.worst}
+            failure = f"objective {there.objective:.5g}, worst {there.worst:.3f}"
+        search.history.append({**row, "values": trial.tolist()})
+        say(tried / (3 * settings.renew), failure)
+        if won < POOR * gain:
+            search.reach *= SHRINK
+        elif won > GOOD * gain:
+            search.reach = min(search.reach * GROW, LARGEST)
+        if won >= LEAST * gain:
+            search.x, here, taken = trial, there, taken + 1
+        save()
+    return here
+
+
+def _tried(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
+    """Values of a design; None where it has no pose at rest or its windows cannot be run, with the reason."""
+    try:
+        found = design.values(x, windows, say)
+    except SceneError as error:
+        return None, str(error)
+    return (found, "") if found.solved else (None, "steps of a window fail")
+
+
+def measure(search: Search, design: Design, say: Say) -> tuple[tuple[Window, ...], Values, list[Storms]]:
+    """Windows anew and the constraints by whole runs; the best design so far is kept."""
+    windows, full = design.renewed(search.x, say)
+    found = design.measured(search.x, full)
+    row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
+    search.history.append({**row, "values": search.x.tolist()})
+    if found.worst <= 1.0 + ROUNDING and found.objective < search.best_objective:
+        search.best, search.best_objective = search.x.copy(), found.objective
+    return windows, found, full
+
+
+def snapped(search: Search, design: Design, values: Values) -> np.ndarray | None:
+    """The design with variables on sizes of their catalogues, each the neighbour that costs least to first order.
+
+    Returns:
+        None where no variable has a catalogue.
+    """
+    if not any(v.catalogue for v in design.variables):
+        return None
+    x, limit = search.x.copy(), 1.0 - design.settings.margin
+    for k, variable in enumerate(design.variables):
+        if not variable.catalogue:
+            continue
+
+        def merit(size: float, k: int = k) -> float:
+            d = size - search.x[k]
+            over = np.maximum(values.value + values.slopes[:, k] * d - limit, 0.0)
+            return (values.objective + values.slope[k] * d) / search.scale + PRICE * float(over.sum())
+
+        x[k] = min(variable.sizes(float(search.x[k])), key=merit)
+    return x
+
+
+def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -> None:
+    """The whole search, from where it is."""
+    settings = design.settings
+    windows, found, _ = measure(search, design, say)
+    if search.before is None:
+        search.scale = abs(found.objective) or 1.0
+        search.before = {"x": search.x.tolist(), "objective": found.objective, "constraints": listed(found)}
+        save()
+    last, still_better = search.best_objective, True
+    while search.round < settings.rounds and still_better:
+        here = run_round(search, design, windows, save, say)
+        search.round += 1
+        windows, found, _ = measure(search, design, say)
+        save()
+        gained = last - search.best_objective if np.isfinite(last) else np.inf
+        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and search.reach > SMALLEST)
+        last = search.best_objective
+        if not still_better and search.fixed is None:
+            if search.best is not None:
+                search.x = search.best.copy()
+            x = snapped(search, design, here)
+            if x is None:
+                continue
+            # sizes are set, the rest is sought anew beside them
+            search.fixed = np.array([bool(v.catalogue) for v in design.variables])
+            search.x, search.reach, still_better = x, settings.reach, True
+            search.best, search.best_objective, last = None, np.inf, np.inf
+            windows, found, _ = measure(search, design, say)
+            last = search.best_objective
+            save()
+    search.done = True
+    save()
+
+
+def listed(values: Values) -> dict[str, float]:
+    """Constraints by name."""
+    return dict(zip(values.names, values.value.tolist(), strict=True))

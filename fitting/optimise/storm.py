@@ -1,0 +1,170 @@
+"""Windows of storms: peaks and their derivatives by the variables, statics included.
+
+A window is a run of its own: it begins in the pose at rest, its waves rise over `RAMP` seconds as those of the storm
+from `begin` on, and so it meets the storm's largest waves with a motion that has forgotten its start.
+
+    dJ/dp = J_p + sum over leaves m of J_m dm/dp + J_r dr_0/dp + J_T dT_0/dp
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Model
+from dropper_jax.sea import Sea
+from dropper_jax.stepping.adjoint import Record, check_recordable, record, way_back
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.stepper import Stepper
+from fitting.optimise.models import Still, in_waves, leaf_numbers
+from fitting.optimise.quantities import Quantity
+from fitting.optimise.rest import Rest
+
+#: Time [s] in which the waves of a window rise; it does not count.
+RAMP = 10.0
+#: Times that a window that could not be solved is taken again with half the step.
+HALVINGS = 1
+
+_record = kept(static=("stepper", "steps"))(record)
+_way_back = kept(static=("stepper", "moving"))(way_back)
+
+
+@dataclasses.dataclass(frozen=True)
+class Peaks:
+    """Peaks of a window.
+
+    Attributes:
+        hard, soft: (q,); NaN where the run failed.
+        slope: derivative of the soft ones by the variables (q, p).
+        when: time of each hard peak after the window's begin (q,) [s].
+        solved: whether every step was.
+    """
+
+    hard: np.ndarray
+    soft: np.ndarray
+    slope: np.ndarray | None
+    when: np.ndarray
+    solved: bool
+
+
+def storm_stepper(model: Model) -> Stepper:
+    """The stepper of windows: energy-momentum, without means for steps that resist.
+
+    Raises:
+        SceneError: a scene that has no way back.
+    """
+    stepper = make_stepper(model, extra=0, halvings=0, track_work=False)
+    check_recordable(stepper, model)
+    return stepper
+
+
+def peaks(
+    still: Still,
+    rest: Rest,
+    sea: Sea,
+    quantities: Sequence[Quantity],
+    dt: float,
+    duration: float,
+    slopes: bool = True,
+    heights: np.ndarray | None = None,
+) -> Peaks:
+    """Peaks of a window of `duration` [s] in a sea whose waves rise at its begin.
+
+    Args:
+        heights: of the peaks about (q,), which size the width of soft ones; the hard peaks where left out. They are
+            held: between two calls that are compared they must be the same.
+    """
+    model = in_waves(still.model, sea)
+    stepper = storm_stepper(model)
+    for halving in range(HALVINGS + 1):
+        h = dt / 2**halving
+        steps = int(round(duration / h))
+        run = _record(stepper, model, rest.state, jnp.asarray(h, model.dtype), steps=steps)
+        if float(run.residual) <= stepper.limit(model):
+            return _peaks(stepper, model, still, rest, run, tuple(quantities), h, slopes, heights)
+    none = np.full(len(quantities), np.nan)
+    return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)
+
+
+def _peaks(
+    stepper: Stepper,
+    model: Model,
+    still: Still,
+    rest: Rest,
+    run: Record,
+    quantities: tuple[Quantity, ...],
+    h: float,
+    slopes: bool,
+    heights: np.ndarray | None,
+) -> Peaks:
+    count = max(0, min(int(round(RAMP / h)), len(run.tension) - 1))  # what the ramp leaves out
+    hard, when = (np.asarray(a) for a in _hard(quantities, model, run.r[count:], run.tension[count:]))
+    when = (when + count + 1) * h
+    heights = jnp.asarray(hard if heights is None else heights, model.dtype)
+    if not slopes:
+        soft = np.asarray(_soft(quantities, model, heights, run.r[count:], run.tension[count:]))
+        return Peaks(hard, soft, None, when, True)
+    numbers = leaf_numbers(model, still)
+    table = tuple(numbers)
+    soft, by_shift, by_r, by_t = _by_signals(
+        *(quantities, table, model, [jnp.asarray(numbers[i]) for i in table], heights),
+        *(run.r[count:], run.tension[count:]),
+    )
+    ahead = ((count, 0), (0, 0), (0, 0))
+    by_r, by_t = jnp.pad(by_r, (*ahead, (0, 0))), jnp.pad(by_t, ahead)
+    by_leaf, by_start = _way_back(stepper, model, table, run, jnp.asarray(h, model.dtype), by_r, by_t)
+    slope = np.array(by_shift)
+    for i, ct in zip(table, by_leaf, strict=True):
+        q = ct.shape[0]
+        slope += np.asarray(ct).reshape(q, -1) @ numbers[i].reshape(numbers[i].shape[0], -1).T
+    for ct, d in ((by_start.r, rest.dr), (by_start.tension, rest.dtension)):
+        slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(d.shape[0], -1).T
+    return Peaks(hard, np.asarray(soft), slope, when, True)
+
+
+@kept(static=("quantities",))
+def _hard(
+    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Hard peaks (q,), and at which of the times (q,)."""
+    highest = [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
+    return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
+
+
+@kept(static=("quantities",))
+def _soft(
+    quantities: tuple[Quantity, ...], model: Model, heights: jax.Array, r: jax.Array, tension: jax.Array
+) -> jax.Array:
+    return jnp.stack([q.soft(model, r, tension, heights[i]) for i, q in enumerate(quantities)])
+
+
+@kept(static=("quantities", "moving"))
+def _by_signals(
+    quantities: tuple[Quantity, ...],
+    moving: tuple[int, ...],
+    model: Model,
+    slopes: list[jax.Array],
+    heights: jax.Array,
+    r: jax.Array,
+    tension: jax.Array,
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Soft peaks (q,), and their derivatives by the variables where the motion is held (q, p), by places
+    (k, q, nodes, 3) and by tensions (k, q, n)."""
+    count = slopes[0].shape[0]
+
+    def value(i: int, shift: jax.Array, r: jax.Array, tension: jax.Array) -> jax.Array:
+        leaves, tree = jax.tree.flatten(model)
+        for leaf, slope in zip(moving, slopes, strict=True):
+            leaves[leaf] = leaves[leaf] + jnp.tensordot(shift, slope, axes=1)
+        return quantities[i].soft(jax.tree.unflatten(tree, leaves), r, tension, heights[i])
+
+    zero = jnp.zeros(count, r.dtype)
+    found = [jax.value_and_grad(value, argnums=(1, 2, 3))(i, zero, r, tension) for i in range(len(quantities))]
+    soft, gradients = zip(*found, strict=True)
+    by_shift, by_r, by_t = zip(*gradients, strict=True)
+    return jnp.stack(soft), jnp.stack(by_shift), jnp.stack(by_r, axis=1), jnp.stack(by_t, axis=1)

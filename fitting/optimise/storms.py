@@ -1,0 +1,60 @@
+"""Full storms of a design: hard peaks over the whole run by the scene's own law, and when they are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model, State
+from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.pieces import compile_run, go_through
+from fitting.optimise.models import in_waves, sea_of, still_scene
+from fitting.optimise.quantities import Quantity
+from fitting.optimise.rest import near_rest
+from fitting.site import Case, Site
+
+
+@dataclasses.dataclass(frozen=True)
+class Storms:
+    """Hard peaks of one case (q,) and their times (q,) [s]; NaN where the run failed, with `message`."""
+
+    hard: np.ndarray
+    when: np.ndarray
+    message: str = ""
+
+
+def full_storm(
+    site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None, dt: float | None = None
+) -> Storms:
+    """The whole run of a case of a design, steps that resist halved; what comes before `skip` does not count."""
+    none = np.full(len(quantities), np.nan)
+    own = still_scene(site, scene, case.storm, calm=False)
+    model = build_model(own)
+    start = near_rest(model, near)
+    model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
+    run = dataclasses.replace(own.run, save_every=1, **({} if dt is None else {"dt": dt}))
+    gone = go_through(compile_run(stepper_of(model, run, track_work=False), model, start, run), run.saves, _silent)
+    found = gone.trajectory
+    if int(found.first_bad[-1]) >= 0:
+        return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
+    first = int(np.floor(site.run.skip / run.dt))
+    hard, when = [], []
+    for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
+        peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
+        hard.append([float(jnp.max(x)) for x in peaks])
+        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.dt for x in peaks])
+    best = np.argmax(hard, axis=0)
+    return Storms(np.max(hard, axis=0), np.array(when)[best, np.arange(len(best))])
+
+
+def _signals(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> list[jax.Array]:
+    return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
+
+
+def _silent(done: float, what: str) -> None:
+    pass

@@ -1,0 +1,121 @@
+"""Design problems: what is read and refused, slopes of models and of poses, the linear programme."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from dropper_jax.base.errors import SceneError
+from fitting.optimise.design import Values
+from fitting.optimise.models import still, still_model
+from fitting.optimise.rest import near_rest, rest
+from fitting.optimise.run import read_problem
+from fitting.optimise.search import programme
+from fitting.optimise.variables import read_variables
+from fitting.site import read_site
+
+SITE = {
+    "scene": "looped-longline",
+    "parameters": {"loops": 2, "loop_links": 2},
+    "run": {"duration": 60.0, "seeds": 1, "skip": 15.0},
+    "sea_state": [{"name": "storm", "hs": 3.0, "tp": 9.0, "count": 20}],
+    "cases": {"currents": [0.9]},
+    "factors": {"intact": 1.67},
+    "part": [{"name": "lines", "lines": "*"}],
+    "backbone": {"lines": "backbone", "deepest": 8.0},
+    "variable": [
+        {"name": "leg", "low": 55.0, "high": 80.0},
+        {"name": "leg_diameter", "low": 0.01, "high": 0.05, "catalogue": [0.012, 0.02, 0.04]},
+        {"name": "float_volume", "low": 0.05, "high": 0.3},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def site():
+    return read_site(SITE)
+
+
+def changed(**sections):
+    return read_site({**copy.deepcopy(SITE), **sections})
+
+
+def test_variables_are_parameters_with_bounds_and_neighbouring_sizes(site):
+    leg, diameter, _ = read_variables(site.raw["variable"], site.scene)
+    assert (leg.path, leg.value, leg.span) == ("parameters.leg", 60.0, 25.0)
+    assert diameter.sizes(0.025) == (0.02, 0.04)
+    assert diameter.sizes(0.045) == (0.04,)
+    assert leg.sizes(61.5) == (61.5,)
+
+
+REFUSED = {
+    "an unknown name": ({"variable": [{"name": "legg", "low": 1.0, "high": 2.0}]}, "legg.*did you mean.*leg"),
+    "no room": ({"variable": [{"name": "leg", "low": 60.0, "high": 60.0}]}, "variable.0.high.*leaves no room"),
+    "the start outside": ({"variable": [{"name": "leg", "low": 61.0, "high": 80.0}]}, "leave out the scene's 60"),
+    "one that follows": ({"variable": [{"name": "backbone_length", "low": 1.0, "high": 9.0}]}, "follows from others"),
+    "one twice": ({"variable": [SITE["variable"][0]] * 2}, "is there twice"),
+    "a size outside": (
+        {"variable": [{"name": "leg", "low": 55.0, "high": 80.0, "catalogue": [90.0]}]},
+        "catalogue.0.*out of bounds",
+    ),
+    "an unknown part": ({"objective": {"of": "load", "part": "line"}}, "objective.part.*'line' is unknown"),
+    "an unknown objective": ({"objective": {"of": "beauty"}}, "objective.of.*'beauty' is unknown"),
+    "depths that contradict": (
+        {"constraint": [{"kind": "depth", "points": "p*", "shallowest": 5.0, "deepest": 4.0}]},
+        "constraint.0.deepest: 4 m contradicts shallowest",
+    ),
+    "a kind that is none": ({"constraint": [{"kind": "price"}]}, "constraint.0.kind.*'price' is unknown"),
+    "points that are not there": (
+        {"constraint": [{"kind": "depth", "points": "q*", "deepest": 4.0}]},
+        "'q.' matches no free point",
+    ),
+    "a window that its ramp fills": ({"optimise": {"before": 5.0}}, "optimise.before: 5 s"),
+    "no variable": ({"variable": []}, "variable: none is given"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_bad_problem_is_refused_before_anything_runs(what):
+    sections, told = REFUSED[what]
+    with pytest.raises(SceneError, match=told):
+        read_problem(changed(**sections))
+
+
+def test_a_variable_that_moves_nothing_is_named():
+    # the scene's own current is not that of the cases
+    own = [*SITE["variable"], {"name": "current", "low": 0.5, "high": 1.5}]
+    with pytest.raises(SceneError, match="variable: 'current' moves nothing"):
+        read_problem(changed(variable=own))
+
+
+def test_models_and_poses_follow_the_variables_as_differences_say(site):
+    design = read_problem(site)
+    case, x = design.cases[0], design.start
+    found = still(design.site, design.variables, x, case.storm)
+    own = rest(found)
+    for k, variable in enumerate(design.variables):
+        step = np.zeros(len(x))
+        step[k] = 1e-5 * variable.span
+        ends = [still_model(design.site, design.variables, x + s * step, case.storm) for s in (1.0, -1.0)]
+        places = [near_rest(model, own.state).r for model in ends]
+        by = np.asarray(places[0] - places[1]) / (2 * step[k])
+        np.testing.assert_allclose(own.dr[k], by, rtol=1e-4, atol=1e-5 * np.max(np.abs(by)))
+
+
+def test_capacities_that_are_the_scene_s_follow_the_design(site):
+    design = read_problem(changed(part=[{"name": "legs", "lines": "*-leg"}], unchecked=["loop-*", "backbone"]))
+    value, slope = design.told(design.start)
+    # 1.1e8 d^2: twice the relative change of the diameter
+    np.testing.assert_allclose([value[1], slope[1, 1] * design.start[1], slope[1, 0]], [1.0, 2.0, 0.0], atol=1e-6)
+    legs = 2 * 500.0 * 0.04**2 * 60.0
+    backbone, loop, floats = 500.0 * 0.036**2 * 6.6, 2 * 8.0 * 8.0, 3 * 80.0 * 0.13
+    np.testing.assert_allclose(value[0], legs + backbone + loop + floats, rtol=1e-6)
+    np.testing.assert_allclose(slope[0] * design.start, [legs, 2 * legs, floats], rtol=1e-4)
+
+
+def test_the_programme_finds_corner_and_prices():
+    # min x + y above x + 2 y >= 3, 2 x + y >= 3 from (2, 2): the corner (1, 1), prices 1/3 each
+    values = Values(4.0, np.ones(2), ("a", "b"), np.array([-2.0, -2.0]), np.array([[-1.0, -2.0], [-2.0, -1.0]]))
+    found = programme(values, np.full(2, -2.0), np.full(2, 2.0), scale=4.0, limit=1.0)
+    np.testing.assert_allclose([*found.step, found.objective, found.violation], [-1.0, -1.0, 2.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.prices, [1 / 3, 1 / 3])

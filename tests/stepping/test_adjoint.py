@@ -1,0 +1,82 @@
+"""The way back of a run, against differences of runs by `integrate`."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import build, build_model
+from dropper_jax.stepping.adjoint import check_recordable, record, way_back
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.stepping.integrate import integrate
+
+STEPS, H = 24, 0.05
+
+
+@pytest.fixture(scope="module")
+def farm():
+    """One loop between two legs, in waves: model, start, stepper. Damped, so that slack links do not chatter."""
+    scene = load_scene("looped-longline").with_values(
+        {"parameters.loops": 1, "parameters.loop_links": 2, "parameters.leg": 62.0}
+        | {f"line_type.{name}.law": "damped_rope" for name in ("backbone", "leg", "sock")}
+        | {f"line_type.{name}.damping_ratio": 1.0 for name in ("backbone", "leg", "sock")}
+    )
+    table = scene.to_dict()
+    table["sea"] |= {"waves": {"kind": "regular", "amplitude": 1.5, "period": 8.0}}
+    scene = load_scene(table)
+    model, start = build(scene)
+    return model, start, make_stepper(model, extra=0, halvings=0, track_work=False)
+
+
+def quantities(r, tension):
+    """Two numbers of a run: of all tensions, and of the last heights."""
+    return jnp.stack([jnp.sum(tension**2) * 1e-8, jnp.sum(r[-5:, :, 2] ** 3) * 1e-3])
+
+
+def test_the_way_back_gives_what_differences_of_runs_give(farm):
+    model, start, stepper = farm
+    leaves, tree = jax.tree.flatten(model)
+    moving = tuple(i for i, leaf in enumerate(leaves) if leaf is model.line.length or leaf is model.line.mass)
+    assert len(moving) == 2
+
+    @jax.jit
+    def both_ways(start):
+        run = record(stepper, model, start, H, STEPS)
+        by_r, by_t = (jnp.moveaxis(a, 0, 1) for a in jax.jacrev(quantities, argnums=(0, 1))(run.r, run.tension))
+        return run, way_back(stepper, model, moving, run, H, by_r, by_t)
+
+    def values(chosen, r):
+        changed = list(leaves)
+        for i, leaf in zip(moving, chosen, strict=True):
+            changed[i] = leaf
+        found = integrate(stepper, jax.tree.unflatten(tree, changed), replace(start, r=r), H, STEPS)[1]
+        return quantities(found.r, found.tension)
+
+    # from the midst of a motion: at rest slack links are at the length where they tauten
+    start = jax.tree.map(lambda a: a[-1], both_ways(start)[0].before)
+    run, (by_leaf, by_start) = both_ways(start)
+    chosen, values = [leaves[i] for i in moving], jax.jit(values)
+    np.testing.assert_allclose(quantities(run.r, run.tension), values(chosen, start.r), rtol=1e-10)
+    rng = np.random.default_rng(0)
+    way, push = [jnp.asarray(rng.normal(size=a.shape) * a) for a in chosen], jnp.asarray(rng.normal(size=start.r.shape))
+    along = sum(np.einsum("qn,n->q", a, b) for a, b in zip(by_leaf, way, strict=True))
+    along = along + np.einsum("qni,ni->q", by_start.r, push)
+    off = []
+    for step in (1e-8, 1e-9, 1e-10):  # stiff ropes go slack within larger ones
+        ends = [[a + s * step * b for a, b in zip(chosen, way, strict=True)] for s in (1.0, -1.0)]
+        high, low = (values(end, start.r + s * step * push) for end, s in zip(ends, (1.0, -1.0), strict=True))
+        off.append(np.abs((high - low) / (2 * step) / along - 1.0))
+    assert np.all(np.min(off, axis=0) < 1e-5), off
+
+
+def test_what_has_no_way_back_is_refused():
+    model = build_model(load_scene("dropper-release-a"))
+    with pytest.raises(SceneError, match="a single line; allowed: systems of lines"):
+        check_recordable(make_stepper(model), model)
+    model = build_model(load_scene("looped-longline").with_values({"parameters.loops": 1}))
+    with pytest.raises(SceneError, match="'rk4' has no way back; allowed: energy_momentum"):
+        check_recordable(make_stepper(model, "rk4"), model)

@@ -103,6 +103,11 @@ class MorisonInertia(_InertiaForce):
     def reach(self) -> int:
         return 0 if self.added_mass == "morison" else 1
 
+    @property
+    def turns(self) -> bool:
+        """Whether added mass gains energy by turning, as Morison's form does."""
+        return self.added_mass == "morison"
+
     def _coefficients(self, part: Part) -> tuple[jax.Array, jax.Array]:
         """C_A across and along, ready to multiply (nodes, 3)."""
         column = lambda value: value if jnp.ndim(value) == 0 else part.take(value)[:, None]  # noqa: E731

@@ -134,6 +134,15 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
     return jnp.any((kinks >= low) & (kinks <= high))
 
 
+def sawtooth_grows(model: Model) -> bool:
+    """Whether something feeds velocities along rigid links that change their sign at every step.
+
+    Added mass of Morison's form turns with its link and gives `1/2 v' M_a' v`: such a velocity grew from rounding to
+    ten times all others within ten minutes of a regular wave, whatever the step.
+    """
+    return not model.line.axial.elastic and any(getattr(e, "turns", False) for e in model.having(AddedMass))
+
+
 def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Velocities (nodes, 3) [m/s] with which midpoint steps of h go on smoothly, and impulses (n,) [N s] to them."""
     v, first = consistent(k, added=True)

@@ -30,6 +30,7 @@ from dropper_jax.scene import (
     LineSpec,
     PointSpec,
     RunSpec,
+    SeasonSpec,
     StartSpec,
     VesselSpec,
 )
@@ -110,7 +111,7 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
     ),
     "line.*": _by_hand(
         "line.*",
-        ("type", "name of a [[line_type]]; `length` then is that of the whole line", "text", TEXT),
+        ("type", "name of a [[line_type]], or `library:NAME`; `length` then is that of the whole line", "text", TEXT),
         ("sections", "sections one after another: {type, length [m], links}", "list of tables", LIST),
         ("attach", "points along the line: {point, at}, `at` the arc length from its first end [m]", "list", LIST),
         ("shelter", "factor on the current that reaches the line", "number, or a table over it", {}),
@@ -136,6 +137,10 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
             ("", "amplitude", "m/m" if motion in ("surge", "sway", "heave") else "rad/m"),
             ("_phase", "phase", "rad"),
         )
+    ),
+    "growth": _by_hand(
+        "growth",
+        ("thickness", "thickness of the layer [m], a row for each month, a column for each depth", "rows", LIST),
     ),
     "sea": _by_hand("sea", ("packaged", "name of a packaged sea, whose values the scene may override", "text", TEXT)),
     "fit": _by_hand("fit", ("free", "paths that a fit leaves open", "list of texts", {**LIST, "items": TEXT})),
@@ -173,6 +178,7 @@ DECLARED: tuple[tuple[str, str, type | None], ...] = (
     ("vessel.*.rao", "vessel.rao", RaoSpec),
     *((f"effects.{name}", f"[effects.{name}]", cls) for name, cls in EFFECTS.items()),
     ("start", "[start]", StartSpec),
+    ("growth", "[growth]", SeasonSpec),
     ("sea", "[sea]", SeaSpec),
     ("sea.waves", "[sea.waves]", WaveSpec),
     ("sea.current", "[sea.current]", CurrentSpec),

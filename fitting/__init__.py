@@ -1,8 +1,8 @@
 """Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round.
 
 Rooms, each importing only those before it: `traces`, `tracking` (needs traces alone), `parameters`, `sweep`,
-`sensitivity` and `site` (need parameters alone), `estimate`, `calibration` and `channels`, `cases`, `season` and `optimise`
-of sites (need not each other), `report`, `cli`.
+`sensitivity` and `site` (need parameters alone), `estimate`; `calibration` and `channels`, `cases`, `season` and
+`optimise` of sites (none needs another); `report`, `cli`.
 """
 
 from importlib import import_module

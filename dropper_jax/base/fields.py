@@ -56,10 +56,6 @@ def parameter(
     return dataclasses.field(metadata=metadata, **kwargs)
 
 
-class Pairs:
-    """The type of an option that is a list of pairs of names."""
-
-
 def option(meaning: str, *, choices: Sequence[Any] | None = None, type: type | None = None, **kwargs: Any) -> Any:
     """Declare a static field of a component: a choice or a plain value that shapes the compiled program."""
     metadata = {"kind": "option", "meaning": meaning, "choices": choices, "type": type}

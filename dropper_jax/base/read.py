@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.fields import Pairs
+from dropper_jax.base.pairs import Pairs
 
 #: What a TOML file, a JSON text or a caller in Python may give for a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None

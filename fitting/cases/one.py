@@ -14,7 +14,7 @@ from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.failures import breaks
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.pieces import compile_run
+from dropper_jax.run.pieces import compile_run, first_carry
 from dropper_jax.run.start import initial_state
 from dropper_jax.statics.static_pose import equilibrium
 from dropper_jax.stepping.adaptive import Adaptive
@@ -59,7 +59,7 @@ class Runner:
         stepper = stepper_of(model, scene.run, track_work=False)
         start, places, rest = self._start(scene, model, case.storm)
         tally = Tally(scene, self.site.run.skip, places, self.curved)
-        run = compile_run(stepper, model, start, scene.run)
+        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
         carry, done, told = run.carry, 0, {"status": np.array(0)}
         retried = 0
         while done < scene.run.saves:

@@ -20,8 +20,8 @@ name = "sensitivity"
 help = "how much a quantity depends on parameters: exact derivatives, Sobol indices, Morris screening"
 
 #: Signals and statistics of `fitting.sensitivity`, which imports JAX.
-SIGNALS = ("tension", "angle", "excursion", "x", "y", "z", "energy")
-STATISTICS = ("max", "min", "mean", "final", "std", "fatigue", "peak")
+SIGNALS = ("tension", "angle", "excursion", "x", "y", "z", "period", "energy")
+STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")
 OF = (
     f"SIGNAL[.NUMBER].STATISTIC, such as tension.3.max; signals: {', '.join(SIGNALS)}; "
     f"statistics: {', '.join(STATISTICS)}"

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model, stepper_of
-from dropper_jax.run.pieces import compile_run, go_through
+from dropper_jax.run.pieces import compile_run, first_carry, go_through
 from fitting.optimise.models import in_waves, sea_of, still_scene
 from fitting.optimise.quantities import Quantity
 from fitting.optimise.rest import near_rest
@@ -38,7 +38,9 @@ def full_storm(
     start = near_rest(model, near)
     model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
     run = dataclasses.replace(own.run, save_every=1, **({} if dt is None else {"dt": dt}))
-    gone = go_through(compile_run(stepper_of(model, run, track_work=False), model, start, run), run.saves, _silent)
+    stepper = stepper_of(model, run, track_work=False)
+    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
+    gone = go_through(pieces, run.saves, _silent)
     found = gone.trajectory
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")

@@ -112,7 +112,7 @@ def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, n
         (["run", SCENE, "--out", "no-such-folder/run.npz"], ["--out", "'no-such-folder' does not exist"]),
         (["run", SCENE, "--animate", "film.mkv"], ["--animate: 'film.mkv'", ".gif"]),
         (["run", SCENE, "--colour"], ["unrecognized arguments: --colour"]),
-        (["run"], ["required: SCENE"]),
+        (["run"], ["SCENE: missing"]),
         (["rnu"], ["'rnu'"]),
         ([], ["required: COMMAND"]),
     ],

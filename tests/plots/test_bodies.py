@@ -89,7 +89,7 @@ def test_the_report_has_the_motion_in_degrees(solution):
     assert rows[0]["tilt_deg"]["max"] == pytest.approx(np.degrees(0.5))
     assert rows[0]["heave_m"]["mean"] == pytest.approx(-1.0)
     assert rows[0]["surge_m"]["std"] == pytest.approx(0.0, abs=1e-12)
-    assert "| spar | pitch [deg] | 28.648 | 0.000 |" in bodies_text(rows)[1]
+    assert r"| spar | pitch \[deg\] | 28.648 | 0.000 |" in bodies_text(rows)[1]
 
 
 def test_without_bodies_there_are_none():

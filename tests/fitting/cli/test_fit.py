@@ -84,7 +84,7 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
     assert abs(found["energy"]["slope"] - 1) < 3 * found["energy"]["std_error"]
     for heading in ("Parameters", "Energy", "Errors along the trace", "Correlation", "What was not identifiable"):
         assert f"## {heading}" in text
-    assert len(list((files / "report").glob("*.png"))) == 4
+    assert len(list((files / "report").glob("*.png"))) == 5
     fitted = load_scene(files / "report" / "fitted.toml")
     assert fitted.value("effects.linear_damping.b_l") == pytest.approx(b_l["value"], rel=1e-12)
 

@@ -8,7 +8,6 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_json
 from dropper_jax.cli.output import done_object, listing, print_json, print_result
-from dropper_jax.load.library import FAMILIES, PREFIX, part
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
@@ -21,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from dropper_jax.load.library import FAMILIES, PREFIX, part
+
     if args.name is None:
         rows = [
             (f"{name}-{f.example:g}", f"{f.size} {f.low:g} to {f.high:g} {f.unit}. {f.source}")

@@ -1,0 +1,5 @@
+"""The type of options that are lists of pairs; read without JAX."""
+
+
+class Pairs:
+    """The type of an option that is a list of pairs of names."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet, output_file
-from dropper_jax.cli.output import print_json, print_line, progress
+from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.optimise.run import Optimum
@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
         return OK
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
+    print_warnings(found.warnings)
     if picture:
         from fitting.optimise.picture import design_picture
 

@@ -67,6 +67,7 @@ class Design:
 
     def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: Settings) -> None:
         self.site = replace(site, states=(None,))  # lines that break are for `dropper cases`
+        self.broken = [one.name for one in site.states if one is not None]
         self.variables, self.goals, self.settings = tuple(variables), goals, settings
         self.cases = self.site.cases
         self._near: dict[object, State] = {}

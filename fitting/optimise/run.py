@@ -45,6 +45,7 @@ class Optimum:
         assumptions: by name, change of the objective for 1 % more.
         residual: largest relative difference of soft peaks times factor from hard ones over the last windows.
         check: differences of the derivatives before the search, over the largest one.
+        warnings: what of the site the search did not look at.
     """
 
     variables: tuple[Variable, ...]
@@ -61,6 +62,7 @@ class Optimum:
     rounds: int
     runs: int
     history: list[dict[str, Any]]
+    warnings: tuple[str, ...] = ()
 
     @property
     def gain(self) -> float:
@@ -239,7 +241,21 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         rounds=search.round,
         runs=len(search.history),
         history=search.history,
+        warnings=tuple(_left_out(design)),
     )
+
+
+def _left_out(design: Design) -> list[str]:
+    """What of a site is not designed against, one line each."""
+    found = []
+    if design.broken:
+        found.append(
+            f"cases.states: {', '.join(design.broken)} broken: not designed against, only intact cases are; "
+            "`dropper cases` with the new values tells how those fare"
+        )
+    if design.site.run.characteristic != "mean":
+        found.append(f"run.characteristic: {design.site.run.characteristic!r} is not designed for, the seeds' mean is")
+    return found
 
 
 def checked(design: Design, say: Say = silent) -> float:

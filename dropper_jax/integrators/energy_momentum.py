@@ -49,16 +49,20 @@ class EnergyMomentum(Implicit):
         return replace(s, v=begun(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
-        return MidpointProblem(model, s, h, self.weighting)
+        return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
 
 
 class MidpointProblem(StepProblem):
-    """Unknowns: x = r1 - r0 - h v0 (so that rounding stays relative to the acceleration), tensions, law unknowns."""
+    """Unknowns: x = r1 - r0 - h v0 (so that rounding stays relative to the acceleration), tensions, law unknowns.
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float) -> None:
+    `alone` says that steps follow each other with one length, which those of a composition do not: the rate of stretch
+    that a smooth motion has at their ends is another one there.
+    """
+
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float, alone: bool = True) -> None:
         super().__init__(model, s, h)
         model = self.model
-        self.gamma = gamma
+        self.gamma, self.alone = gamma, alone
         t1 = s.t + h
         self.t_mid = s.t + gamma * h
         self.ends0 = ends0 = model.ends(s.t)
@@ -195,7 +199,7 @@ class MidpointProblem(StepProblem):
         """End velocities that rigid links can have, where held points jumped; impulses (n,) [N s] and work of that."""
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
-        if sawtooth_grows(model) and self.gamma == 0.5:  # a shifted midpoint damps it
+        if self.alone and self.gamma == 0.5 and sawtooth_grows(model):  # a shifted midpoint damps it
             rings = self._sawtooth(r1, v1) > SAWTOOTH
             jumped = rings if jumped is None else jumped | rings
         if jumped is None:

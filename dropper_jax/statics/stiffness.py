@@ -25,14 +25,16 @@ from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.relaxation import stiffness
-from dropper_jax.statics.system import RestProblem, name_of
-from dropper_jax.statics.tangent import FREE, free_motion, soft_scale
+from dropper_jax.statics.system import SMALLEST, RestProblem, name_of
+from dropper_jax.statics.tangent import LEFT, REFINEMENTS, free_motion, soft_scale
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
 #: Degrees of freedom of a point [m], and of a body, [m] and [rad].
 POINT, BODY = ("x", "y", "z"), ("x", "y", "z", "roll", "pitch", "yaw")
+#: Part of the largest singular value below which a motion is free.
+NONE = 1e-13
 #: Stretch of a link, over its length, and its tension over the largest one, of a link on the verge of going slack.
 VERGE = 1e-9
 
@@ -174,23 +176,30 @@ def _of_points(model: Model, pose: State, loads: jax.Array, asked: dict[str, tup
 def _solver(
     model: Model, pose: State, loads: jax.Array, matrix: csc_array, nodes: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Solves with K_ee; refused where a motion of these nodes is not held."""
+    """Solves with K_ee, refined where a motion of these nodes is free; refused where that is what the points pull at.
+
+    A slack chain on a bed without friction moves freely across it, and that is nothing to its fairlead.
+    """
+    from scipy.sparse import eye_array  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
-    try:
-        factor = splu(matrix)
-    except RuntimeError:  # exactly singular
-        factor = None
-    start = np.random.default_rng(0).normal(size=matrix.shape[0])
-    way = start if factor is None else factor.solve(factor.solve(start))
-    way = way / np.linalg.norm(way)
-    if factor is None or not np.linalg.norm(matrix @ way) > FREE * float(soft_scale(model)):
+    kappa = SMALLEST * float(soft_scale(model))
+    factor = splu((matrix + kappa * eye_array(matrix.shape[0])).tocsc())
+
+    def solve(right: np.ndarray) -> np.ndarray:
+        x, left = np.zeros_like(right), right
+        for _ in range(REFINEMENTS):
+            x = x + factor.solve(left)
+            left = right - matrix @ x
+            if np.max(np.abs(left), initial=0.0) <= LEFT * np.max(np.abs(right), initial=0.0):
+                return x
         words = free_motion(model, pose, loads)
         if not words:
-            node = int(nodes[np.argmax(np.abs(way))]) // 3
+            node = int(nodes[np.argmax(np.max(np.abs(left), axis=1))]) // 3
             words = f"nothing holds {name_of(model, node)}"
         raise SceneError(f"points: the others have no equilibrium of their own: {words}; allowed: what is held")
-    return factor.solve
+
+    return solve
 
 
 def _with_bodies(model: Model, pose: State, loads: jax.Array, asked: dict[str, tuple[str, int]]) -> np.ndarray:
@@ -221,7 +230,11 @@ def _with_bodies(model: Model, pose: State, loads: jax.Array, asked: dict[str, t
     matrix = turn.T @ matrix @ turn
     others = np.setdiff1d(np.arange(count), picked)
     inner = matrix[np.ix_(others, others)]
-    if others.size and not np.linalg.svd(inner, compute_uv=False)[-1] > FREE * float(soft_scale(model)):
-        raise SceneError("points: the others have no equilibrium of their own; allowed: what is held on all sides")
     below, right = matrix[np.ix_(picked, others)], matrix[np.ix_(others, picked)]
-    return matrix[np.ix_(picked, picked)] - (below @ np.linalg.solve(inner, right) if others.size else 0.0)
+    whole = matrix[np.ix_(picked, picked)]
+    if not others.size:
+        return whole
+    moved = np.linalg.lstsq(inner, right, rcond=NONE)[0]
+    if np.max(np.abs(inner @ moved - right)) > LEFT * np.max(np.abs(right)):
+        raise SceneError("points: the others have no equilibrium of their own; allowed: what is held on all sides")
+    return whole - below @ moved

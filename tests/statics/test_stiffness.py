@@ -115,3 +115,15 @@ def test_command_prints_and_writes_the_matrix(tmp_path, capsys, monkeypatch, wir
     assert [float(x) for x in table[1][1:]] == printed["stiffness"][0]
     assert called(tmp_path) == 0  # all free points
     assert "middle.x" in capsys.readouterr().out
+
+
+def test_a_slack_chain_on_a_smooth_bed_leaves_its_buoy_a_stiffness(capsys):
+    """It moves freely across the bed, which is nothing to the buoy: that feels its waterplane, and nothing sideways."""
+    from dropper_jax.cli import main
+
+    assert main(["stiffness", "paper-case-1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    matrix = np.array(found["stiffness"])
+    assert matrix.shape == (3, 3)
+    assert matrix[2, 2] > 1e3
+    assert np.abs(matrix[:2, :2]).max() < 1e-3 * matrix[2, 2]

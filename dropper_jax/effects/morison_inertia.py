@@ -105,8 +105,13 @@ class MorisonInertia(_InertiaForce):
 
     @property
     def turns(self) -> bool:
-        """Whether added mass gains energy by turning, as Morison's form does."""
+        """Whether added mass may gain energy by turning, as Morison's form does where can and cat differ."""
         return self.added_mass == "morison"
+
+    @property
+    def differs(self) -> jax.Array:
+        """Whether can and cat do differ anywhere."""
+        return jnp.any(self.can != self.cat)
 
     def _coefficients(self, part: Part) -> tuple[jax.Array, jax.Array]:
         """C_A across and along, ready to multiply (nodes, 3)."""

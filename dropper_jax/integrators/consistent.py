@@ -135,12 +135,21 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
 
 
 def sawtooth_grows(model: Model) -> bool:
-    """Whether something feeds velocities along rigid links that change their sign at every step.
+    """Whether something may feed velocities along rigid links that change their sign at every step.
 
     Added mass of Morison's form turns with its link and gives `1/2 v' M_a' v`: such a velocity grew from rounding to
     ten times all others within ten minutes of a regular wave, whatever the step.
     """
-    return not model.line.axial.elastic and any(getattr(e, "turns", False) for e in model.having(AddedMass))
+    return not model.line.axial.elastic and bool(_turning(model))
+
+
+def feeds_sawtooth(model: Model) -> jax.Array:
+    """Whether it does so, by its coefficients."""
+    return jnp.any(jnp.stack([e.differs for e in _turning(model)]))
+
+
+def _turning(model: Model) -> list[AddedMass]:
+    return [e for e in model.having(AddedMass) if getattr(e, "turns", False)]
 
 
 def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:

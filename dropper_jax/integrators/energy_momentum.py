@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial import LinkStart
-from dropper_jax.integrators.consistent import after_jump, begun, jumps, sawtooth_grows
+from dropper_jax.integrators.consistent import after_jump, begun, feeds_sawtooth, jumps, sawtooth_grows
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, booked, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
@@ -200,7 +200,7 @@ class MidpointProblem(StepProblem):
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
         if self.alone and self.gamma == 0.5 and sawtooth_grows(model):  # a shifted midpoint damps it
-            rings = self._sawtooth(r1, v1) > SAWTOOTH
+            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > SAWTOOTH)
             jumped = rings if jumped is None else jumped | rings
         if jumped is None:
             return v1, None, {}

@@ -5,15 +5,23 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.rows import ABOUT, whole_rows
-from dropper_jax.run.simulate import solution_of_rows
+from dropper_jax.run.assembled import assembled, followed
+from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.resolution import judged
+from dropper_jax.run.rows import ABOUT, OnDisk, whole_rows
+from dropper_jax.run.simulate import first_of
 from dropper_jax.run.solution import Solution
+from dropper_jax.run.start import initial_state
+from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.integrate import Trajectory, begin
 
 
 def recover(path: Path) -> list[str]:
@@ -62,3 +70,23 @@ def _free_name(path: Path) -> Path:
         found = path.with_name(f"{path.stem}-killed{'' if number == 1 else f'-{number}'}{path.suffix}")
         number += 1
     return found
+
+
+def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> Solution:
+    """The run that a killed process left in its scratch folder, as far as its states are whole.
+
+    Raises:
+        SceneError: its steps were held by their error, which needs more than the states.
+    """
+    model = build_model(scene)
+    renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
+    stepper = stepper_of(model, scene.run, **renamed)
+    if isinstance(stepper.integrator, ProjectedRungeKutta):
+        raise SceneError(f"integrator: {stepper.integrator.name} holds its steps by their error; allowed: any other")
+    first, since = first_of(stepper, model, scene, None)
+    s = begin(stepper, model, initial_state(model, scene.start)).state
+    beside = None if scene.run.step_tolerance is None else Within(*(0.0,) * len(Within._fields))
+    rows = OnDisk.left(folder, (Trajectory(*(0.0,) * 8, s.parted, s.own), beside))
+    run, within = rows.joined(scene.run.saves)
+    solution = assembled(scene, stepper, model, first, since, run, dict(settings), rows)
+    return judged(solution if within is None else followed(solution, within, 0))

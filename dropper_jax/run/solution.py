@@ -18,7 +18,7 @@ from dropper_jax.base.read import Plain
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
-from dropper_jax.run.rows import BLOCK, let_go
+from dropper_jax.run.extents import body_extents, extent, largest_size
 from dropper_jax.run.twists import torque
 from dropper_jax.scene import LineSlice, line_places, line_slices, whole_lines
 
@@ -145,17 +145,8 @@ class Solution:
 
     def body_summary(self) -> dict[str, dict[str, Any]]:
         """Of each body the least, mean, largest and final x, y, z [m], roll, pitch and yaw [rad]."""
-        found = {}
-        for body in self.scene.bodies:
-            moved = self.body(body.name)
-            values = np.concatenate([moved["body_position"], moved["body_attitude"]], axis=1)
-            each = {"min": np.min, "mean": np.mean, "max": np.max, "final": lambda a, axis: a[-1]}
-            keys = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
-            sums = {label: take(values, axis=0) for label, take in each.items()}
-            found[body.name] = {
-                key: {label: float(row[i]) for label, row in sums.items()} for i, key in enumerate(keys)
-            }
-        return found
+        moved = {body.name: self.body(body.name) for body in self.scene.bodies}
+        return {name: body_extents(one["body_position"], one["body_attitude"]) for name, one in moved.items()}
 
     @property
     def energy(self) -> np.ndarray:
@@ -181,11 +172,7 @@ class Solution:
     @property
     def max_speed(self) -> float:
         """Largest speed of a node [m/s]."""
-        with np.errstate(over="ignore", invalid="ignore"):  # a run that failed may hold anything
-            blocks = (self.velocities[i : i + BLOCK] for i in range(0, len(self.velocities), BLOCK))
-            found = float(np.max([np.max(np.linalg.norm(block, axis=-1)) for block in blocks]))
-        let_go([self.velocities])
-        return found
+        return largest_size(self.velocities)
 
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:
@@ -264,7 +251,7 @@ class Solution:
         return {line.name: self._extent(line.links) for line in whole_lines(self.scene)}
 
     def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
-        found = _extent(self.tension[:, links])
+        found = extent(self.tension[:, links])
         if self.tension_min is None or self.tension_max is None:
             return found
         extremes = np.min(self.tension_min[:, links]), np.max(self.tension_max[:, links])
@@ -416,15 +403,6 @@ class Solution:
         implicit = self.settings["solver"] != "none"
         keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "extra", "halvings", "track_work")
         return {key: self.settings[key] for key in keys if key in self.settings}
-
-
-def _extent(tension: np.ndarray) -> dict[str, float]:
-    return {
-        "min": float(np.min(tension)),
-        "mean": float(np.mean(tension)),
-        "max": float(np.max(tension)),
-        "final": float(np.mean(tension[-1])),
-    }
 
 
 def _plain(value: np.ndarray) -> Plain:

@@ -14,13 +14,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.run.storage import extra
 from fitting.cases.one import Runner
 from fitting.cases.store import Store
 from fitting.cases.tally import Found
 from fitting.site import Case, Site, read_site
+from fitting.sweep.cluster import done_on
 
 #: How often a worker looks whether the process that started it still lives [s].
 WATCH = 2.0
@@ -129,19 +128,7 @@ def _watch(parent: int) -> None:
 
 
 def _remote(site: Site, todo: list[Case], dt: float, scheduler: Any) -> Iterator[tuple[Case, Found]]:
-    """Over a cluster; a run of a worker that died is done elsewhere."""
-    distributed = extra("distributed", "sweep")
-    own = isinstance(scheduler, str)
-    try:
-        client = distributed.Client(scheduler, timeout=10) if own else scheduler
-    except (OSError, ValueError) as error:
-        raise SceneError(f"--scheduler: {scheduler}: cannot be reached: {' '.join(str(error).split())}") from None
-    try:
-        identity = json.dumps(site.portable())
-        futures = {client.submit(run_one, identity, dt, c.storm.number, c.seed, pure=False, retries=3): c for c in todo}
-        for future in distributed.as_completed(list(futures)):
-            yield futures[future], future.result()
-            future.release()
-    finally:
-        if own:
-            client.close()
+    """Over a cluster."""
+    identity = json.dumps(site.portable())
+    jobs = [(identity, dt, case.storm.number, case.seed) for case in todo]
+    return ((todo[i], found) for i, found in done_on(scheduler, run_one, jobs))

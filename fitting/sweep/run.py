@@ -16,8 +16,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
-from dropper_jax.run.simulate import _versions as versions
 from dropper_jax.run.storage import extra
+from dropper_jax.run.versions import versions
+from fitting.sweep.cluster import done_on
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
 from fitting.sweep.store import IDENTITY, Store, input_names
@@ -170,24 +171,11 @@ def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
 
 
 def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, told: Fallbacks) -> Iterator[tuple[int, Found]]:
-    """Results in the order in which the workers finish; a chunk of a worker that died is done elsewhere."""
-    distributed = extra("distributed", "sweep")
-    own = isinstance(scheduler, str)
-    try:
-        client = distributed.Client(scheduler, timeout=10) if own else scheduler
-    except (OSError, ValueError) as error:
-        raise SceneError(f"scheduler: {scheduler}: cannot be reached: {' '.join(str(error).split())}") from None
-    try:
-        identity = json.dumps(plan.identity())
-        names = {client.submit(run_chunk, identity, c, pure=False, retries=3): c for c in todo}
-        for future in distributed.as_completed(list(names)):
-            found, fallbacks = future.result()
-            told.join(fallbacks)
-            yield names[future], found
-            future.release()
-    finally:
-        if own:
-            client.close()
+    """Results in the order in which the workers of a cluster finish."""
+    identity = json.dumps(plan.identity())
+    for i, (found, fallbacks) in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
+        told.join(fallbacks)
+        yield todo[i], found
 
 
 def open_sweep(path: str | Path) -> xarray.Dataset:

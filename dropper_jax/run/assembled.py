@@ -1,0 +1,250 @@
+"""A solution put together from what a run leaves: observed states, work, status and its reason, remarks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.programs import kept
+from dropper_jax.integrators import OPTIONS
+from dropper_jax.load.checks_motion import motion_warnings
+from dropper_jax.load.checks_water import sea_warnings
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Frozen, Model, Parted, work_names
+from dropper_jax.residual import Implicit
+from dropper_jax.run.bodies import body_motion
+from dropper_jax.run.build import allowed_error
+from dropper_jax.run.carry import Last, done
+from dropper_jax.run.failures import breaks, words
+from dropper_jax.run.remarks import pose_remarks
+from dropper_jax.run.resolution import without_push
+from dropper_jax.run.rows import BLOCK, InMemory, let_go
+from dropper_jax.run.solution import Solution
+from dropper_jax.run.stiffness import stiffness_remarks
+from dropper_jax.run.versions import versions
+from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.controlled import Controlled
+from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
+from dropper_jax.stepping.observe import Observed, observe
+from dropper_jax.stepping.stepper import TOO_FAR, Stepper
+
+
+class Since(NamedTuple):
+    """What saved times count from: t [s] and saved times behind the first one."""
+
+    origin: float = 0.0
+    saves: int = 0
+
+
+@kept()
+def _observe(
+    model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, own: dict[str, Frozen]
+) -> Observed:
+    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, own)
+
+
+def assembled(
+    scene: Scene,
+    stepper: Stepper,
+    model: Model,
+    first: Last,
+    since: Since,
+    run: Trajectory,
+    extra: dict[str, Any],
+    rows: InMemory,
+) -> Solution:
+    dt, every = scene.run.dt, scene.run.save_every
+    start, before = first.row, done(first.carry)
+    good = _good_saves(run)
+    bad_step = int(run.first_bad[-1])
+    kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
+    join = rows.join
+    t = since.origin + (since.saves + np.arange(good + 1)) * (every * dt)
+    parted = jax.tree.map(join, start.parted, kept.parted)
+    own = jax.tree.map(join, start.own, kept.own)
+    seen = _seen(model, (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own), rows)
+    broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
+    middle = (1.0 - stepper.integrator.tension_time) * dt
+    names = work_names(model) if stepper.track_work else ()
+    work = join(start.work, kept.work)
+    status, first_bad = "ok", None
+    if bad_step >= 0:
+        residual = float(run.residual[min((bad_step - before) // every, len(run.residual) - 1)])
+        status, reason = _reason(residual, stepper, model)
+        when = float(t[0]) + (bad_step - before + 1) * dt
+        first_bad = {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
+    settings = {
+        "integrator": stepper.integrator.name,
+        "solver": stepper.solver,
+        "dt": dt,
+        "duration": scene.run.duration,
+        "steps": scene.run.steps,
+        "dtype": str(model.dtype),
+        **{key: getattr(stepper.integrator, key, None) for key in OPTIONS},
+        "residual_tolerance": stepper.limit(model),
+        "iterations": stepper.iterations,
+        "save_every": every,
+        **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
+    }
+    return Solution(
+        scene=scene,
+        settings=settings,
+        t=t,
+        positions=seen.each.positions,
+        velocities=seen.each.velocities,
+        tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
+        t_tension=np.concatenate([t[:1], t[1:] - middle]),
+        kinetic=seen.each.kinetic,
+        potential=seen.each.potential,
+        work=work,
+        work_names=names,
+        step_status=np.zeros(good + 1, np.int8),
+        status=status,
+        failed_steps=int(np.sum(run.failed)) if bad_step < 0 else 1,
+        retried_steps=int(np.sum(run.retried[: good + 1])),
+        first_bad=first_bad,
+        max_residual=float(np.max(run.residual[: good + 1])),
+        max_closure_error=float(np.max(seen.each.closure)),
+        versions=versions(),
+        broken=broken,
+        own=_named(own),
+        continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
+        **seen.bodies,
+        warnings=(
+            *scene.notes,
+            *_precision(scene, model),
+            *(() if model.sea is None else sea_warnings(scene, model.sea)),
+            *motion_warnings(scene),
+            *(() if t[0] else _at_rest(scene, seen.each.positions[0], np.asarray(start.tension))),
+            *(words(row) for row in broken),
+        ),
+    )
+
+
+class _Seen(NamedTuple):
+    """What is reported of all saved times: of the lines, and of the bodies by name."""
+
+    each: Observed
+    bodies: dict[str, np.ndarray]
+
+
+def _seen(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Seen:
+    """What is reported of states (k, ...): places, velocities, times, what parted, effects' own.
+
+    Many go by blocks of one length, so that they share a program and never stand in memory together.
+    """
+    count = len(states[2])
+    if count <= BLOCK:
+        states = jax.tree.map(jnp.asarray, states)
+        return _Seen(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
+    found = None
+    for first in range(0, count, BLOCK):
+        at = np.arange(first, first + BLOCK).clip(max=count - 1)
+        block = jax.tree.map(lambda a, at=at: jnp.asarray(a[at]), states)
+        seen = _Seen(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
+        if found is None:
+            found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
+        for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(seen), strict=True):
+            whole[first : first + BLOCK] = part[: count - first]
+        let_go(jax.tree.leaves((states, found)))
+    return found
+
+
+def followed(solution: Solution, within: Within, refused: int) -> Solution:
+    """The solution of steps that follow the snaps: what is known between saved times, steps taken and refused."""
+    good = len(solution.t) - 1
+    first = solution.tension[:1]
+    kept = {name: np.concatenate([first, getattr(within, name)[:good]]) for name in ("least", "largest")}
+    square = np.concatenate([first**2, within.square[:good]])
+    middle = np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]])
+    taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
+    return replace(
+        solution,
+        t_tension=middle,
+        tension_min=kept["least"],
+        tension_max=kept["largest"],
+        tension_square=square,
+        settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
+    )
+
+
+def controlled(
+    solution: Solution,
+    stepper: Stepper,
+    model: Model,
+    run: Trajectory,
+    h: np.ndarray,
+    carry: Controlled,
+    first: Controlled,
+) -> Solution:
+    """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
+    good = len(solution.t) - 1
+    taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
+    taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
+    told = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
+    bad = solution.first_bad
+    if bad is not None:
+        why = "places or velocities are infinite or undefined" if int(carry.bad) == 2 else "its error is not small"
+        reason = f"{why} however short the step"
+        bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan, "reason": reason}
+        solution = replace(solution, status="non_finite" if int(carry.bad) == 2 else "not_converged")
+    settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *told)
+    return replace(solution, settings=settings, warnings=warnings, first_bad=bad, max_residual=0.0)
+
+
+def _at_rest(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
+    return pose_remarks(scene, positions, tension) if scene.start.kind == "static" else ()
+
+
+def _precision(scene: Scene, model: Model) -> tuple[str, ...]:
+    """A warning where JAX did not give the precision that was asked for."""
+    if str(model.dtype) == scene.run.dtype:
+        return ()
+    return (f"run.dtype: {scene.run.dtype} was asked for, but JAX computes in {model.dtype} (JAX_ENABLE_X64 is off)",)
+
+
+def _explicit(stepper: Stepper, model: Model) -> str:
+    """What an explicit scheme needs on lines that stretch: about 2/omega, omega^2 = 4 EA/(L m) of the stiffest link."""
+    line = model.line
+    if isinstance(stepper.integrator, Implicit) or not line.axial.elastic:
+        return ""
+    omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
+    return (
+        f"; {stepper.integrator.name} is explicit, and these lines call for steps of about {2.0 / omega:.1g} s or less"
+    )
+
+
+def _good_saves(run: Trajectory) -> int:
+    """Saved times before the first failed step."""
+    bad = np.flatnonzero(run.first_bad >= 0)
+    return int(bad[0]) if bad.size else len(run.first_bad)
+
+
+def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
+    """Status and reason of a step that failed."""
+    limit = stepper.limit(model)
+    if not np.isfinite(residual):
+        return "non_finite", f"the step gave infinite or undefined values{_explicit(stepper, model)}"
+    if residual >= TOO_FAR:
+        parts = f", in the smallest of {2**stepper.halvings} parts of a step" if stepper.iterations else ""
+        return "retry_exhausted", f"lines in contact moved by more than half their radius{parts}; take a smaller step"
+    if residual <= limit:
+        return "not_converged", f"this scheme lets lengths drift, and a link has changed by more than {DRIFT_LIMIT:.0%}"
+    what = f"the residual stayed above the tolerance {limit:.0e}"
+    if not stepper.halvings:
+        return "not_converged", what
+    return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
+
+
+def _named(own: dict[str, Frozen]) -> dict[str, np.ndarray]:
+    """Leaves of what is effects' own by the effect's name, numbered where there are several."""
+    found = {}
+    for name, tree in own.items():
+        leaves = jax.tree.leaves(tree)
+        found |= {name if len(leaves) == 1 else f"{name}.{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
+    return found

@@ -71,13 +71,15 @@ class Reference:
         }
 
 
-def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float) -> tuple[float, float]:
+def trusted_span(
+    model: Model, s: State, duration: float, dt: float, grid: float, stepper: Stepper | None = None
+) -> tuple[float, float]:
     """Time [s] before chaos amplifies rounding, and the mean growth rate of perturbations [1/s].
 
     From two runs that start `NEARBY` apart, looked at on the grid: by the program that measures errors afterwards,
-    where the exact tangent map (`lyapunov`) would be one more to compile.
+    where the exact tangent map (`lyapunov`) would be one more to compile. `stepper` is the scene's own scheme unless given.
     """
-    stepper, every = make_stepper(model), max(1, round(grid / dt))
+    stepper, every = stepper or make_stepper(model), max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
     dv = first_perturbation(model, s, seed=0)
     dv = NEARBY * dv / perturbation_size(model, jnp.zeros_like(dv), dv)

@@ -11,16 +11,16 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build, equal_steps
-from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms_angle
-from dropper_jax.study.lyapunov import horizon, lyapunov
 from dropper_jax.study.march import grid_run, status_of
-from dropper_jax.study.reference import AMPLIFICATION
+from dropper_jax.study.reference import trusted_span
 
 #: Most times at which the pilot's runs are compared; nearly always the same for steps h and h/2, so that they share
 #: one compiled program.
 SAVES = 16
+#: Times at which two neighbouring runs are compared, to see where chaos begins.
+SPANS = 256
 #: A pilot's two runs are this many halvings apart: they differ by 3/4 (first order) or 15/16 (second) of the error.
 APART = 2
 #: Share of the tolerance that the estimate may use up: it is good to a factor, not exact.
@@ -88,7 +88,7 @@ class _Pilot:
         self.model, self.start = build(scene)
         self.stepper: Stepper = equal_steps(self.model, run, track_work=False)
         self.base = run.dt
-        self.until = _until(self.model, self.start, run.duration, run.dt)
+        self.until = _until(self.stepper, self.model, self.start, run.duration, run.dt)
         self.links: dict[int, np.ndarray | None] = {}
 
     def dt(self, k: int) -> float:
@@ -130,7 +130,8 @@ class _Pilot:
         return self.links[key]
 
 
-def _until(model: Model, s: State, duration: float, dt: float) -> float:
-    exact = make_stepper(model, track_work=False)
-    found = lyapunov(model, s, exact, dt, max(2, int(duration / dt + 1e-9)))
-    return max(min(horizon(found, dt, AMPLIFICATION), duration), 2 * dt)
+def _until(stepper: Stepper, model: Model, s: State, duration: float, dt: float) -> float:
+    """Time [s] up to which errors say something about the step, on whole steps."""
+    grid = dt * max(1, int(duration / dt / SPANS))
+    span, _ = trusted_span(model, s, duration, dt, grid, stepper)
+    return max(span, 2 * dt)

@@ -77,7 +77,7 @@ def trusted_span(
     """Time [s] before chaos amplifies rounding, and the mean growth rate of perturbations [1/s].
 
     From two runs that start `NEARBY` apart, looked at on the grid: by the program that measures errors afterwards,
-    where the exact tangent map (`lyapunov`) would be one more to compile. `stepper` is the scene's own scheme unless given.
+    where the exact tangent map (`lyapunov`) would be one more to compile. `stepper`: the default scheme unless given.
     """
     stepper, every = stepper or make_stepper(model), max(1, round(grid / dt))
     saves = max(2, int(duration / grid))

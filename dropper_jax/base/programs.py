@@ -20,6 +20,8 @@ from typing import Generic, ParamSpec, TypeVar
 import jax
 
 from dropper_jax.base.compile_cache import open_cache
+from dropper_jax.base.kept_traces import open_traces
+from dropper_jax.base.one_kernel import launched
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -94,15 +96,16 @@ class Store:
 
 STORE = Store()
 # Here, since whatever runs a scene comes by, and programs of other processes can be taken only from now on.
-open_cache()
+TRACES = open_traces(open_cache())
 
 
 class Kept(Generic[P, R]):
     """A function compiled as by `jax.jit`, its programs in a store; inside another trace it is `jax.jit` itself."""
 
-    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store):
+    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, brief: bool):
         functools.update_wrapper(self, function)
         self._function, self._store = function, store
+        self._brief = brief
         self._signature = inspect.signature(function)
         self._static = frozenset(static)
         self._jitted = jax.jit(function, static_argnames=tuple(self._static))
@@ -128,7 +131,7 @@ class Kept(Generic[P, R]):
         leaves, tree = jax.tree.flatten(values)
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
         place = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
-        key = self._function, frozenset(settings.items()), tree, kinds, place
+        key = self._function, frozenset(settings.items()), tree, kinds, place, self._brief
         return self._store.get(key, lambda: self._compile(settings, values))
 
     def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
@@ -140,9 +143,18 @@ class Kept(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature has the static arguments
-        return jax.jit(one).lower(*values).compile()
+        program = one if TRACES is None else TRACES.program(self._function, settings, values, one)
+        return jax.jit(program).lower(*values).compile(launched() if self._brief else None)
 
 
-def kept(static: Iterable[str] = (), store: Store = STORE) -> Callable[[Callable[P, R]], Kept[P, R]]:
-    """`jax.jit` for a function of whole scenes: `static` names the arguments that belong to the kind of scene."""
-    return lambda function: Kept(function, static, store)
+def kept(
+    static: Iterable[str] = (), store: Store = STORE, brief: bool = False
+) -> Callable[[Callable[P, R]], Kept[P, R]]:
+    """`jax.jit` for a function of whole scenes.
+
+    Args:
+        static: names of the arguments that belong to the kind of scene.
+        brief: never make one kernel of it, where others are (see `one_kernel`): for what runs too briefly to be
+            worth the compilation.
+    """
+    return lambda function: Kept(function, static, store, brief)

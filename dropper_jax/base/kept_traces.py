@@ -31,6 +31,8 @@ from jax.tree_util import PyTreeDef
 from dropper_jax.base.compile_cache import Entries
 from dropper_jax.base.plain_form import OWN, NoPlainForm, Plain, name_of, tree_read, tree_written, written
 
+#: Where the packages of this project lie.
+ROOT = Path(__file__).parents[2]
 #: Whether command lines keep traces; `off` leaves it be.
 VARIABLE = "DROPPER_KEEP_TRACES"
 ON = "on"
@@ -38,6 +40,8 @@ ON = "on"
 PREFIX, FORMAT = "trace-", 1
 #: Settings of JAX that no program depends on, and that differ from one user to the next.
 ASIDE = ("jax_compilation_cache_dir",)
+#: What is raised where something has no plain form, or where this JAX cannot export a program; it is traced as ever.
+UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError)
 
 
 class Trace(NamedTuple):
@@ -82,13 +86,7 @@ class Traces:
                     return one
                 self._keep(key, trace)
             return _calling(name, trace, values)
-        except (
-            NotImplementedError,
-            ValueError,
-            TypeError,
-            AttributeError,
-        ):
-            # of no plain form, or what this JAX cannot export
+        except UNKEPT:
             return one
 
     def _key(self, function: Callable[..., object], settings: Mapping[str, Hashable], values: Sequence[object]) -> str:
@@ -179,10 +177,9 @@ def _member(value: object) -> str:
     return name
 
 
-def _sources_digest() -> str:
+def _sources_digest(root: Path = ROOT) -> str:
     """Of all sources of the packages of this project that are there."""
     digest = hashlib.sha256()
-    root = Path(__file__).parents[2]
     for package in OWN:
         for file in sorted((root / package).rglob("*.py")):
             digest.update(f"{file.relative_to(root)}\n{file.stat().st_size}\n".encode())

@@ -20,6 +20,12 @@ from dropper_jax.stepping.integrate import advance_some, begin
 MATRICES = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3, 3)) + 3.0 * np.eye(3))
 
 
+@pytest.fixture(autouse=True)
+def sources(monkeypatch):
+    """Sources that stay as they are, whoever edits them while these tests run."""
+    monkeypatch.setattr(kept_traces, "_sources_digest", lambda: "as they are")
+
+
 class Counted:
     """A function that counts how often it is traced."""
 
@@ -181,3 +187,21 @@ def test_models_and_steppers_are_read_as_they_were_written(name):
     assert tree_read(json.loads(json.dumps(tree_written(tree)))) == tree
     assert read(json.loads(json.dumps(written(stepper)))) == stepper
     assert tree_written(tree) != tree_written(jax.tree.structure((model, {"b": [1, None]})))
+
+
+def test_the_digest_of_the_sources_is_that_of_all_files(tmp_path, monkeypatch):
+    for name in ("dropper_jax/a.py", "dropper_jax/b/c.py", "fitting/d.py", "other/e.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x = 1\n")
+    monkeypatch.undo()  # the fixture's
+    digest = lambda: kept_traces._sources_digest(tmp_path)  # noqa: E731
+    first = digest()
+    (tmp_path / "other/e.py").write_text("x = 2\n")
+    assert digest() == first
+    for name in ("dropper_jax/b/c.py", "fitting/d.py"):
+        (tmp_path / name).write_text("x = 2\n")
+        assert digest() != first
+        (tmp_path / name).write_text("x = 1\n")
+        assert digest() == first
+    (tmp_path / "dropper_jax/b/c.py").rename(tmp_path / "dropper_jax/c.py")
+    assert digest() != first

@@ -17,8 +17,6 @@ LIMIT = "xla_cpu_small_while_loop_byte_threshold"
 FLAG = "--xla_backend_extra_options"
 BYTES = 1_000_000_000_000
 OPTION = f"{LIMIT}={BYTES}"
-#: Compiler options of a program that is left out of it.
-LAUNCHED = {"xla_disable_hlo_passes": "small-while-loop-hoisting"}
 
 
 def one_kernel() -> bool:
@@ -35,14 +33,6 @@ def one_kernel() -> bool:
         return False
     os.environ["XLA_FLAGS"] = with_option(os.environ.get("XLA_FLAGS", ""))
     return True
-
-
-def launched() -> dict[str, str] | None:
-    """Compiler options of a program whose functions are launched one by one although others are one kernel.
-
-    One large function takes longer to compile than many small ones, which a program that runs briefly never makes good.
-    """
-    return LAUNCHED if in_force() else None
 
 
 def with_option(flags: str) -> str:

@@ -1,8 +1,11 @@
-"""Processor time from typing a command to its answer, where the answer needs no simulation: help, listings, mistakes.
+"""Processor time from typing a command to its answer.
 
-    python benchmarks/start.py [--repeats N] [--package FOLDER]
+    python benchmarks/start.py [--repeats N] [--package FOLDER]     help, listings, mistakes: no simulation
+    python benchmarks/start.py --programs [--package FOLDER]        first and second starts of what compiles
 
-Each row is the least of N starts, user and system time of the process. `--package` measures another checkout.
+Each row is the least of N starts, user and system time of the process. With `--programs` each command is started twice
+with a folder of compiled programs of its own, empty at first, each process on one processor. `--package` measures
+another checkout.
 """
 
 from __future__ import annotations
@@ -28,6 +31,24 @@ finally:
 BROKEN = "[run]\ndt = = 1\n"
 #: A good scene, and what makes it a bad one.
 SCENE, GOOD, BAD = "dropper_jax/data/scenes/paper-case-1.toml", "duration = ", "duration = -"
+
+
+#: Commands that compile; TRACES is a file of angles of the lab dropper.
+PROGRAMS = (
+    "run dropper-release-a --duration 1",
+    "equilibrium dropper-release-a",
+    "fit TRACES --scene dropper-release-a --free b_l,b_q",
+    "run edulis-longline --duration 1",
+    "equilibrium edulis-longline",
+    "accuracy dropper-release-a --quick",
+)
+#: Writes traces of the lab dropper, ten seconds of a known truth with noise.
+TRACES = """
+import sys
+from fitting.traces.synthetic import Camera, synthetic_traces
+from fitting.traces.trace import write_trace
+write_trace(sys.argv[1], synthetic_traces(["dropper-release-a"], 10.0, Camera(angle_noise=0.005))[0])
+"""
 
 
 def starts(folder: Path, package: Path) -> list[list[str]]:
@@ -70,12 +91,48 @@ def measure(argv: list[str], package: Path, repeats: int) -> tuple[float, str]:
     return min(spent), imported
 
 
+def first_and_second(command: str, package: Path, folder: Path) -> tuple[float, float]:
+    """Processor times [s] of a command with an empty folder of compiled programs, and of the same command after it."""
+    cache = folder / "-".join(command.split()[:2])
+    words = [str(folder / "traces.csv") if word == "TRACES" else word for word in command.split()]
+    environment = {**os.environ, "PYTHONPATH": str(package), "DROPPER_COMPILE_CACHE": str(cache)}
+    spent = []
+    for _ in range(2):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        call = [sys.executable, "-m", "dropper_jax", *words]
+        done = subprocess.run(call, capture_output=True, text=True, check=False, env=environment, cwd=folder)
+        if done.returncode:
+            sys.exit(f"{command}: {done.stderr}")
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
+    return spent[0], spent[1]
+
+
+def programs(package: Path, wanted: list[str]) -> None:
+    """The table of first and second starts."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    print("| command | first start [s] | second [s] |\n| --- | --- | --- |")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if any("TRACES" in command for command in wanted):
+            call = [sys.executable, "-c", TRACES, str(folder / "traces.csv")]
+            subprocess.run(call, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+        for command in wanted:
+            first, second = first_and_second(command, package, folder)
+            print(f"| `{command}` | {first:.1f} | {second:.1f} |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5, metavar="N")
     parser.add_argument("--package", type=Path, default=ROOT, metavar="FOLDER")
+    parser.add_argument("--programs", nargs="*", choices=PROGRAMS, metavar="COMMAND")
     args = parser.parse_args()
     package = args.package.resolve()
+    if args.programs is not None:
+        programs(package, args.programs or list(PROGRAMS))
+        return
     print("| command | processor time [s] | imports |\n| --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         for argv in starts(Path(folder), package):

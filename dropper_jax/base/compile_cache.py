@@ -104,6 +104,11 @@ class Entries:
             os.replace(beside.name, self._path / key)
             self._make_room()
 
+    def remove(self, key: str) -> None:
+        """Forget a program."""
+        with suppress(OSError):
+            (self._path / key).unlink()
+
     def _make_room(self) -> None:
         files = []
         for file in self._path.iterdir():

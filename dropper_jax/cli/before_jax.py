@@ -10,8 +10,8 @@ from pathlib import Path
 from dropper_jax.base.one_kernel import one_kernel
 
 #: `off` in one of these leaves it be; the second else names the folder.
-ONE_KERNEL, COMPILE_CACHE = "DROPPER_ONE_KERNEL", "DROPPER_COMPILE_CACHE"
-OFF = "off"
+ONE_KERNEL, COMPILE_CACHE, KEEP_TRACES = "DROPPER_ONE_KERNEL", "DROPPER_COMPILE_CACHE", "DROPPER_KEEP_TRACES"
+OFF, ON = "off", "on"
 
 
 def prepare() -> None:
@@ -20,6 +20,7 @@ def prepare() -> None:
         one_kernel()
     with suppress(RuntimeError):  # a user without a home
         os.environ.setdefault(COMPILE_CACHE, str(users_folder()))
+    os.environ.setdefault(KEEP_TRACES, ON)
 
 
 def users_folder() -> Path:

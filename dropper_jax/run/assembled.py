@@ -41,7 +41,7 @@ class Since(NamedTuple):
     saves: int = 0
 
 
-@kept()
+@kept(brief=True)
 def _observe(
     model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, own: dict[str, Frozen]
 ) -> Observed:

@@ -34,6 +34,10 @@ ROOM, BYTES = 1024, 16_000_000
 #: Saves of a piece of steps that differ in length: one of these, so that runs of other lengths share the program.
 SAVES = (1, 2, 16, 128, 1024)
 
+#: Steps of a system of lines from which on its run is made one kernel: compiled as one, its program takes 2 to 15 s
+#: longer, and each step 60 to 120 us less.
+WORTH_ONE_KERNEL = 20_000
+
 #: What a run carries from piece to piece, and what is known of its steps beside the trajectory.
 Carry = Progress | Adaptive | Controlled
 Beside = Within | jax.Array | None
@@ -42,6 +46,7 @@ GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = kept(static=("stepper", "room", "save_every"))(advance_some)
+_advance_briefly = kept(static=("stepper", "room", "save_every"), brief=True)(advance_some)
 _advance_adaptively = kept(static=("stepper", "saves"))(advance_adaptively)
 _advance_controlled = kept(static=("stepper", "saves"))(advance_controlled)
 _start_controlled = kept(static=("stepper",))(start_controlled)
@@ -78,12 +83,16 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
 
 
-def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec) -> Pieces:
-    """The compiled program of a run from a carry."""
+def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0) -> Pieces:
+    """The compiled program of a run from a carry.
+
+    Args:
+        before: steps of a run that it goes on from, whose program it takes if that is for longer runs.
+    """
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
     if isinstance(carry, Progress):
-        return Pieces(_EqualSteps(stepper, model, carry, run), carry)
+        return Pieces(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
     if isinstance(carry, Controlled):
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several = _advance_controlled
@@ -106,17 +115,19 @@ class _EqualSteps:
     never compile it: it is four times as large. Joints that stick need it at once.
     """
 
-    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec) -> None:
+    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
         self.stepper, self.model, self.dt = stepper, model, jnp.asarray(run.dt, model.dtype)
         self.settings = {"room": _room(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // PIECES)
         self.count = 1
         self.late_s = 0.0  # what compiling took once the run had begun
         self.plain = stepper.until_converged or not model.laws
+        brief = stepper.until_converged and steps < WORTH_ONE_KERNEL
+        self.advance = _advance_briefly if brief else _advance
         self.program = self._program(stepper.plain if self.plain else stepper, progress)
 
     def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
-        return _advance.program(stepper, self.model, progress, self.dt, jnp.zeros((), jnp.int32), **self.settings)
+        return self.advance.program(stepper, self.model, progress, self.dt, jnp.zeros((), jnp.int32), **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["room"])

@@ -118,7 +118,8 @@ def simulate(
     about = {"scene": scene.as_written(), "settings": settings, "went_on": start is not None}
     rows = InMemory() if folder is None else OnDisk(folder, about)
     begun = time.perf_counter()
-    compiled = compile_run(stepper, model, first.carry, run)
+    before = 0 if start is None else int(start.settings["steps"])
+    compiled = compile_run(stepper, model, first.carry, run, before)
     compile_s = time.perf_counter() - begun
     gone = go_through(compiled, run.saves, say, rows)
     trajectory, within, carry = gone.trajectory, gone.beside, gone.carry

@@ -111,7 +111,7 @@ def _given(model: Model, start: StartSpec, near: State | None) -> State:
     return state(model, start.positions[free], velocities)
 
 
-@kept()
+@kept(brief=True)
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
     acting = model.entered(s.own)

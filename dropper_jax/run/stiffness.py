@@ -38,7 +38,7 @@ def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array)
     return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
 
 
-_rates = kept()(damping_rates)
+_rates = kept(brief=True)(damping_rates)
 
 
 def stiffness_remarks(

@@ -109,7 +109,7 @@ def bodies_scale(model: Model) -> jax.Array:
     return GRAVITY_SCALE * jnp.maximum(jnp.mean(model.line.mass), PART * heaviest)
 
 
-@kept()
+@kept(brief=True)
 def _round(model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share taken."""
     where, (tie,) = Coordinates.of(model), model.ties

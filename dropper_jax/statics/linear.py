@@ -126,7 +126,7 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
     return Linearised(m, c, k, mh, ch, kh, *by, np.asarray(pose.tension), names, verges(model, pose))
 
 
-@kept()
+@kept(brief=True)
 def _matrices(model: Model, pose: State, loads: jax.Array) -> tuple[tuple[jax.Array, jax.Array], ...]:
     """Derivatives of the free nodes' rows and of the tensions by places, velocities and accelerations of all."""
     free, held = 3 * model.free_nodes, 3 * model.geometry.ends

@@ -103,7 +103,7 @@ def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
 
 
-@kept()
+@kept(brief=True)
 def _matrices(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
     return _symmetric(model, pose)
 

@@ -72,7 +72,7 @@ def pattern(geometry: Geometry, reach: int) -> Pattern:
     return Pattern(entries.row, entries.col, colour, int(colour.max(initial=0)) + 1)
 
 
-@kept()
+@kept(brief=True)
 def _columns(model: Model, s: State, loads: jax.Array, picked: jax.Array) -> jax.Array:
     """How unbalanced forces fall as nodes of one colour (colours, free) move along an axis (colours, 3, free, 3)."""
 

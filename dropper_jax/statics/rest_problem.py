@@ -66,7 +66,7 @@ class LeastNorm(Dense):
         return unravel(jnp.linalg.lstsq(factor, flat)[0])
 
 
-@kept(static=("solver", "iterations"))
+@kept(static=("solver", "iterations"), brief=True)
 def _newton(
     model: Model, s: State, loads: jax.Array, solver: Solver, iterations: int = 25
 ) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -158,7 +158,7 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
     return state(model, nodes, tension=tension, t=t)
 
 
-@kept()
+@kept(brief=True)
 def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
     """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
     ends = model.ends(t)

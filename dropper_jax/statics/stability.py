@@ -65,7 +65,7 @@ def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
     return float(values[least]), (free @ vectors[:, least]).reshape(s.r.shape)
 
 
-@kept()
+@kept(brief=True)
 def _stiffness(model: Model, s: State) -> jax.Array:
     """The matrix of the static rows by places and tensions."""
     return residual_matrix(StaticProblem(model, s, jnp.zeros_like(s.r)), Unknowns(s.r, s.tension))
@@ -95,7 +95,7 @@ class DraggedProblem(StaticProblem):
         return rows._replace(x=rows.x + self.stiffness * (u.x - self.s.r))
 
 
-@kept(static=("solver",))
+@kept(static=("solver",), brief=True)
 def _fall(model: Model, s: State, loads: jax.Array, stiffness: jax.Array, solver: Solver) -> State:
     """A chain of poses, each lower in energy than the one before: implicit steps of a motion without inertia."""
 

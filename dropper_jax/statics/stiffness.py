@@ -132,7 +132,7 @@ def _shifted(model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.A
     return problem.residual(Unknowns(x, tension)).x, -model.geometry.held_pull(pull)
 
 
-@kept()
+@kept(brief=True)
 def _of_held(model: Model, pose: State, loads: jax.Array, way: jax.Array) -> tuple[jax.Array, ...]:
     """Held points moved along ways (k, held, 3): rows (k, free, 3), (k, held, 3); and what free nodes do to these."""
     zero, none = jnp.zeros_like(pose.r), jnp.zeros(way.shape[1:], model.dtype)

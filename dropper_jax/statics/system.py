@@ -97,7 +97,7 @@ def force_scale(model: Model) -> jax.Array:
     return GRAVITY_SCALE * jnp.mean(model.line.mass)
 
 
-@kept()
+@kept(brief=True)
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
@@ -111,7 +111,7 @@ def _solver(model: Model) -> Solver:
     return Network() if isinstance(model.geometry, Graph) and model.node_reach == 0 else Dense()
 
 
-@kept()
+@kept(brief=True)
 def _round(
     model: Model, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
@@ -123,16 +123,16 @@ def _round(
     dx = -solver.apply(solver.factor(problem, u), rows).x
     dx = dx * jnp.minimum(1.0, reach / jnp.maximum(jnp.max(jnp.sqrt(jnp.sum(dx * dx, axis=1))), 1e-300))
 
-    def along(share: jax.Array) -> jax.Array:
-        left, _ = unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
-        return -jnp.sum(left * dx)
+    def tried(share: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
 
     shares = jnp.asarray(SHARES, model.dtype)
-    good = jax.vmap(along)(shares) >= OVERSHOOT * jnp.sum(rows.x * dx)  # rows are minus the forces
-    share = shares[jnp.argmax(good.at[-1].set(True))]
-    r = s.r + share * dx
-    after, tension = unbalanced(model, state(model, r, t=s.t), loads)
-    return state(model, r, tension=tension, t=s.t), jnp.max(jnp.abs(after)) / force_scale(model), share
+    left, tension = jax.vmap(tried)(shares)
+    good = -jnp.sum(left * dx, axis=(1, 2)) >= OVERSHOOT * jnp.sum(rows.x * dx)  # rows are minus the forces
+    # what the share that is taken leaves stands there: the forces once more would be a quarter of the program
+    i = jnp.argmax(good.at[-1].set(True))
+    after = state(model, s.r + shares[i] * dx, tension=tension[i], t=s.t)
+    return after, jnp.max(jnp.abs(left[i])) / force_scale(model), shares[i]
 
 
 def guess(model: Model, t: float = 0.0) -> State:
@@ -197,7 +197,7 @@ def springy(model: Model) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 
-@kept()
+@kept(brief=True)
 def tighten(model: Model, s: State, loads: jax.Array) -> tuple[State, jax.Array]:
     """The pose of rigid links next to that of springs, and its largest scaled row (forces, and elongations by length).
 

@@ -15,7 +15,7 @@ def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
 
 
-@kept()
+@kept(brief=True)
 def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
     return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
 

@@ -1,0 +1,228 @@
+"""Traced programs kept from one process to the next, so that a second start neither traces nor lowers them.
+
+A program stands in the folder of compiled ones as the StableHLO that `jax.export` makes of it, under the digest of all
+that tracing depends on: the sources, JAX and its settings, the function, static arguments, tree, shapes and types. A
+first start compiles what it has written too, so that the compiled program of a second one is found as well.
+
+Only for functions of this project that are called on the host, on the CPU; what has no form that means the same in
+every process is traced as ever (see `plain_form`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import jaxlib
+import numpy as np
+from jax.sharding import SingleDeviceSharding
+from jax.tree_util import PyTreeDef
+
+from dropper_jax.base.compile_cache import Entries
+from dropper_jax.base.plain_form import OWN, NoPlainForm, Plain, name_of, tree_read, tree_written, written
+
+#: Where the packages of this project lie.
+ROOT = Path(__file__).parents[2]
+#: Whether command lines keep traces; `off` leaves it be.
+VARIABLE = "DROPPER_KEEP_TRACES"
+ON = "on"
+#: What the names of files begin with, and the number of their format.
+PREFIX, FORMAT = "trace-", 1
+#: Settings of JAX that no program depends on, and that differ from one user to the next.
+ASIDE = ("jax_compilation_cache_dir",)
+#: What is raised where something has no plain form, or where this JAX cannot export a program; it is traced as ever.
+UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError)
+
+
+class Trace(NamedTuple):
+    """A program as it is written: its module, which arguments it takes, its results."""
+
+    module: bytes
+    takes: tuple[int, ...]
+    results: tuple[tuple[tuple[int, ...], str], ...]
+    tree: PyTreeDef
+
+
+class Traces:
+    """Traced programs in a folder.
+
+    Args:
+        entries: the folder.
+    """
+
+    def __init__(self, entries: Entries) -> None:
+        self._entries = entries
+        self._sources = _sources_digest()
+
+    def program(
+        self,
+        function: Callable[..., object],
+        settings: Mapping[str, Hashable],
+        values: Sequence[object],
+        one: Callable[..., object],
+    ) -> Callable[..., object]:
+        """`one`, which is `function` with its settings, or a stand-in that calls what was traced before.
+
+        Args:
+            function, settings: what the program is known by; static arguments by their names.
+            values: arguments like those that it will take.
+        """
+        try:
+            name, key = name_of(function), self._key(function, settings, values)
+            trace = self._found(key)
+            if trace is None:
+                trace = _traced(one, values)
+                if self._sources != _sources_digest():  # somebody has edited them since this process began
+                    return one
+                self._keep(key, trace)
+            return _calling(name, trace, values)
+        except UNKEPT:
+            return one
+
+    def _key(self, function: Callable[..., object], settings: Mapping[str, Hashable], values: Sequence[object]) -> str:
+        leaves, tree = jax.tree.flatten(list(values))
+        about = {
+            "format": FORMAT,
+            "versions": [jax.__version__, jaxlib.__version__, np.__version__, platform.python_version()],
+            "sources": self._sources,
+            "flags": os.environ.get("XLA_FLAGS", ""),
+            "jax": _settings(),
+            "function": name_of(function),
+            "settings": [[name, written(value)] for name, value in sorted(settings.items())],
+            "tree": tree_written(tree),
+            "kinds": [_kind(leaf) for leaf in leaves],
+        }
+        return hashlib.sha256(json.dumps(about).encode()).hexdigest()
+
+    def _found(self, key: str) -> Trace | None:
+        """The trace of that key; None where there is none, or one that cannot be read, which is removed."""
+        whole = self._entries.get(PREFIX + key)
+        if whole is None:
+            return None
+        head, _, module = whole.partition(b"\n")
+        with suppress(ValueError, TypeError, KeyError, IndexError):
+            said = json.loads(head)
+            if said["key"] == key:
+                results = tuple((tuple(shape), dtype) for shape, dtype in said["results"])
+                return Trace(module, tuple(said["takes"]), results, tree_read(said["tree"]))
+        self._entries.remove(PREFIX + key)
+        return None
+
+    def _keep(self, key: str, trace: Trace) -> None:
+        tree = tree_written(trace.tree)
+        if tree_read(json.loads(json.dumps(tree))) != trace.tree:
+            raise NoPlainForm("the tree of the results is read back as another")
+        said = {"key": key, "takes": trace.takes, "results": trace.results, "tree": tree}
+        self._entries.put(PREFIX + key, json.dumps(said).encode() + b"\n" + trace.module)
+
+
+def open_traces(place: Path | None) -> Traces | None:
+    """Begin to keep traces in a folder, where the command line asks for it and there is one.
+
+    Elsewhere a process may replace parts of this project as it runs, which no digest of its sources tells.
+    """
+    return None if place is None or os.environ.get(VARIABLE) != ON else Traces(Entries(place))
+
+
+def _kind(leaf: object) -> Plain:
+    """Shape and type of an argument on the first processor.
+
+    Raises:
+        NoPlainForm: it lies elsewhere.
+    """
+    place = getattr(leaf, "sharding", None)
+    first = jax.devices()[0]
+    if first.platform != "cpu" or not (place is None or isinstance(place, SingleDeviceSharding)):
+        raise NoPlainForm("an argument that does not lie on one processor")
+    if place is not None and (place.device_set != {first} or place.memory_kind not in (None, _memory(first))):
+        raise NoPlainForm("an argument that does not lie on the first processor")
+    kind = jax.typeof(leaf)
+    return [list(kind.shape), str(kind.dtype), bool(kind.weak_type)]
+
+
+def _memory(device: jax.Device) -> str:
+    return device.default_memory().kind
+
+
+def _settings() -> Plain:
+    """All settings of JAX, those of this thread included.
+
+    Raises:
+        NoPlainForm: one that is an object, such as a device.
+    """
+    found = []
+    for name in sorted(set(jax.config.values) - set(ASIDE)):
+        value = getattr(jax.config, name, jax.config.values[name])
+        if value is not None and not isinstance(value, (bool, int, float, str)):
+            value = _member(value)
+        found.append([name, str(value)])
+    return found
+
+
+def _member(value: object) -> str:
+    """The name of a member of an enumeration."""
+    name = getattr(value, "name", None)
+    if not isinstance(name, str):
+        raise NoPlainForm(f"{type(value).__name__} is no plain setting")
+    return name
+
+
+def _sources_digest(root: Path = ROOT) -> str:
+    """Of all sources of the packages of this project that are there."""
+    digest = hashlib.sha256()
+    for package in OWN:
+        for file in sorted((root / package).rglob("*.py")):
+            digest.update(f"{file.relative_to(root)}\n{file.stat().st_size}\n".encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _traced(one: Callable[..., object], values: Sequence[object]) -> Trace:
+    """The program of a function of trees, flat: arrays of no weak type, since that is not written."""
+    leaves, tree = jax.tree.flatten(tuple(values))
+    seen: list[PyTreeDef] = []
+
+    def flat(*leaves: jax.Array) -> tuple[jax.Array, ...]:
+        results, after = jax.tree.flatten(one(*jax.tree.unflatten(tree, leaves)))
+        seen.append(after)
+        return tuple(jax.lax.convert_element_type(a, jnp.asarray(a).dtype) for a in results)
+
+    made = jax.export.export(jax.jit(flat), platforms=["cpu"])(*map(_like, leaves))
+    if made.ordered_effects or made.unordered_effects or made.uses_global_constants or made.nr_devices != 1:
+        raise NoPlainForm("a program that does more than compute")
+    results = tuple((tuple(a.shape), str(a.dtype)) for a in made.out_avals)
+    return Trace(made.mlir_module_serialized, tuple(made.module_kept_var_idx), results, seen[0])
+
+
+def _calling(name: str, trace: Trace, values: Sequence[object]) -> Callable[..., object]:
+    """A function of values like these that calls a traced program."""
+
+    def mould(*leaves: jax.Array) -> tuple[jax.Array, ...]:
+        return tuple(jnp.zeros(shape, dtype) for shape, dtype in trace.results)
+
+    # what JAX says of a program with the same arguments and results, and this one's module in it: `Exported.serialize`
+    # needs a library that is not among ours
+    like = jax.export.export(jax.jit(mould), platforms=["cpu"])(*map(_like, jax.tree.leaves(list(values))))
+    fun_name = name.rpartition(".")[2].rpartition(":")[2]
+    made = replace(like, fun_name=fun_name, mlir_module_serialized=trace.module, module_kept_var_idx=trace.takes)
+
+    def again(*values: object) -> object:
+        return jax.tree.unflatten(trace.tree, made.call(*jax.tree.leaves(values)))
+
+    again.__name__ = fun_name
+    return again
+
+
+def _like(leaf: object) -> jax.ShapeDtypeStruct:
+    kind = jax.typeof(leaf)
+    return jax.ShapeDtypeStruct(kind.shape, kind.dtype, weak_type=kind.weak_type)

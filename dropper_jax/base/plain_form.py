@@ -1,0 +1,147 @@
+"""Static values and trees in a plain form that can be written as JSON and read back: names, numbers, texts, tuples.
+
+Only what means the same in every process has such a form: plain values, and dataclasses, named tuples, types and
+functions of this project, which are written by their names. Anything else is refused, so that nothing is taken for what
+it is not. Reading builds objects of the project's own types and runs nothing else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from typing import TypeAlias
+
+import jax
+from jax.tree_util import PyTreeDef, default_registry
+
+#: What JSON holds.
+Plain: TypeAlias = None | bool | int | str | list["Plain"]
+
+#: Packages whose names mean the same in every process that has the same sources.
+OWN = ("dropper_jax", "fitting")
+#: Types of trees that are not of this project, by the name they are written with.
+BUILT_IN: dict[str, type] = {"tuple": tuple, "list": list, "dict": dict, "none": type(None)}
+
+
+class NoPlainForm(ValueError):
+    """A value that may mean something else in another process."""
+
+
+def written(value: object) -> Plain:
+    """The plain form of a static value.
+
+    Raises:
+        NoPlainForm: it has none.
+    """
+    if value is None or isinstance(value, (bool, str)) or type(value) is int:
+        return value
+    if isinstance(value, float):
+        return ["float", float(value).hex()]
+    if type(value) in (tuple, list):
+        return [type(value).__name__, *map(written, value)]
+    if type(value) is dict:
+        return ["dict", *([written(key), written(one)] for key, one in value.items())]
+    if isinstance(value, frozenset):
+        return ["frozenset", *sorted((written(one) for one in value), key=repr)]
+    if isinstance(value, type) or callable(value):
+        return ["name", name_of(value)]
+    if isinstance(value, tuple):  # a named one
+        return ["made", name_of(type(value)), *map(written, value)]
+    if dataclasses.is_dataclass(value):
+        fields = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
+        return ["of", name_of(type(value)), *([name, written(one)] for name, one in fields)]
+    raise NoPlainForm(f"{type(value).__name__} has no plain form")
+
+
+def read(plain: Plain) -> object:
+    """The value of a plain form.
+
+    Raises:
+        NoPlainForm: it is none, or its types have changed.
+    """
+    if not isinstance(plain, list):
+        return plain
+    kind, *parts = plain
+    if kind == "float":
+        return float.fromhex(parts[0])
+    if kind in ("tuple", "list", "frozenset"):
+        return {"tuple": tuple, "list": list, "frozenset": frozenset}[kind](map(read, parts))
+    if kind == "dict":
+        return {read(key): read(one) for key, one in parts}
+    if kind == "name":
+        return named(parts[0])
+    if kind == "made":
+        return named(parts[0])(*map(read, parts[1:]))
+    if kind == "of":
+        return named(parts[0])(**{name: read(one) for name, one in parts[1:]})
+    raise NoPlainForm(f"{kind!r} is no kind of plain form")
+
+
+def name_of(value: type | Callable[..., object]) -> str:
+    """`module:name` of a type or function of this project that stands in its module under that name.
+
+    Raises:
+        NoPlainForm: another's, or one that is made as a program runs.
+    """
+    module, name = getattr(value, "__module__", None) or "", getattr(value, "__qualname__", "")
+    known = module.partition(".")[0] in OWN and "<" not in name and name
+    if not known or _found(module, name) is not value:
+        raise NoPlainForm(f"{module}.{name or type(value).__name__} is no name of this project")
+    return f"{module}:{name}"
+
+
+def named(name: str) -> Callable[..., object]:
+    """What `name_of` gave that name.
+
+    Raises:
+        NoPlainForm: there is no such thing any more.
+    """
+    module, _, inner = name.partition(":")
+    if module.partition(".")[0] not in OWN:
+        raise NoPlainForm(f"{name} is no name of this project")
+    try:
+        importlib.import_module(module)
+        return _found(module, inner)
+    except (ImportError, AttributeError) as error:
+        raise NoPlainForm(f"{name} is not there any more") from error
+
+
+def _found(module: str, name: str) -> Callable[..., object]:
+    found = importlib.import_module(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    # a compiled function stands where the one it was made of stood
+    return getattr(found, "__wrapped__", found)
+
+
+def tree_written(tree: PyTreeDef) -> Plain:
+    """The plain form of a tree without its leaves: types, what they hold beside leaves, and branches.
+
+    Raises:
+        NoPlainForm: it has none.
+    """
+    node = tree.node_data()
+    branches = [tree_written(branch) for branch in tree.children()]
+    if node is None:
+        return ["leaf"] if tree == jax.tree.structure(0) else ["nothing"]
+    kind, beside = node
+    name = next((word for word, type_ in BUILT_IN.items() if type_ is kind), None) or name_of(kind)
+    return ["node", name, written(beside), *branches]
+
+
+def tree_read(plain: Plain) -> PyTreeDef:
+    """The tree of a plain form.
+
+    Raises:
+        NoPlainForm: it is none, or its types have changed.
+    """
+    kind, *parts = plain
+    if kind == "leaf":
+        return jax.tree.structure(0)
+    if kind == "nothing":
+        return jax.tree.structure(None)
+    name, beside, *branches = parts
+    type_ = BUILT_IN.get(name) or named(name)
+    branches = [tree_read(branch) for branch in branches]
+    return PyTreeDef.from_node_data_and_children(default_registry, (type_, read(beside)), branches)

@@ -31,7 +31,7 @@ from layout_draws import DURATION, STEP, TOPOLOGIES, Scene, layout
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import jsonable
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.statics import rest
 
 #: Largest unbalanced force, and most negative stiffness, of a pose that counts as found; largest misfit of a check.

@@ -1,6 +1,6 @@
 """Many kinds of scene simulated in one process: memory maps and resident memory, which the kernel bounds.
 
-    python benchmarks/many_scenes.py [--kinds 200]
+    python benchmarks/many_scenes.py [--kinds 80]
 
 Kinds differ in the number of links (3 to 40), the effects, the axial law and the scheme, so that each has programs of
 its own. The kernel ends a process (or the compiler does) at 65 530 maps; a row is printed after every ten kinds. The
@@ -69,7 +69,7 @@ def resident() -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kinds", type=int, default=200)
+    parser.add_argument("--kinds", type=int, default=80)
     count = parser.parse_args().kinds
     print(f"Python {platform.python_version()}, JAX {jax.__version__}")
     print("| kinds | maps | resident MB | peak MB | processor s | ok |")

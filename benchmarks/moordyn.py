@@ -38,7 +38,7 @@ from moordyn_speed import speed
 from paper_cases import TABLE_7, case
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import jsonable
+from dropper_jax.base.json_values import jsonable
 
 RESULTS = Path(__file__).parent / "results"
 SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled

@@ -29,9 +29,9 @@ from machine import describe
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.plots import style
 from dropper_jax.run.build import build
-from dropper_jax.run.solution import jsonable
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.pictures import marks, title
 from dropper_jax.study.reference import reference

@@ -15,9 +15,9 @@ from machine import describe
 
 import dropper_jax as dj
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
 from dropper_jax.report.build import report_run, report_runs
 from dropper_jax.report.settings import Settings
-from dropper_jax.run.solution import jsonable
 
 RESULTS = Path(__file__).parent / "results" / "report_examples.json"
 RATIOS, STEPS = (1.0, 0.1, 0.0), (0.05, 0.02)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import dropper_jax as dj
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import jsonable
+from dropper_jax.base.json_values import jsonable
 from fitting.sensitivity import local, study
 
 RESULTS = Path(__file__).parent / "results" / "scene_sensitivity.json"

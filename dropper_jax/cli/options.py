@@ -94,7 +94,7 @@ def read_run(file: str) -> Solution:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
     from dropper_jax.effects import register_installed
-    from dropper_jax.run.storage import load_run
+    from dropper_jax.run.solution import load_run
 
     register_installed()
     if left:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import check_keys, field_keys, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, field_keys, read_list, read_number, read_table, read_text
 from dropper_jax.scene import PointSpec
 
 #: Foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal area
@@ -15,7 +15,7 @@ from dropper_jax.scene import PointSpec
 DENSITY, DRAG, ADDED_MASS = 80.0, 0.5, 0.5
 
 
-def with_types(table: dict[str, Any], types: Any) -> dict[str, Any]:
+def with_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
     """The scene with what its points take from types and from `float` written out; what a point gives itself stays."""
     known = {}
     keys = [key for key in field_keys(PointSpec) if key not in ("position",)]
@@ -29,7 +29,7 @@ def with_types(table: dict[str, Any], types: Any) -> dict[str, Any]:
     return {**table, "point": [_written_out(point, known, f"point.{i}") for i, point in enumerate(points)]}
 
 
-def _written_out(point: Any, types: Mapping[str, Mapping[str, Any]], path: str) -> Any:
+def _written_out(point: Plain, types: Mapping[str, Mapping[str, Any]], path: str) -> Plain:
     if not isinstance(point, Mapping):
         return point
     found = dict(point)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain
 from dropper_jax.load.library import PREFIX, part
 
 
@@ -54,13 +55,13 @@ def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _points(items: Any, path: str) -> Any:
+def _points(items: Plain, path: str) -> Plain:
     if not isinstance(items, list):
         return items
     return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)]
 
 
-def _point(item: Any, path: str) -> Any:
+def _point(item: Plain, path: str) -> Plain:
     name = item.get("type") if isinstance(item, Mapping) else None
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
@@ -78,6 +79,6 @@ def _at(path: str, name: str) -> tuple[str, dict[str, Any]]:
         raise SceneError(f"{path}: {error}") from None
 
 
-def _tables(items: Any) -> list[Any]:
+def _tables(items: Plain) -> list[Any]:
     """The tables of a list; what is none is refused by name later."""
     return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

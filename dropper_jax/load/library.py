@@ -62,7 +62,9 @@ class Family:
     make: Callable[[float], dict[str, Any]]
 
 
-def _chain(mass: float, stiffness: float, volume: float, across: float, along: float, strength: float) -> Any:
+def _chain(
+    mass: float, stiffness: float, volume: float, across: float, along: float, strength: float
+) -> Callable[[float], dict[str, Any]]:
     """Chain of bar diameter d; drag given over d (across) and d/pi (along) becomes that over the displaced diameter."""
 
     def make(d: float) -> dict[str, Any]:
@@ -81,7 +83,9 @@ def _chain(mass: float, stiffness: float, volume: float, across: float, along: f
     return make
 
 
-def _rope(mass: float, density: float, strength: tuple[float, float], stiffness: float) -> Any:
+def _rope(
+    mass: float, density: float, strength: tuple[float, float], stiffness: float
+) -> Callable[[float], dict[str, Any]]:
     """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness over it; drag 1.6 over d (DNV-OS-E301)."""
 
     def make(d: float) -> dict[str, Any]:
@@ -102,7 +106,7 @@ def _rope(mass: float, density: float, strength: tuple[float, float], stiffness:
     return make
 
 
-def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -> Any:
+def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -> Callable[[float], dict[str, Any]]:
     """Rope of eight strands of diameter d, everything by d^2; drag as of the other ropes."""
 
     def make(d: float) -> dict[str, Any]:

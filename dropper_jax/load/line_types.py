@@ -281,7 +281,7 @@ def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
     return found
 
 
-def _with_coefficients(effects: Any, used: list[list[Section]]) -> Any:
+def _with_coefficients(effects: Plain, used: list[list[Section]]) -> Plain:
     """Effects with the coefficients of the line types where the scene leaves them out."""
     if not isinstance(effects, Mapping):
         return effects

@@ -38,7 +38,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import check_keys, read_integer, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_number, read_table, read_text
 from dropper_jax.load.arithmetic import Number, evaluate
 from dropper_jax.load.floats import with_types
 
@@ -235,14 +235,14 @@ def _counted(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names
     return (names.with_counters(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 
 
-def _whole(value: Any, path: str) -> int:
+def _whole(value: Plain, path: str) -> int:
     """A whole number, such as a float that an expression left."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return read_integer(value, path)
 
 
-def filled(value: Any, names: Names, path: str) -> Any:
+def filled(value: Plain, names: Names, path: str) -> Plain:
     """Plain values with every expression in them worked out."""
     if isinstance(value, Mapping):
         return {key: filled(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
@@ -257,7 +257,7 @@ def filled(value: Any, names: Names, path: str) -> Any:
     return BRACES.sub(lambda found: _text(evaluate(found[1], names, path)), value)
 
 
-def _repeated(item: Any, names: Names, path: str) -> Iterator[Any]:
+def _repeated(item: Plain, names: Names, path: str) -> Iterator[Plain]:
     """An item of a list, as often as its `repeat` says."""
     if not isinstance(item, Mapping) or "repeat" not in item:
         return iter([filled(item, names, path)])

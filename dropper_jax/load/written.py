@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
@@ -121,7 +121,7 @@ class Written:
         """Where the values of types and lines stand in a written table, (parent, key) by path."""
         found: dict[str, tuple[Any, Any]] = {}
 
-        def add(path: str, item: dict[str, Any], keys: Any) -> None:
+        def add(path: str, item: dict[str, Any], keys: Iterable[str]) -> None:
             found.update({f"{path}.{key}": (item, key) for key in keys})
 
         for section, keys in (("line_type", field_keys(LineType)), ("line", LINE)):

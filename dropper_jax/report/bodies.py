@@ -14,7 +14,7 @@ DEGREE = 180.0 / np.pi
 PLACES, TURNS = ("surge", "sway", "heave"), ("roll", "pitch", "yaw")
 
 
-def body_motions(record: Record) -> Any:
+def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     """Per rigid body: mean, standard deviation and extremes of its reference point [m] and of its attitude [deg].
 
     `tilt_deg` is the angle between the body's z-axis and the vertical.
@@ -34,7 +34,7 @@ def body_motions(record: Record) -> Any:
     return found
 
 
-def bodies_text(found: Any) -> list[str]:
+def bodies_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
     """The section in words; nothing without bodies."""
     if not isinstance(found, list):
         return []

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain
 from dropper_jax.load.surroundings import bed_height, surface_over
 from dropper_jax.report.bed import bed_contact
 from dropper_jax.report.bending import line_bending
@@ -29,6 +31,8 @@ from dropper_jax.run.solution import Solution
 from dropper_jax.scene import whole_lines
 
 SCHEMA = 1
+#: What a section finds.
+Found = TypeVar("Found")
 
 
 def report_run(solution: Solution, settings: Settings | None = None) -> dict[str, Any]:
@@ -75,7 +79,7 @@ def _largest_damping(solution: Solution) -> float:
     return float(max((np.max(damping) for damping in given), default=0.0))
 
 
-def _optional(section: Any, part: Record, settings: Settings) -> Any:
+def _optional(section: Callable[[Record, Settings], Found], part: Record, settings: Settings) -> Found | dict[str, str]:
     try:
         return section(part, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report stands
@@ -88,13 +92,13 @@ def _submergence(part: Record) -> dict[str, Any]:
     return submergence(part, surface_over(part.scene, part.positions, part.t))
 
 
-def _coefficients(part: Record) -> Any:
+def _coefficients(part: Record) -> Plain:
     if not follows(part.scene):
         return {"skipped": "no coefficients follow the flow"}
     return flow_table(overgrown(part.scene))
 
 
-def _seabed(part: Record, settings: Settings) -> Any:
+def _seabed(part: Record, settings: Settings) -> Plain:
     bed = bed_height(part.scene, part.positions)
     if bed is None:
         return {"skipped": "the scene has no [effects.seabed]"}
@@ -172,7 +176,7 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
     return found + (["run.dt"] if len(steps) > 1 and "run.dt" not in found else [])
 
 
-def _flat(table: Any, path: str = "") -> dict[str, Any]:
+def _flat(table: Plain, path: str = "") -> dict[str, Any]:
     if not isinstance(table, dict):
         return {path: table}
     return {

@@ -12,7 +12,7 @@ from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices
 
 
-def crops(record: Record) -> Any:
+def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     """Per line with mussels: their mass [kg], weight in water [N] and largest diameter [m], and the drop-off.
 
     A mussel lets go where the acceleration of its node passes `SeasonSpec.holding`; `mass_at_risk_kg` is the crop on
@@ -51,7 +51,7 @@ def crops(record: Record) -> Any:
     return found
 
 
-def crop_text(found: Any) -> list[str]:
+def crop_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
     """The section in words; nothing without mussels."""
     if not isinstance(found, list):
         return []

@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.samples import Samples
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.nodes import point_nodes
 
@@ -25,7 +25,7 @@ class Record:
         notes: one line for everything that was left out or is not as it should be.
     """
 
-    solution: Solution
+    solution: Samples
     t: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
@@ -69,7 +69,7 @@ class Record:
         return self.positions[:, point_nodes(self.scene)[name]]
 
 
-def record(solution: Solution, skip: float = 0.0) -> Record:
+def record(solution: Samples, skip: float = 0.0) -> Record:
     """The finite part of a run after `skip` [s].
 
     The tension at the start belongs to no step and is left out.
@@ -124,7 +124,7 @@ def record(solution: Solution, skip: float = 0.0) -> Record:
     )
 
 
-def _arrays(solution: Solution) -> list[np.ndarray]:
+def _arrays(solution: Samples) -> list[np.ndarray]:
     return [solution.positions, solution.velocities, solution.tension]
 
 

@@ -17,7 +17,7 @@ MOST_ROWS = 30
 ROUNDING = 1e-6
 
 
-def section(values: Any, write: Any) -> str:
+def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list[dict[str, Any]]], str]) -> str:
     """The table that `write` makes of a section, or why it is left out."""
     return f"Left out: {values['skipped']}." if isinstance(values, dict) else write(values)
 

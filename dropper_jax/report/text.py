@@ -88,7 +88,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
     ]
 
 
-def _bending(found: Any) -> list[str]:
+def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
     """Moments and radii; nothing where lines have no bending stiffness."""
     if not isinstance(found, list):
         return []
@@ -103,7 +103,7 @@ def _bending(found: Any) -> list[str]:
     return ["## Bending", table(["line", "largest moment [N m]", "smallest radius [m]"], rows)]
 
 
-def _coefficients(found: Any) -> list[str]:
+def _coefficients(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
     """What followed the flow; nothing where nothing did."""
     if not isinstance(found, list):
         return []

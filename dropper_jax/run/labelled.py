@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.surroundings import surface_over
 from dropper_jax.run.loads import end_tensions, held_points, point_load
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.samples import Samples
 from dropper_jax.scene import whole_lines
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ FLAGS = {"step_status": ((0, 1), "good failed")}
 Variables = dict[str, tuple[Any, ...]]
 
 
-def derived(solution: Solution) -> Variables:
+def derived(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, pull on held points, tension at the ends of lines."""
     names, loads = held_points(solution.scene), []
     for name in names:
@@ -45,7 +45,7 @@ def derived(solution: Solution) -> Variables:
     return found
 
 
-def places(solution: Solution) -> Variables:
+def places(solution: Samples) -> Variables:
     """Coordinates: arc length of nodes and links, names of held points, lines and ends."""
     scene, nodes, links = solution.scene, [], []
     written_node: list[str] = []

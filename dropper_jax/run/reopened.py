@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,7 +12,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
-from dropper_jax.run.solution import BODIES, FORMAT, WITHIN, Solution
+from dropper_jax.base.read import Plain
+from dropper_jax.run.samples import BODIES, FORMAT, WITHIN, Kind, Samples
 from dropper_jax.scene import line_slices
 
 #: Kinds of what stands beside the arrays.
@@ -56,8 +57,8 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
         )
 
 
-def reopened(path: str | Path, meta: Any, arrays: dict[str, Any]) -> Solution:
-    """The run of provenance and arrays that were read from a file.
+def reopened(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type[Kind]) -> Kind:
+    """The run, as a `kind` of samples, of provenance and arrays that were read from a file.
 
     Raises:
         SceneError: one line with the file and what is wrong with it.
@@ -68,7 +69,7 @@ def reopened(path: str | Path, meta: Any, arrays: dict[str, Any]) -> Solution:
     if wrong:
         raise SceneError(f"{path}: not a saved run: {wrong}")
     try:
-        solution = Solution.restore(meta, arrays)
+        solution = kind.restore(meta, arrays)
     except SceneError as error:
         raise SceneError(f"{path}: not a saved run: its scene: {error}") from None
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, RecursionError) as error:
@@ -79,7 +80,7 @@ def reopened(path: str | Path, meta: Any, arrays: dict[str, Any]) -> Solution:
     return solution
 
 
-def _wrong_about(meta: Mapping[str, Any]) -> Any:
+def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
     """What is wrong with the provenance, in words."""
     for key, kind in KINDS.items():
         value = meta.get(key)
@@ -110,7 +111,7 @@ def _wrong_about(meta: Mapping[str, Any]) -> Any:
             yield "broken lacks a line, link or time"
 
 
-def _wrong_arrays(solution: Solution) -> Any:
+def _wrong_arrays(solution: Samples) -> Iterator[str]:
     """What is wrong with the arrays, in words: kinds, shapes, times that do not increase, values that no run has."""
     lines = line_slices(solution.scene)
     nodes, links = lines[-1].nodes.stop, lines[-1].links.stop

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.samples import Kind, Samples
 from dropper_jax.scene import line_slices
 
 #: Drift of the energy balance beside its scale from which a run warns, and from which it is not called ok.
@@ -24,7 +24,7 @@ PULSES = 0.05
 ALTERNATING, ALTERNATION = 20, 0.05
 
 
-def judged(solution: Solution) -> Solution:
+def judged(solution: Kind) -> Kind:
     """The solution with what it has to say about its own numbers; energy above its scale that came from nowhere or
     went is no solution."""
     used = solution.settings
@@ -53,12 +53,12 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
     return tension
 
 
-def _negligible(solution: Solution) -> float:
+def _negligible(solution: Samples) -> float:
     lines = solution.scene.lines
     return NEGLIGIBLE * 9.81 * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
 
 
-def _tensions(solution: Solution) -> Iterator[str]:
+def _tensions(solution: Samples) -> Iterator[str]:
     """What each line's tensions (k, n) show from step to step."""
     dt = solution.settings["dt"]
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):

@@ -1,52 +1,19 @@
-"""The solution of a run: arrays, status and provenance."""
+"""The solution of a run: its samples, and how it is told, saved, read again and gone on with."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import math
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from dropper_jax.analysis.angles import link_angles
-from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.json_values import SCHEMA, jsonable
-from dropper_jax.base.read import Plain
-from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.scene import Scene
-from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
-from dropper_jax.run.extents import body_extents, extent, largest_size
-from dropper_jax.run.twists import torque
-from dropper_jax.scene import LineSlice, line_places, line_slices, whole_lines
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.samples import Samples
+from dropper_jax.run.summary import summary
 
 if TYPE_CHECKING:
     import xarray
 
-#: Version of the saved file; a file that says otherwise is refused.
-FORMAT = 1
 
-ARRAYS = (
-    "t",
-    "positions",
-    "velocities",
-    "tension",
-    "t_tension",
-    "kinetic",
-    "potential",
-    "work",
-    "step_status",
-)
-#: Arrays of runs whose steps follow the snaps.
-WITHIN = ("tension_min", "tension_max", "tension_square")
-#: Arrays of runs with rigid bodies.
-BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
-
-
-@dataclasses.dataclass
-class Solution:
+class Solution(Samples):
     """What a run gives, k saved times, n links.
 
     Attributes:
@@ -81,262 +48,9 @@ class Solution:
             first one; else None.
     """
 
-    scene: Scene
-    settings: dict[str, Any]
-    t: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    tension: np.ndarray
-    t_tension: np.ndarray
-    kinetic: np.ndarray
-    potential: np.ndarray
-    work: np.ndarray
-    work_names: tuple[str, ...]
-    step_status: np.ndarray
-    status: str = "ok"
-    failed_steps: int = 0
-    retried_steps: int = 0
-    first_bad: dict[str, Any] | None = None
-    max_residual: float = 0.0
-    max_closure_error: float = 0.0
-    compile_s: float = 0.0
-    run_s: float = 0.0
-    versions: dict[str, str] = dataclasses.field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    broken: tuple[dict[str, Any], ...] = ()
-    own: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    last: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    continues: dict[str, Any] | None = None
-    tension_min: np.ndarray | None = None
-    tension_max: np.ndarray | None = None
-    tension_square: np.ndarray | None = None
-    body_position: np.ndarray | None = None
-    body_attitude: np.ndarray | None = None
-    body_velocity: np.ndarray | None = None
-    body_rates: np.ndarray | None = None
-
-    @property
-    def lines(self) -> tuple[LineSlice, ...]:
-        """The scene's lines in the arrays: `positions[:, line.nodes]`, `tension[:, line.links]`."""
-        return line_slices(self.scene)
-
-    def point_path(self, name: str) -> np.ndarray:
-        """Positions (k, 3) [m] of a point of the scene.
-
-        Raises:
-            SceneError: there is no such point.
-        """
-        for line, where in zip(self.scene.lines, self.lines, strict=True):
-            for point, node in ((line.start, where.nodes.start), (line.end, where.nodes.stop - 1)):
-                if point == name:
-                    return self.positions[:, node]
-        raise SceneError(f"point: {name!r} is not a point; {nearest(name, [p.name for p in self.scene.points])}")
-
-    def body(self, name: str) -> dict[str, np.ndarray]:
-        """Motion of a rigid body by the names of `BODIES`, each (k, 3).
-
-        Raises:
-            SceneError: there is no such body.
-        """
-        names = [body.name for body in self.scene.bodies]
-        if name not in names:
-            raise SceneError(f"body: {name!r} is not a body; {nearest(name, names)}")
-        return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}
-
-    def body_summary(self) -> dict[str, dict[str, Any]]:
-        """Of each body the least, mean, largest and final x, y, z [m], roll, pitch and yaw [rad]."""
-        moved = {body.name: self.body(body.name) for body in self.scene.bodies}
-        return {name: body_extents(one["body_position"], one["body_attitude"]) for name, one in moved.items()}
-
-    @property
-    def energy(self) -> np.ndarray:
-        """Kinetic and potential energy (k,) [J]."""
-        return self.kinetic + self.potential
-
-    @property
-    def balance(self) -> np.ndarray:
-        """Energy minus the work of damping and applied forces (k,) [J]; constant in an exact solution."""
-        return self.energy - np.sum(self.work, axis=1)
-
-    @property
-    def energy_drift(self) -> float:
-        """Largest change of the balance since the start [J]."""
-        with np.errstate(invalid="ignore"):  # a run that failed may hold infinities
-            return float(np.max(np.abs(self.balance - self.balance[0])))
-
-    @property
-    def energy_scale(self) -> float:
-        """What to compare the drift with [J]: range of the potential, or the largest kinetic energy if larger."""
-        return float(max(np.ptp(self.potential), np.max(self.kinetic)))
-
-    @property
-    def max_speed(self) -> float:
-        """Largest speed of a node [m/s]."""
-        return largest_size(self.velocities)
-
-    @cached_property
-    def angles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
-        parts = [link_angles(self.positions[:, line.nodes], zero="horizontal") for line in self.lines]
-        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
-
-    @property
-    def polar(self) -> np.ndarray:
-        """Polar angles (k, n) [rad], zero at the horizontal."""
-        return self.angles[0]
-
-    @property
-    def azimuth(self) -> np.ndarray:
-        """Azimuths (k, n) [rad]."""
-        return self.angles[1]
-
-    @cached_property
-    def curvature(self) -> np.ndarray | None:
-        """Curvature (k, nodes) [1/m] where lines have bending stiffness (see `run.bends`); else None."""
-        return curvature(self.scene, self.positions) if bends(self.scene) else None
-
-    @cached_property
-    def bending_moment(self) -> np.ndarray | None:
-        """Bending moment (k, nodes) [N m] where lines have bending stiffness; else None."""
-        return bending_moment(self.scene, self.positions, self.t, self.broken) if bends(self.scene) else None
-
-    @property
-    def twist(self) -> np.ndarray | None:
-        """Twist (k, nodes) [rad] about the axes of lines with torsion; else None."""
-        return self.own.get("torsion.0")
-
-    @cached_property
-    def torque(self) -> np.ndarray | None:
-        """Torque (k, n) [N m] of links with torsion; else None."""
-        if self.twist is None:
-            return None
-        return torque(self.scene, self.positions, self.twist, self.own["torsion.1"])
-
-    @property
-    def us_per_step(self) -> float:
-        """Wall time of a step without compilation [us]; of a run that stopped, over its good steps."""
-        done = (len(self.t) - 1) * self.settings.get("save_every", 1)
-        if "refused_steps" in self.settings:
-            done = self.settings["steps"] + self.settings["refused_steps"]
-        return 1e6 * self.run_s / max(done, 1)
-
-    @property
-    def realtime_factor(self) -> float:
-        """Simulated time over wall time without compilation."""
-        return float(self.t[-1] - self.t[0]) / self.run_s if self.run_s > 0 else math.nan
-
-    @property
-    def failure(self) -> str:
-        """One line saying which step failed, when and why; empty where none did."""
-        if self.status == "ok":
-            return ""
-        if self.status == "energy_drift":
-            what = f"{self.energy_drift:.3g} J are not accounted for, of a scale of {self.energy_scale:.3g} J"
-            return f"{self.status}: {what}; take a smaller step"
-        if self.first_bad is None:
-            return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
-        bad = self.first_bad
-        return (
-            f"{self.status}: step {bad['step']} at t = {bad['time_s']:.6g} s, scaled residual {bad['residual']:.3g}: "
-            f"{bad['reason']}"
-        )
-
-    def tension_summary(self) -> dict[str, dict[str, float]]:
-        """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean."""
-        parts = {"first": slice(0, 1), "last": slice(-1, None), "all": slice(None)}
-        return {name: self._extent(part) for name, part in parts.items()}
-
-    def line_tensions(self) -> dict[str, dict[str, float]]:
-        """The same of every line of the scene, pieces between attached points together."""
-        return {line.name: self._extent(line.links) for line in whole_lines(self.scene)}
-
-    def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
-        found = extent(self.tension[:, links])
-        if self.tension_min is None or self.tension_max is None:
-            return found
-        extremes = np.min(self.tension_min[:, links]), np.max(self.tension_max[:, links])
-        return {**found, "min": float(extremes[0]), "max": float(extremes[1])}
-
     def summary(self) -> dict[str, Any]:
         """The JSON object of a run; NaN and infinity are null."""
-        keys = (
-            "integrator",
-            "solver",
-            "dtype",
-            "dt",
-            "duration",
-            "steps",
-            *OPTIONS,
-            "residual_tolerance",
-            "save_every",
-        )
-        found = {
-            "schema": SCHEMA,
-            "status": self.status,
-            "scene": self.scene.name,
-            **{key: self.settings.get(key) for key in keys},
-            **{
-                key: self.settings[key]
-                for key in ("step_tolerance", "error_tolerance", "refused_steps", "load_errors")
-                if key in self.settings
-            },
-            "failed_steps": self.failed_steps,
-            "retried_steps": self.retried_steps,
-            "first_bad": self.first_bad,
-            "max_residual": self.max_residual,
-            "max_closure_error_m": self.max_closure_error,
-            "energy_drift_j": self.energy_drift,
-            "energy_scale_j": self.energy_scale,
-            "work_j": dict(zip(self.work_names, self.work[-1], strict=True)),
-            "max_speed_m_per_s": self.max_speed,
-            "compile_s": self.compile_s,
-            "run_s": self.run_s,
-            "us_per_step": self.us_per_step,
-            "realtime_factor": self.realtime_factor,
-            **({"continued_from_s": self.t[0]} if self.continues else {}),
-            "final_time_s": self.t[-1],
-            "final_positions_m": self.positions[-1],
-            "tension_n": self.tension_summary(),
-            **(
-                {"tension_of_lines_n": self.line_tensions(), "lines": line_places(self.scene)}
-                if self.scene.branched
-                else {}
-            ),
-            **({"bodies": self.body_summary()} if self.body_position is not None else {}),
-            **(
-                {"bending": bending_summary(self.scene, self.t, self.curvature, self.bending_moment)}
-                if bends(self.scene)
-                else {}
-            ),
-            "broken": self.broken,
-            "estimated_error": self.settings.get("estimated_error"),
-            "warnings": self.warnings,
-            "versions": self.versions,
-        }
-        if self.failure:
-            found["error"] = self.failure
-        return jsonable(found)
-
-    def provenance(self) -> dict[str, Any]:
-        """Everything but the arrays, as plain values: scene, settings, status, versions."""
-        arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
-        names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
-        meta = {"format": FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
-        return json.loads(json.dumps(meta, default=_plain))
-
-    @classmethod
-    def restore(cls, meta: Plain, arrays: dict[str, np.ndarray | dict[str, np.ndarray]]) -> Solution:
-        """The solution of saved provenance and arrays.
-
-        Raises:
-            ValueError: provenance of another format.
-        """
-        if not isinstance(meta, dict) or meta.get("format") != FORMAT:
-            raise ValueError(f"another format; allowed: format {FORMAT}")
-        meta = {key: value for key, value in meta.items() if key != "format"}
-        scene = Scene.from_dict(meta.pop("scene"))
-        tuples = {key: tuple(meta.pop(key, ())) for key in ("work_names", "warnings", "broken")}
-        return cls(scene=scene, **arrays, **tuples, **meta)
+        return summary(self)
 
     def to_xarray(self) -> xarray.Dataset:
         """The run as an `xarray.Dataset` with names, units and provenance; needs the extra `io`."""
@@ -359,7 +73,7 @@ class Solution:
         """
         from dropper_jax.run.storage import read_netcdf, read_npz, read_zarr  # noqa: PLC0415
 
-        return {".nc": read_netcdf, ".zarr": read_zarr}.get(Path(path).suffix.lower(), read_npz)(path)
+        return {".nc": read_netcdf, ".zarr": read_zarr}.get(Path(path).suffix.lower(), read_npz)(path, cls)
 
     def rerun(self, **kwargs: Any) -> Solution:
         """Simulate again from the provenance; on the same machine the numbers are the same to the bit.
@@ -405,7 +119,10 @@ class Solution:
         return {key: self.settings[key] for key in keys if key in self.settings}
 
 
-def _plain(value: np.ndarray) -> Plain:
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} cannot be saved")
+def load_run(path: str | Path) -> Solution:
+    """A saved run from an `.npz` or `.nc` file or a `.zarr` folder, with the numbers that were saved.
+
+    Raises:
+        SceneError: one line, where the file is missing or is not a saved run.
+    """
+    return Solution.load(path)

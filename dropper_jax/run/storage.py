@@ -24,7 +24,7 @@ from dropper_jax.run.carry import LAST, units
 from dropper_jax.run.held import Held
 from dropper_jax.run.reopened import check_archive, reopened
 from dropper_jax.run.rows import let_go
-from dropper_jax.run.solution import ARRAYS, BODIES, FORMAT, WITHIN, Solution
+from dropper_jax.run.samples import ARRAYS, BODIES, FORMAT, WITHIN, Kind, Samples
 
 if TYPE_CHECKING:
     import xarray
@@ -60,16 +60,7 @@ PROVENANCE = "dropper_jax_run"
 NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
 
 
-def load_run(path: str | Path) -> Solution:
-    """A saved run from an `.npz` or `.nc` file or a `.zarr` folder, with the numbers that were saved.
-
-    Raises:
-        SceneError: one line, where the file is missing or is not a saved run.
-    """
-    return Solution.load(path)
-
-
-def write_npz(solution: Solution, path: str | Path) -> Path:
+def write_npz(solution: Samples, path: str | Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
     arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_within(solution))}
     arrays |= {OWN + name: values for name, values in solution.own.items()} | solution.last
@@ -77,8 +68,8 @@ def write_npz(solution: Solution, path: str | Path) -> Path:
     return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
 
 
-def read_npz(path: str | Path) -> Solution:
-    """The run of an `.npz` file.
+def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
+    """The run of an `.npz` file, as a `kind` of samples.
 
     Raises:
         SceneError: one line, where the file is missing or is not a saved run.
@@ -99,7 +90,7 @@ def read_npz(path: str | Path) -> Solution:
         raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
-    return reopened(path, meta, arrays)
+    return reopened(path, meta, arrays, kind)
 
 
 def extra(module: str, name: str) -> Any:
@@ -110,7 +101,7 @@ def extra(module: str, name: str) -> Any:
         raise SceneError(f"{module} is not installed; needed: pip install 'dropper-jax[{name}]'") from None
 
 
-def _within(solution: Solution) -> list[str]:
+def _within(solution: Samples) -> list[str]:
     return [name for name in SOME if getattr(solution, name) is not None]
 
 
@@ -120,7 +111,7 @@ def netcdf_packages() -> None:
         extra(module, "io")
 
 
-def to_xarray(solution: Solution) -> xarray.Dataset:
+def to_xarray(solution: Samples) -> xarray.Dataset:
     """The run as a dataset: time, node, link and axis are coordinates; angles [rad] are added for convenience."""
     xr = extra("xarray", "io")
     found = {
@@ -159,7 +150,7 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
     return labelled.add_attributes(xr.Dataset(found, coordinates, _attributes(solution)))
 
 
-def _places(solution: Solution, links: int) -> dict[str, Any]:
+def _places(solution: Samples, links: int) -> dict[str, Any]:
     """Nodes and links by number; of several lines with the names of their lines and their numbers in these."""
     nodes = np.arange(solution.positions.shape[1])
     if len(solution.lines) == 1:
@@ -182,12 +173,12 @@ def _places(solution: Solution, links: int) -> dict[str, Any]:
     }
 
 
-def _bodies(solution: Solution) -> dict[str, Any]:
+def _bodies(solution: Samples) -> dict[str, Any]:
     names = np.array([body.name for body in solution.scene.bodies], dtype=str)
     return {"body": ("body", names, {"long_name": "rigid body"})} if names.size else {}
 
 
-def _attributes(solution: Solution) -> dict[str, Any]:
+def _attributes(solution: Samples) -> dict[str, Any]:
     used = solution.settings
     return {
         "Conventions": "CF-1.11",
@@ -200,7 +191,7 @@ def _attributes(solution: Solution) -> dict[str, Any]:
     }
 
 
-def from_xarray(dataset: xarray.Dataset, path: str | Path = "dataset") -> Solution:
+def from_xarray(dataset: xarray.Dataset, path: str | Path, kind: type[Kind]) -> Kind:
     """The run of a dataset made by `to_xarray`; `path` names it in errors.
 
     Raises:
@@ -212,10 +203,11 @@ def from_xarray(dataset: xarray.Dataset, path: str | Path = "dataset") -> Soluti
     own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
     last = {str(name): np.asarray(dataset[name].values) for name in dataset.data_vars if str(name).startswith(LAST)}
     time = np.asarray(dataset["time"].values)
-    return reopened(path, json.loads(dataset.attrs[PROVENANCE]), {"t": time, "own": own, "last": last, **arrays})
+    arrays |= {"t": time, "own": own, "last": last}
+    return reopened(path, json.loads(dataset.attrs[PROVENANCE]), arrays, kind)
 
 
-def write_netcdf(solution: Solution, path: str | Path) -> Path:
+def write_netcdf(solution: Samples, path: str | Path) -> Path:
     """Write netCDF-4, whole or not at all.
 
     Raises:
@@ -242,7 +234,7 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
         raise held.refused
 
 
-def write_zarr(solution: Solution, path: str | Path) -> Path:
+def write_zarr(solution: Samples, path: str | Path) -> Path:
     """Write a Zarr folder with consolidated metadata, whole or not at all; needs the extras `io` and `sweep`.
 
     Raises:
@@ -279,8 +271,8 @@ def _is_run_folder(path: Path) -> bool:
         return False
 
 
-def read_zarr(path: str | Path) -> Solution:
-    """The run of a Zarr folder.
+def read_zarr(path: str | Path, kind: type[Kind]) -> Kind:
+    """The run of a Zarr folder, as a `kind` of samples.
 
     Raises:
         SceneError: one line, where the folder is missing or is not a saved run.
@@ -293,15 +285,15 @@ def read_zarr(path: str | Path) -> Solution:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a damaged folder has odd files in it, which the refusal tells
             with xr.open_zarr(path, decode_times=False) as dataset:
-                return from_xarray(dataset, path)
+                return from_xarray(dataset, path, kind)
     except SceneError:
         raise
     except Exception:  # whatever xarray, zarr and its codecs say about damaged bytes; our own checks are SceneErrors
         raise SceneError(f"{path}: {NOT_A_RUN}") from None
 
 
-def read_netcdf(path: str | Path) -> Solution:
-    """The run of a netCDF file.
+def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
+    """The run of a netCDF file, as a `kind` of samples.
 
     Raises:
         SceneError: one line, where the file is missing or is not a saved run.
@@ -314,7 +306,7 @@ def read_netcdf(path: str | Path) -> Solution:
             with open(path, "rb"):
                 pass
             with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-                found = from_xarray(dataset, path)
+                found = from_xarray(dataset, path, kind)
         except SceneError:
             raise
         except FileNotFoundError as error:

@@ -25,6 +25,7 @@ What is left open, the sensors, and what is known beforehand of the rig's number
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -137,7 +138,7 @@ class FitSpec:
         return max((s.si for s in self.sensors if s.channel == channel), default=0.0)
 
 
-def _items(table: Any, path: str, key: str) -> list[Any]:
+def _items(table: Mapping[str, Any], path: str, key: str) -> list[Any]:
     return read_list(table.get(key, []), join(path, key), None, f"one or more [[{path}.{key}]] tables")
 
 

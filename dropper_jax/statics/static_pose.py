@@ -8,8 +8,8 @@ follow from the implicit function theorem, by one linear solve at the pose.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -144,10 +144,10 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     def rows(x: jax.Array) -> jax.Array:
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
-    def solve(f: Any, x: jax.Array) -> jax.Array:
+    def solve(f: Callable[[jax.Array], jax.Array], x: jax.Array) -> jax.Array:
         return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(f)(y), f(y)), x)
 
-    def tangent(g: Any, b: jax.Array) -> jax.Array:
+    def tangent(g: Callable[[jax.Array], jax.Array], b: jax.Array) -> jax.Array:
         return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
 
     u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))

@@ -10,14 +10,16 @@ and its transpose for reverse mode. A step that was halved chains its substeps, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from jax.tree_util import PyTreeDef
 
 from dropper_jax.base.tridiagonal import library
 from dropper_jax.model import Model, State
@@ -26,16 +28,25 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.solve import solve, solve_once, substep_once
 from dropper_jax.stepping.stepper import Stepper
 
+#: A step's end state, scaled residual and level of halving.
+Stepped = tuple[State, jax.Array, jax.Array]
+#: A tangent, or the sign that there is none.
+Dot = jax.Array | SymbolicZero
+#: What is held as a step is differentiated: the model's leaves, the step size, the unknowns, the level of halving.
+Frozen = tuple[list[jax.Array], jax.Array, Unknowns, jax.Array]
+
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _solved(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Any:
+def _solved(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Stepped:
     run = solve_once if model.laws else solve
     s1, _, residual, level = run(stepper, model, s, h, alive)
     return s1, residual, level
 
 
 @partial(_solved.defjvp, symbolic_zeros=True)
-def _solved_jvp(stepper: Stepper, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> Any:
+def _solved_jvp(
+    stepper: Stepper, primals: tuple[Model, State, jax.Array, jax.Array], tangents: tuple[Any, ...]
+) -> tuple[Stepped, Stepped]:
     model, s, h, alive = primals
     s1, u, residual, level = solve_once(stepper, model, s, h, alive)
     leaves, tree = jax.tree.flatten(model)
@@ -64,15 +75,26 @@ class _At(NamedTuple):
     h: list[jax.Array]
 
 
-def _is_zero(dot: Any) -> bool:
+#: Inputs of a step beside its end, as the linear solve carries them; how inputs become a model, a state and a step.
+Pair = tuple[_At, State]
+Inputs = Callable[[_At], tuple[Model, State, jax.Array]]
+
+
+def _is_zero(dot: Dot) -> bool:
     return isinstance(dot, SymbolicZero)
 
 
-def _nonzero(dots: list[Any]) -> list[Any]:
+def _nonzero(dots: list[Dot]) -> list[jax.Array]:
     return [dot for dot in dots if not _is_zero(dot)]
 
 
-def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) -> Any:
+def _linear(
+    forward: Callable[[_At], State],
+    backward: Callable[[State], _At],
+    given: _At,
+    like: State,
+    residuals: tuple[Any, ...],
+) -> State:
     """Apply the linear map `forward`, whose transpose is `backward`, so that JAX can transpose and batch it.
 
     It is the solution x = (a, forward(a)) of `[[1, 0], [-forward, 1]] x = (a, 0)`, which JAX's linear solve carries
@@ -84,25 +106,25 @@ def _linear(forward: Any, backward: Any, given: Any, like: Any, residuals: Any) 
     given = jax.tree.map(lambda a: a + nothing.astype(a.dtype), given)
     zeros = jax.tree.map(lambda a: jnp.broadcast_to(nothing, a.shape).astype(a.dtype), like)
 
-    def matrix(x: Any) -> Any:
+    def matrix(x: Pair) -> Pair:
         one = _first_derivatives_only(residuals)
         return jax.tree.map(lambda a: a * one.astype(a.dtype), x)
 
-    def solve(_: Any, b: Any) -> Any:
+    def solve(_: Callable[[Pair], Pair], b: Pair) -> Pair:
         return b[0], jax.tree.map(jnp.add, forward(b[0]), b[1])
 
-    def transpose_solve(_: Any, b: Any) -> Any:
+    def transpose_solve(_: Callable[[Pair], Pair], b: Pair) -> Pair:
         return jax.tree.map(jnp.add, b[0], backward(b[1])), b[1]
 
     return jax.lax.custom_linear_solve(matrix, (given, zeros), solve, transpose_solve)[1]
 
 
-def _first_derivatives_only(residuals: Any) -> jax.Array:
+def _first_derivatives_only(residuals: tuple[Any, ...]) -> jax.Array:
     """A one that depends on the residuals and refuses to be differentiated."""
     return 1.0 + _refusing.bind(0.0 * sum(jnp.sum(leaf) for leaf in jax.tree.leaves(residuals)))
 
 
-def _refuse_second(primals: Any, tangents: Any) -> Any:
+def _refuse_second(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> NoReturn:
     raise NotImplementedError("second derivatives of a run are not available; take differences of first derivatives")
 
 
@@ -125,7 +147,7 @@ batching.primitive_batchers[_nothing] = lambda args, _: (_nothing.bind(*args), N
 ad.deflinear2(_nothing, lambda _, *x: [ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in x])
 
 
-def _inputs(tree: Any, moving: tuple[int, ...], frozen: Any, at: _At) -> tuple[Model, State, jax.Array]:
+def _inputs(tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At) -> tuple[Model, State, jax.Array]:
     leaves = list(frozen[0])
     for i, value in zip(moving, at.model, strict=True):
         leaves[i] = value
@@ -137,14 +159,14 @@ def _pieces(level: jax.Array) -> jax.Array:
     return jnp.where(level >= 0, 2 ** jnp.maximum(level, 0), 0)
 
 
-def _cut(frozen: Any, at: _At, pieces: jax.Array) -> tuple[Any, _At]:
+def _cut(frozen: Frozen, at: _At, pieces: jax.Array) -> tuple[Frozen, _At]:
     """The same for one of several substeps."""
     many = jnp.maximum(pieces, 1)
     return (frozen[0], frozen[1] / many, *frozen[2:]), at._replace(h=[h / many for h in at.h])
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def _forward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any, at: _At, given: _At) -> State:
+def _forward(stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At, given: _At) -> State:
     """Tangent of a step: of its one solve, or of its chain of substeps where it was halved."""
     _, _, u, level = frozen
     whole = _push(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, given, u)
@@ -167,7 +189,9 @@ def _forward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any, 
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def _backward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any, at: _At, cotangent: State) -> _At:
+def _backward(
+    stepper: Stepper, tree: PyTreeDef, moving: tuple[int, ...], frozen: Frozen, at: _At, cotangent: State
+) -> _At:
     """Cotangent of a step; the states and unknowns of substeps are found again and kept on a shelf."""
     _, _, u, level = frozen
     one_way = stepper.solver == stepper.fallback  # a whole step is then a chain of one, with half as much to compile
@@ -203,12 +227,12 @@ def _backward(stepper: Stepper, tree: Any, moving: tuple[int, ...], frozen: Any,
     return split if one_way else jax.tree.map(lambda a, b: jnp.where(pieces > 0, a, b), split, whole)
 
 
-def _push(stepper: Stepper, solver: str, inputs: Any, at: _At, given: _At, u: Unknowns) -> State:
+def _push(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
     with library(stepper.batched):
         return _pushed(stepper, solver, inputs, at, given, u)
 
 
-def _pushed(stepper: Stepper, solver: str, inputs: Any, at: _At, given: _At, u: Unknowns) -> State:
+def _pushed(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)
@@ -222,7 +246,7 @@ def _pushed(stepper: Stepper, solver: str, inputs: Any, at: _At, given: _At, u: 
     return jax.jvp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), (at, u), (given, du))[1]
 
 
-def _pull(stepper: Stepper, solver: str, inputs: Any, at: _At, cotangent: State, u: Unknowns) -> _At:
+def _pull(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)

@@ -15,7 +15,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.report.record import Record, arc, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.samples import Samples
 from dropper_jax.sea.make import main_period
 from dropper_jax.study.finer_links import twice_the_links
 
@@ -40,9 +40,9 @@ UNRESOLVED = 0.05
 
 def load_errors(
     scene: Scene,
-    run: Callable[[Scene], Solution],
+    run: Callable[[Scene], Samples],
     skip: float = 0.0,
-    first: Solution | None = None,
+    first: Samples | None = None,
     say: Progress = silent,
 ) -> dict[str, Any]:
     """Loads of a run with an estimate of their error.
@@ -131,7 +131,7 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     return found, left_out
 
 
-def _horizon(first: Solution, other: Solution) -> float:
+def _horizon(first: Samples, other: Samples) -> float:
     """Time [s] up to which two runs differ by less than chaos makes of their perturbation."""
     k = min(len(first.t), len(other.t))
     apart = np.abs(first.positions[:k] - other.positions[:k]).max(axis=(1, 2))

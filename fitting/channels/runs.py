@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import check_keys, read_list, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, read_list, read_table, read_text
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
 from fitting.channels.columns import Columns, read_columns
@@ -65,7 +65,7 @@ def read_run(
     return Run(name_of(table, path, default), tuple(times), tuple(values), own)
 
 
-def _files(given: Any, path: str, folder: Path) -> tuple[list[Columns], str]:
+def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     """The files of a run and its name by default."""
     if isinstance(given, Mapping):
         t = np.asarray(given.get("t", ()), float)

@@ -30,8 +30,8 @@ def run(args: argparse.Namespace) -> int:
     picture = output_file(args.picture, "--picture", (".png",))
     state = output_file(args.state, "--state", (".json",))
 
+    from dropper_jax.base.json_values import jsonable
     from dropper_jax.effects import register_installed
-    from dropper_jax.run.solution import jsonable
     from fitting.optimise.run import checked, optimise, read_problem
     from fitting.site import read_site
 

@@ -10,12 +10,11 @@ margin = 0.01           by which constraints are kept below their limits
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import parameter
+from dropper_jax.base.read import Plain, read_fields, read_table
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.base.read import read_fields, read_table
 from fitting.optimise.storm import RAMP
 
 
@@ -32,7 +31,7 @@ class Settings:
     margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
 
     @classmethod
-    def read(cls, table: Any) -> Settings:
+    def read(cls, table: Plain) -> Settings:
         """Checked values.
 
         Raises:

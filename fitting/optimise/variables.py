@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.load.scene import Scene
 
 KEYS = ("name", "low", "high", "catalogue")
@@ -52,7 +52,7 @@ class Variable:
         return (*below[-1:], *above[:1])
 
 
-def read_variables(raw: Any, scene: Scene) -> tuple[Variable, ...]:
+def read_variables(raw: Plain, scene: Scene) -> tuple[Variable, ...]:
     """The `[[variable]]` tables of a site.
 
     Raises:
@@ -93,7 +93,7 @@ def _read(table: Mapping[str, Any], path: str, scene: Scene) -> Variable:
     return Variable(name, where, float(value), low, high, sizes)
 
 
-def _sizes(given: Any, path: str, low: float, high: float) -> tuple[float, ...]:
+def _sizes(given: Plain, path: str, low: float, high: float) -> tuple[float, ...]:
     if given is None:
         return ()
     items = read_list(given, path, None, "sizes that there are")

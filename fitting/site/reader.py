@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import check_keys, plain, read_list, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.packaged import is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
@@ -228,7 +228,7 @@ def _parts(
     return tuple(found)
 
 
-def _capacity(part: PartTable, own: Any, line: str, path: str) -> float:
+def _capacity(part: PartTable, own: Plain, line: str, path: str) -> float:
     if part.capacity is not None:
         return part.capacity
     if own is None:
@@ -239,7 +239,7 @@ def _capacity(part: PartTable, own: Any, line: str, path: str) -> float:
     return float(np.min(own))
 
 
-def _factor(given: Any, table: Factors, kinds: set[str], path: str) -> dict[str, float | None]:
+def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> dict[str, float | None]:
     own = Factors() if given is None else Factors.of(given, path)
     found = {kind: getattr(own, kind) or getattr(table, kind) for kind in ("intact", "broken")}
     for kind in sorted(kinds):

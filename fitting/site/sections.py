@@ -8,8 +8,8 @@ from typing import Any, Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import Plain, plain, read_fields, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.base.read import plain, read_fields, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.scene import GrowthSpec
 from dropper_jax.scene.anchor import KINDS
 from dropper_jax.sea.spectrum import SHAPES
@@ -24,7 +24,7 @@ class Section:
     PATTERNS: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, table: Any, path: str) -> Self:
+    def read(cls, table: Plain, path: str) -> Self:
         """A checked section.
 
         Raises:
@@ -98,7 +98,7 @@ class CaseLists(Section):
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
 
     @classmethod
-    def read(cls, table: Any, path: str) -> Self:
+    def read(cls, table: Plain, path: str) -> Self:
         """A checked section; currents become tables with `name`, those without `direction` go as the others."""
         own = dict(read_table(table, path))
         currents = own.pop("currents", [])
@@ -121,11 +121,11 @@ class CaseLists(Section):
         return dataclasses.replace(found, currents=tuple(tables), current_direction=heading)
 
 
-def _list(value: Any, path: str) -> list[Any]:
+def _list(value: Plain, path: str) -> list[Any]:
     return read_list(value, path, None, "a list of speeds [m/s], or of tables as [sea.current]")
 
 
-def _current(item: Any, path: str) -> dict[str, Any]:
+def _current(item: Plain, path: str) -> dict[str, Any]:
     """A current as a table with a name; of a number its speed."""
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
@@ -145,7 +145,7 @@ class GrowthTable(Section):
     growth: GrowthSpec | None = None
 
     @classmethod
-    def read(cls, table: Any, path: str) -> Self:
+    def read(cls, table: Plain, path: str) -> Self:
         own = dict(read_table(table, path))
         known = {key: own.pop(key) for key in ("month", "lines") if key in own}
         if isinstance(known.get("lines"), str):
@@ -164,7 +164,7 @@ class Factors(Section):
     edition: str = option("edition of the source", type=str, default="not given")
 
     @classmethod
-    def of(cls, value: Any, path: str) -> Factors:
+    def of(cls, value: Plain, path: str) -> Factors:
         """Those of a part: a number for all states, or a table."""
         if isinstance(value, Mapping):
             return cls.read(value, path)
@@ -207,7 +207,7 @@ class AnchorTable(Section):
     uplift: float | None = parameter("largest angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
 
     @classmethod
-    def read(cls, table: Any, path: str) -> Self:
+    def read(cls, table: Plain, path: str) -> Self:
         found = super().read(table, path)
         for key in ("weight", "friction", "capacity"):
             given, needed = getattr(found, key) is not None, key in KINDS[found.kind]
@@ -238,7 +238,7 @@ class Backbone(Section):
     deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, optional=True)
 
     @classmethod
-    def read(cls, table: Any, path: str) -> Self:
+    def read(cls, table: Plain, path: str) -> Self:
         found = super().read(table, path)
         if None not in (found.shallowest, found.deepest) and not found.shallowest < found.deepest:
             raise refuse(f"{path}.deepest", found.deepest, "is not below shallowest", f"> {found.shallowest:g} m")

@@ -14,6 +14,7 @@ level.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -172,7 +173,14 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, seen: np.nda
     return float(np.sqrt((len(turns) - 1) * np.var(turns)))
 
 
-def _covariance(off, found, noise, spread, keep, fps) -> np.ndarray:  # noqa: ANN001
+def _covariance(
+    off: Callable[[np.ndarray], np.ndarray],
+    found: np.ndarray,
+    noise: np.ndarray,
+    spread: np.ndarray,
+    keep: np.ndarray,
+    fps: float,
+) -> np.ndarray:
     """Sandwich over blocks of time: departures that stay for long count as often as they change, not as frames."""
     step = 1e-4
     slopes = np.stack([(off(found + d) - off(found - d)) / (2 * step) for d in step * np.eye(len(found))], axis=-1)

@@ -16,7 +16,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.run.recovery import recover
-from dropper_jax.run.storage import load_run
+from dropper_jax.run.solution import load_run
 
 ROOT = Path(dj.__file__).parents[1]
 #: Moments of each kind; `make check` takes them all.

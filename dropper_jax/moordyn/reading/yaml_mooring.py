@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Plain
 from dropper_jax.moordyn.reading.reader import DURATION, STEP, read_moordyn
 
 SUFFIXES = (".yaml", ".yml")
@@ -98,7 +99,7 @@ def _load(path: Path) -> dict[str, Any]:
     return _table(path, found, "the file")
 
 
-def _table(path: Path, value: Any, at: str) -> dict[str, Any]:
+def _table(path: Path, value: Plain, at: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise SceneError(f"{path}: {at}: is no table; allowed: a mooring of MoorPy or RAFT")
     return value
@@ -175,7 +176,7 @@ def _line(
     return {**found, "length": _number(path, row["length"], f"{at}.length", 0.0, True), "links": LINKS}
 
 
-def _number(path: Path, value: Any, at: str, low: float = -math.inf, open_low: bool = False) -> float:
+def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low: bool = False) -> float:
     """A finite number; PyYAML takes `1e8`, without a point, for text."""
     try:
         found = math.nan if isinstance(value, bool) else float(value)

@@ -14,7 +14,8 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.moordyn.reading.points import read_ends
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
 from dropper_jax.moordyn.writing.weights import wet_weights
-from dropper_jax.run.solution import LineSlice, Solution
+from dropper_jax.run.solution import Solution
+from dropper_jax.scene import LineSlice
 from dropper_jax.scene.nodes import point_nodes
 
 _END = re.compile(r"^(?P<end>FAIR|ANCH)TEN(?P<line>\d+)$")

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.axial.force_table import ForceTable
+from dropper_jax.base.read import Plain
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import FailureSpec
@@ -49,7 +50,7 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
     span = slice(first, first + line.links)
     total = scene.line.links
 
-    def each(value: Any) -> np.ndarray:
+    def each(value: Plain) -> np.ndarray:
         return np.broadcast_to(np.asarray(0.0 if value is None else value, float), (total,))[span]
 
     coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]

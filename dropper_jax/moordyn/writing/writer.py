@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,7 @@ def _rule(words: str) -> str:
     return f"{'-' * 22} {words} {'-' * 40}"
 
 
-def _value(x: Any) -> str:
+def _value(x: float) -> str:
     return repr(float(x))
 
 
@@ -173,7 +173,7 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         yield from rows
 
 
-def _point(number: int, kind: str, position: Any, body: list[float | None], name: str) -> str:
+def _point(number: int, kind: str, position: Sequence[float], body: list[float | None], name: str) -> str:
     return " ".join([str(number), kind, *(_value(x) for x in position), *(_value(x or 0.0) for x in body)]) + (
         f"  ! name: {name}"
     )

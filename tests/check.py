@@ -1,0 +1,155 @@
+"""Parts of `make check`: what does not fit into `make test`, two processes at a time, each part's output in a file.
+
+    python tests/check.py [--jobs 2] [--only PART ...] [--list]
+
+A part that fails is told at once with the end of its output, the others go on; a table closes, and the exit status is
+1 where any part failed, ran out of time or was not found. Parts are single processes, so that two cores are busy to
+the end: those that take longest begin.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+#: After this long a part hangs [s].
+MOST = 3600.0
+#: Lines of output told where a part fails.
+TOLD = 40
+#: Only the parts themselves use the cores: threads of OpenBLAS beside them wait for each other.
+ALONE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
+TESTS = ("-m", "pytest", "-q", "--durations=10", "--durations-min=5")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A command of this Python, with what it changes in the environment."""
+
+    name: str
+    call: tuple[str, ...]
+    environment: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    part: Part
+    minutes: float
+    code: int | None
+    said: str
+
+    @property
+    def word(self) -> str:
+        if self.code is None:
+            return "FAILED: ran out of time"
+        return "ok" if self.code == 0 else f"FAILED: exit status {self.code}"
+
+
+def marked(name: str, *where: str) -> Part:
+    """Tests marked `check`."""
+    return Part(f"check {name}", (*TESTS, "-m", "check", *where))
+
+
+def as_users(name: str, *where: str) -> Part:
+    """Tests with programs compiled as users get them, without the flags of conftest.py."""
+    return Part(f"as users {name}", (*TESTS, *where), {"TESTS_CHOSE_XLA_FLAGS": "no"})
+
+
+#: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
+APART = ("fitting", "effects", "stepping", "integrators")
+#: Longest first.
+PARTS = (
+    marked("fitting", "tests/fitting"),
+    as_users("effects", "tests/effects"),
+    as_users("stepping", "tests/stepping"),
+    marked("rest", "tests", *(f"--ignore=tests/{name}" for name in APART)),
+    marked("effects", "tests/effects"),
+    Part("many scenes", ("benchmarks/many_scenes.py",)),
+    Part("hard cases", ("-m", "dropper_jax", "stability", "--quiet")),
+    Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
+    as_users("schemes", "tests/integrators", "tests/solvers", "tests/view"),
+    marked("steps", "tests/stepping", "tests/integrators"),
+    Part("damaged files", (*TESTS, "tests/faults/test_fuzz_files.py"), {"FUZZ_FILES": "2000"}),
+)
+
+
+def tail(text: str, lines: int = TOLD) -> str:
+    return "\n".join(text.rstrip().splitlines()[-lines:])
+
+
+def last_word(text: str) -> str:
+    """The last line that says anything, rules of `=` taken off: pytest's sum, or a table's last row."""
+    lines = [line.strip("= ") for line in text.splitlines() if line.strip("= ")]
+    return re.sub(r"\s+", " ", lines[-1])[:70] if lines else ""
+
+
+def run(part: Part, out: Path, tell: threading.Lock) -> Outcome:
+    path = out / f"{part.name.replace(' ', '-')}.txt"
+    with tell:
+        print(f"begins: {part.name}", flush=True)
+    begun = time.monotonic()
+    with path.open("w") as file:
+        try:
+            done = subprocess.run(
+                [sys.executable, *part.call],
+                cwd=ROOT,
+                env={**os.environ, **ALONE, **part.environment},
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                timeout=MOST,
+                check=False,
+            )
+            code = done.returncode
+        except subprocess.TimeoutExpired:
+            code = None
+    said = path.read_text(errors="replace")
+    outcome = Outcome(part, (time.monotonic() - begun) / 60.0, code, last_word(said))
+    with tell:
+        print(f"ends:   {part.name}, {outcome.minutes:.1f} min, {outcome.word}", flush=True)
+        if code != 0:
+            print(f"{tail(said)}\n(whole output: {path})", flush=True)
+    return outcome
+
+
+def table(found: list[Outcome], minutes: float) -> str:
+    rows = [("part", "minutes", "outcome", "last line")]
+    rows += [(one.part.name, f"{one.minutes:.1f}", one.word, one.said) for one in found]
+    rows.append(("all", f"{minutes:.1f}", "ok" if all(one.code == 0 for one in found) else "FAILED", ""))
+    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    return "\n".join("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
+
+
+def main(arguments: list[str] | None = None, parts: tuple[Part, ...] = PARTS) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--jobs", type=int, default=2, help="processes at a time (default: 2)")
+    parser.add_argument("--only", nargs="+", metavar="PART", default=[], help="names, or how they begin (default: all)")
+    parser.add_argument("--list", action="store_true", help="print the parts and their commands, run none")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "check", help="folder of the outputs")
+    args = parser.parse_args(arguments)
+    chosen = [part for part in parts if not args.only or part.name.startswith(tuple(args.only))]
+    if not chosen:
+        print(f"error: --only {' '.join(args.only)}: no such part; allowed: {', '.join(p.name for p in parts)}")
+        return 2
+    if args.list:
+        for part in chosen:
+            print(f"{part.name}: {' '.join([*(f'{k}={v}' for k, v in part.environment.items()), *part.call])}")
+        return 0
+    args.out.mkdir(parents=True, exist_ok=True)
+    tell, begun = threading.Lock(), time.monotonic()
+    with ThreadPoolExecutor(max_workers=args.jobs) as pool:
+        found = list(pool.map(lambda part: run(part, args.out, tell), chosen))
+    print(table(found, (time.monotonic() - begun) / 60.0), flush=True)
+    return int(any(one.code != 0 for one in found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

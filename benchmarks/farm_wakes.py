@@ -29,8 +29,8 @@ LONG, WIDE, ALONG, ACROSS, LINES, PITCH = 2450.0, 650.0, 10, 2, 11.5, 20.0
 #: Length of a longline [m], depth of loops, width of ropes, depth of the water [m], C_D, current [m/s].
 BACKBONE, LOOPS, ROPE, DEPTH, DRAG, SPEED = 200.0, 8.0, 0.2, 11.0, 1.3, 0.1
 #: Width of a piece of longline that is one element [m].
-PIECE = 25.0
-ROPES = (0.25, 0.5, 1.0, 2.0, 4.0)
+PIECE = 50.0
+ROPES = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 #: Measured range of the reduction.
 MEASURED = (0.36, 0.63)
 
@@ -94,7 +94,7 @@ def plew_2011(ropes: float, depth: float, mixing: float = 0.04, bed: float = 0.0
     if inner <= 0.0:
         return 0.0
     above = -mixing - bed * height**2 + (1 - height) * np.sqrt(inner)
-    return 1.0 - above / (drag * height * (1 - height) ** 3 - mixing - bed * height**3)
+    return float(1.0 - above / (drag * height * (1 - height) ** 3 - mixing - bed * height**3))
 
 
 def cylinder() -> dict[str, Any]:

@@ -70,17 +70,11 @@ def _on_bed(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
     if not any(body.touches_bed for body in scene.bodies):
         return []
     bed = EFFECTS["seabed"].build(scene.effects["seabed"], scene)
-    kinds = {bool(body.bed_friction) for body in scene.bodies if body.touches_bed}
-    return [_bed_contact(scene, rigid, bed, rubs) for rubs in sorted(kinds)]
-
-
-def _bed_contact(scene: SceneData, rigid: RigidBodies, bed: Effect, rubs: bool) -> Effect:
-    """Of the bodies with friction on the bed, or of those without."""
-    pieces = _pieces(scene, rigid, True, lambda body: body.touches_bed and bool(body.bed_friction) == rubs)
-    if not rubs:
-        return BodyBed(bed, pieces)
+    pieces = _pieces(scene, rigid, sliced=True, only=lambda body: body.touches_bed)
+    if not any(body.bed_friction for body in scene.bodies):
+        return [BodyBed(bed, pieces)]
     owners = np.array([*pieces.cylinder_of, *pieces.cylinder_of, *pieces.sphere_of], int)
-    return BodyBedFriction(bed, pieces, friction=np.array([body.bed_friction for body in scene.bodies])[owners])
+    return [BodyBedFriction(bed, pieces, friction=np.array([body.bed_friction for body in scene.bodies])[owners])]
 
 
 def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:

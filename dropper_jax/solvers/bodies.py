@@ -72,7 +72,8 @@ class Carried:
 
     def widened(self, values: jax.Array) -> jax.Array:
         """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
-        return jnp.pad(values, ((0, len(self.edge) - len(self.seats)),) + ((0, 0),) * (values.ndim - 1))
+        more = len(self.edge) - len(self.seats)
+        return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1)) if more else values
 
     def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
         """What couples kept nodes, by their numbers among these, and what couples others."""
@@ -121,22 +122,23 @@ class Lines:
         nodes, links, graph = self.nodes, self.links, self.nodes.graph
         moved = nodes.moved(edge)
         d = graph.differences(moved, None)
-        rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1)) - self._by_pieces(moved)
+        rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1))
+        rows = rows if self.others is None else rows - self._by_pieces(self.others, moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
         rows, own = (rows if force is None else force + rows), (own if stretch is None else stretch + own)
         x, y = self.kept.solve(rows[nodes.kept], own)
         x = place(nodes.kept, x, graph.free)
         d = d + graph.differences(x, None)
         along = jnp.sum(links.turn * d[:, None, :], axis=-1) + links.pull * y[:, None]
-        pulled = (nodes.sums(along) + self._by_pieces(moved + x))[nodes.edge]
-        return x, y, jnp.sum(self.own * edge[:, None, :], axis=-1) + pulled
+        pulled = nodes.sums(along)
+        pulled = pulled if self.others is None else pulled + self._by_pieces(self.others, moved + x)
+        return x, y, jnp.sum(self.own * edge[:, None, :], axis=-1) + pulled[nodes.edge]
 
-    def _by_pieces(self, moved: jax.Array) -> jax.Array:
+    @staticmethod
+    def _by_pieces(others: Coupling, moved: jax.Array) -> jax.Array:
         """Rows (free, 3) of pieces that reach the edge, by moves of all free nodes (free, 3)."""
-        if self.others is None:
-            return jnp.zeros_like(moved)
-        row, column = np.array(self.others.pairs, int).T
-        return summed(row, jnp.sum(self.others.blocks * moved[column][:, None, :], axis=-1), len(moved))
+        row, column = np.array(others.pairs, int).T
+        return summed(row, jnp.sum(others.blocks * moved[column][:, None, :], axis=-1), len(moved))
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ def test_a_drum_that_slides_stops_after_the_way_of_dry_friction():
 
 
 def test_a_ball_that_slides_ends_rolling_with_the_speed_of_the_textbook():
-    # friction turns it until it rolls: v = v0/(1 + m r^2/I)^-1 ... v = v0 m r^2/(m r^2 + I)
+    # friction turns it until it rolls, m (v0 - v) r = I v/r: v = v0 m r^2/(m r^2 + I)
     scene, _ = drum(0.3, [1.0, 0.0, 0.0], ball=True, duration=1.5)
     ran = dj.simulate(scene)
     rolls = 1.0 * 3000.0 * 0.25 / (3000.0 * 0.25 + 300.0)

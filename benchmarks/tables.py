@@ -20,6 +20,7 @@ import channel_tables
 import moordyn_tables
 import pitching_tables
 import table7_tables
+import wake_tables
 
 HERE = Path(__file__).parent
 RESULTS, DOCS = HERE / "results", HERE.parent / "docs"
@@ -265,6 +266,10 @@ TABLES = {
     **{
         name: ("pitching", lambda found, rows=rows: markdown(rows(found)))
         for name, rows in pitching_tables.TABLES.items()
+    },
+    **{
+        name: ("farm_wakes", lambda found, rows=rows: markdown(rows(found)))
+        for name, rows in wake_tables.TABLES.items()
     },
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
     "sweep": ("sweep", sweep),

@@ -4,6 +4,7 @@ from dropper_jax.analysis.angles import angle_rates, angles_to_links, link_angle
 from dropper_jax.analysis.energy import balance_drift, effect_power, energy_table
 from dropper_jax.analysis.phase import phase_curve
 from dropper_jax.analysis.spectrum import amplitude_spectrum
+from dropper_jax.analysis.writhe import writhe
 
 __all__ = [
     "amplitude_spectrum",
@@ -14,4 +15,5 @@ __all__ = [
     "energy_table",
     "link_angles",
     "phase_curve",
+    "writhe",
 ]

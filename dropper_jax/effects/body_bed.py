@@ -1,4 +1,4 @@
-"""Contact of rigid bodies with the seabed, at the ends of their slices and under their spheres."""
+"""Contact and friction of rigid bodies on the seabed, at the ends of their slices and under their spheres."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.base.springs import lag, mean_pull, never_more
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
@@ -19,6 +19,8 @@ from dropper_jax.model import Effect, Kinematics, ModelView
 LEVEL = 1e-2
 #: What is left of 1 where a body lies.
 LYING = math.sqrt(1.0 + LEVEL**2) - LEVEL
+#: Speed below which friction falls off [m/s]: a body under a steady pull below its friction creeps more slowly.
+CREEP = 1e-3
 
 
 @component
@@ -58,7 +60,8 @@ class BodyBed(Effect):
         """How fast the points go down at the beginning of the step (2 c + s,) [m/s]."""
         return self._rates(k)[1]
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def normal(self, k: Kinematics) -> jax.Array:
+        """Contact forces of the points (2 c + s,) [N]."""
         half = self.pieces.radius * self.pieces.length
         area = jnp.concatenate([half, half, jnp.pi * self.pieces.ball**2])
         deep, down = self._rates(k)
@@ -71,6 +74,53 @@ class BodyBed(Effect):
             expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
             spring = jnp.maximum(stiffness * (mean_pull(before, after) + lag(*pressed, expected)), 0.0)
             rate = (pressed[1] - pressed[0]) / k.h
-        normal = area * (spring + never_more(damping * rate, spring))
+        return area * (spring + never_more(damping * rate, spring))
+
+    def force(self, k: Kinematics) -> jax.Array:
+        return self._pressed(k, self.normal(k))
+
+    def _pressed(self, k: Kinematics, normal: jax.Array) -> jax.Array:
         _, back = jax.vjp(lambda r: self.depths(k.model, r), k.r)
         return -back(normal)[0]
+
+
+@component
+class BodyBedFriction(BodyBed):
+    """The same with dry friction `-mu N s/sqrt(|s|^2 + s0^2)`, s the velocity along the bed where the body touches it.
+
+    That is the body's own point there, `x' + w x d`: a ball that rolls is not braked, a drum that turns on the spot is.
+    It only takes energy. Smooth in s, s0 = 1 mm/s: it slows and holds, but for a creep below s0.
+    """
+
+    friction: jax.Array = parameter("coefficient of each point", unit="-", low=0.0, shape="table")
+
+    def slips(self, model: ModelView, r: jax.Array, v: jax.Array) -> jax.Array:
+        """Velocities (2 c + s, 3) [m/s] along the bed of the points that touch; linear in v (free nodes, 3)."""
+        ends, moved = self.pieces.axes(model, r), self.pieces.axes(model, v)
+        along = ends[:, 1] - ends[:, 0]
+        along = along / safe_norm(along)[:, None]
+        # from the middle of the circle down along its plane, as far as the circle reaches
+        down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
+        arm = self.pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
+        turned = self._turned(model, r, v, self.pieces.cylinder_of, arm)
+        places, found = [ends[:, 0], ends[:, 1]], [moved[:, 0] + turned, moved[:, 1] + turned]
+        if self.pieces.sphere_of:
+            places.append(self.pieces.centres(model, r))
+            arm = -self.pieces.ball[:, None] * jnp.array([0.0, 0.0, 1.0], r.dtype)
+            turned = self._turned(model, r, v, self.pieces.sphere_of, arm)
+            found.append(self.pieces.centres(model, v) + turned)
+        up, velocity = self.bed.upward(jnp.concatenate(places)), jnp.concatenate(found)
+        return velocity - dot(velocity, up)[:, None] * up
+
+    def _turned(self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array) -> jax.Array:
+        """`w x arm` (items, 3) of the bodies `of`, from three edges E of theirs: `E'(E^-1 arm)`."""
+        corners = self.pieces.corners(model, of)
+        edges, rates = (a[corners[:, 1:]] - a[corners[:, :1]] for a in (r, v))
+        own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]
+        return jnp.sum(rates * own[..., None], axis=1)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        normal = self.normal(k)
+        slip, back = jax.vjp(lambda v: self.slips(k.model, k.r, v), k.v)
+        rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + CREEP**2))[:, None] * slip
+        return self._pressed(k, normal) - back(rub)[0]

@@ -1,6 +1,6 @@
 """Drag and added mass of rough cylinders over Keulegan-Carpenter number and roughness, and tables of one's own.
 
-Of circular cylinders in the post-critical regime, as DNV-RP-C205 (October 2010) has them:
+Of circular cylinders in the post-critical regime:
 
     steady drag      C_DS = 0.65 (k/D < 1e-4),  (29 + 4 log10(k/D))/20,  1.05 (k/D > 1e-2)
     in waves         C_D = C_DS psi(KC),  C_pi = 1.50 - 0.024 (12/C_DS - 10)
@@ -9,11 +9,15 @@ Of circular cylinders in the post-critical regime, as DNV-RP-C205 (October 2010)
                            C_pi - 1.00 - 2.00 (KC - 0.75)    KC < 0.75
     added mass       C_A = 1 (KC < 3),  max(1 - 0.044 (KC - 3), 0.6 - (C_DS - 0.65))
 
-Beyond KC = 12 the practice has a figure; here psi falls along a straight line to 1 at KC = 60 C_DS (assumed). Where the
-current is more than 0.4 of current and wave together, psi is 1: the wake is carried away.
+Where the current is more than 0.4 of the wave's velocity, psi is 1: the wake is carried away.
 
-The text of RP-C205 itself was not at hand when this was checked. Classification Notes 30.5 (DNV, March 2000, 6.1.10)
-have psi = 1.45 (KC < 10), `2/(KC - 5)^(1/5)` (up to 37), 1: more than here at small KC, up to a quarter less beyond 12.
+Checked against API RP 2A-WSD (22nd edition, November 2014, 5.3.1.2.8 and B.5.3.1.2.8): C_D 0.65 smooth and 1.05 rough
+(1.00 to 1.10 for marine growth), C_M = 1 + C_A of 2 up to KC = 3 and of 1.6 smooth, 1.2 rough from KC = 17 C_DS on,
+the limit of 0.4. Assumed: what lies between, written down from memory of DNV-RP-C205 (2010) (the logarithm of k/D, psi
+below KC = 12, the slope of C_A), and beyond KC = 12, where practices have figures only, a straight line to psi = 1 at
+KC = 60 C_DS. Classification Notes 30.5 (DNV, March 2000, 6.1.10) have psi = 1.45 (KC < 10), `2/(KC - 5)^(1/5)` (up to
+37), 1: more than here at small KC, up to a quarter less beyond 12. All are of nearly vertical cylinders (within 15
+degrees): others have psi = 1 and C_M = 2 in API's practice.
 """
 
 from __future__ import annotations
@@ -28,8 +32,8 @@ from dropper_jax.base.read import refuse
 
 #: Where coefficients come from: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
-#: KC over C_DS from which psi is 1, and the share of the current from which it is.
-FADED, CARRIED = 60.0, 0.4
+#: KC over C_DS from which psi is 1, and the share of the current in current and wave from which it is.
+FADED, CARRIED = 60.0, 0.4 / 1.4
 #: Reynolds number from which cylinders as rough as mussel ropes are taken to be post-critical.
 POST_CRITICAL = 1e5
 

@@ -33,7 +33,8 @@ class RigidBodies(Tie):
     `sum w_i = 1`, `sum w_i s_i = s` (natural coordinates; Betsch and Steinmann 2001). The kinetic energy is then
     `1/2 sum_ij M_ij r_i' . r_j'` with the constant `M_ij = int w_i w_j dm` of mass, centre of mass and inertia: exact
     for any rigid body, and with the edges' constraints conserved by the energy-momentum step together with the angular
-    momentum. Points where lines sit are nodes of their own with `r = sum_i w_i r_i`.
+    momentum. Points where lines sit are nodes of their own with `r = sum_i w_i r_i`. A body that is pinned keeps its
+    reference point where it is, `sum_i w_i r_i = pin`, and turns about it.
     """
 
     name: ClassVar[str] = "rigid_bodies"
@@ -52,6 +53,8 @@ class RigidBodies(Tie):
     points: tuple[int, ...] = option("numbers of the points that are seats", type=tuple, default=())
     owner: tuple[int, ...] = option("body of each seat", type=tuple, default=())
     names: tuple[str, ...] = option("names of the bodies", type=list, default=())
+    pin: jax.Array = parameter("places of the pinned bodies' reference points", unit="m", shape="vectors", default=())
+    pinned: tuple[int, ...] = option("numbers of the pinned bodies", type=tuple, default=())
 
     @property
     def count(self) -> int:
@@ -79,6 +82,9 @@ class RigidBodies(Tie):
         own = jnp.einsum("bki,bic->bck", self.affine, r[self.corners(model)])
         return own[..., 3], own[..., :3]
 
+    def references(self, corners: jax.Array) -> jax.Array:
+        return jnp.sum(self.affine[:, 3, :, None] * corners, axis=1)
+
     def started(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Velocities (free nodes, 3) [m/s] of the bodies' corners and seats at the start, at places r."""
         _, axes = self.pose(model, r)
@@ -97,18 +103,20 @@ class RigidBodies(Tie):
         return jnp.sqrt(dot(edge, edge))
 
     def rows(self, model: ModelView) -> int:
-        return 6 * self.count + 3 * len(self.owner)
+        return 6 * self.count + 3 * len(self.owner) + 3 * len(self.pinned)
 
     def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """`(|d|^2 - L^2)/(2 L)` of the edges, and how far seats are from their places (rows,) [m]."""
+        """`(|d|^2 - L^2)/(2 L)` of the edges, how far seats are from their places, and bodies from pins (rows,) [m]."""
         corners, length = r[self.corners(model)], self.lengths()
         edge = corners[:, SECOND] - corners[:, FIRST]
         stretch = (dot(edge, edge) - length**2) / (2.0 * length)
-        if not self.owner:
-            return stretch.ravel()
-        own = corners[np.array(self.owner)]
-        off = r[self.seats(model)] - jnp.sum(self._own_shares()[..., None] * own, axis=1)
-        return jnp.concatenate([stretch.ravel(), off.ravel()])
+        gaps = [stretch.ravel()]
+        if self.owner:
+            own = corners[np.array(self.owner)]
+            gaps.append((r[self.seats(model)] - jnp.sum(self._own_shares()[..., None] * own, axis=1)).ravel())
+        if self.pinned:
+            gaps.append((self.references(corners)[np.array(self.pinned)] - self.pin).ravel())
+        return jnp.concatenate(gaps)
 
     def gap_size(self, model: ModelView) -> jax.Array:
         # nothing finer than rounding of places a kilometre away allows
@@ -119,7 +127,8 @@ class RigidBodies(Tie):
 
     def _per_row(self, per_body: jax.Array) -> jax.Array:
         """A value of each body at its gaps (rows,)."""
-        return jnp.concatenate([jnp.repeat(per_body, 6), jnp.repeat(per_body[np.array(self.owner, int)], 3)])
+        others = np.array([*self.owner, *self.pinned], int)
+        return jnp.concatenate([jnp.repeat(per_body, 6), jnp.repeat(per_body[others], 3)])
 
     def mass_matrix(self) -> jax.Array:
         """M_ij (bodies, 4, 4) [kg], less what the seats carry."""

@@ -239,7 +239,7 @@ class MidpointProblem(StepProblem):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
-        ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1)).items()}
+        ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1), k).items()}
         return booked(model, works, stopped, struck, turned, line.axial.works(self.start, links1, line.length, h), ends)
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
@@ -254,10 +254,10 @@ class MidpointProblem(StepProblem):
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
-    def _end_powers(self, u: Unknowns, directions: jax.Array) -> dict[str, jax.Array]:
+    def _end_powers(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> dict[str, jax.Array]:
         """Power of moving ends by name, scalar [W]: what holds each end (own weight aside) times its velocity."""
         model, line = self.model, self.model.line
-        powers = model.end_powers(u.y[:, None] * directions, self.ends)
+        powers = model.end_powers(u.y[:, None] * directions, self.ends, k)
         if not (line.compound and powers):
             return powers
         # what accelerates the links' shares of mass, times the mean of the end's velocities: that is exactly the

@@ -48,7 +48,7 @@ def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: 
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
     turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
     axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
-    return booked(model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends))
+    return booked(model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends, k))
 
 
 def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:

@@ -78,4 +78,4 @@ def _solved(model: Model, unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -
 
 def _powers(model: Model, k: Kinematics, pull: jax.Array) -> jax.Array:
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
-    return booked(model, forces, model.end_powers(pull, k.ends))
+    return booked(model, forces, model.end_powers(pull, k.ends, k))

@@ -105,7 +105,7 @@ class SemiImplicitProblem(StepProblem):
     def _work(self, u: Unknowns) -> jax.Array:
         model, h = self.model, self.h
         works = {name: h * jnp.sum(force * u.x) for name, force in model.working_forces(self.before).items()}
-        ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1)
+        ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1, self.before)
         return booked(model, works, {name: h * power for name, power in ends.items()})
 
     def unknown_size(self) -> jax.Array:

@@ -114,7 +114,7 @@ class ThetaProblem(StepProblem):
         mean = gamma * after.v + (1 - gamma) * before.v
         then, now = model.working_forces(before), model.working_forces(after)
         works = {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
-        ends = model.end_powers(u.y[:, None] * self._pull1(after), self.ends1)
+        ends = model.end_powers(u.y[:, None] * self._pull1(after), self.ends1, after)
         return booked(model, works, {name: h * power for name, power in ends.items()})
 
     def unknown_size(self) -> jax.Array:

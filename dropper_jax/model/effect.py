@@ -164,9 +164,15 @@ class Tie(Effect):
     bodily: ClassVar[bool] = True
     #: Masses of the bodies (bodies,) [kg].
     mass: jax.Array
+    #: Numbers of the bodies whose reference point stays where it is: their three gaps come last.
+    pinned: tuple[int, ...] = ()
 
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Reference points (bodies, 3) [m] and axes (bodies, 3, 3) of the bodies at places r (free nodes, 3)."""
+        raise NotImplementedError
+
+    def references(self, corners: jax.Array) -> jax.Array:
+        """Reference points (bodies, 3) [m] of bodies whose corners are at (bodies, 4, 3)."""
         raise NotImplementedError
 
     def rows(self, model: ModelView) -> int:

@@ -215,9 +215,23 @@ class Model:
         own = self.line.inertia_force(a, ends) if self.line.compound else self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
-    def end_powers(self, pull: jax.Array, rates: Ends) -> dict[str, jax.Array]:
-        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty where the ends rest."""
-        return {MOVING_ENDS: -jnp.sum(self.geometry.held_pull(pull) * rates.velocities)} if self.moving else {}
+    def end_powers(self, pull: jax.Array, rates: Ends, k: Kinematics | None = None) -> dict[str, jax.Array]:
+        """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty where the ends rest.
+
+        With an instant k also what they put into potentials that reach from node to node, as of lines that bend.
+        """
+        if not self.moving:
+            return {}
+        power = -jnp.sum(self.geometry.held_pull(pull) * rates.velocities)
+        bent = tuple(e for e in self.having(Potential) if isinstance(e, Pieces))
+        if k is None or not bent:
+            return {MOVING_ENDS: power}
+
+        def stored(places: jax.Array) -> jax.Array:
+            moved = self.kinematics(k.r, k.v, k.t, Ends(places, rates.velocities))
+            return sum(e.potential(moved) for e in bent)
+
+        return {MOVING_ENDS: power + jax.jvp(stored, (rates.places,), (rates.velocities,))[1]}
 
     def pull(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""

@@ -26,6 +26,7 @@ from dropper_jax.run.resolution import without_push
 from dropper_jax.run.rows import BLOCK, InMemory, let_go
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.stiffness import stiffness_remarks
+from dropper_jax.run.twists import twist_remarks
 from dropper_jax.run.versions import versions
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.controlled import Controlled
@@ -91,7 +92,7 @@ def assembled(
         "save_every": every,
         **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
-    return Solution(
+    found = Solution(
         scene=scene,
         settings=settings,
         t=t,
@@ -124,6 +125,10 @@ def assembled(
             *(words(row) for row in broken),
         ),
     )
+    if found.torque is None:
+        return found
+    told = twist_remarks(scene, found.positions, found.tension, found.torque)
+    return replace(found, warnings=(*found.warnings, *told))
 
 
 class _Seen(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects import EFFECTS, Effect
-from dropper_jax.effects.body_bed import BodyBed
+from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
 from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
 from dropper_jax.effects.body_water import BodyWater
 from dropper_jax.effects.rigid_bodies import MOMENTS, RigidBodies, tetrahedron
@@ -44,16 +44,25 @@ def make_bodies(scene: SceneData, index: dict[str, int], gravity: float) -> tupl
         corner=corner,
         affine=affine,
         seat=np.array([place for _, _, place in seats]).reshape(-1, 3),
-        velocity=np.array([body.velocity for body in scene.bodies]),
+        velocity=np.array([_centre_velocity(body) for body in scene.bodies]),
         spin=np.array([body.angular_velocity for body in scene.bodies]),
         gravity=gravity,
         first=len(scene.points),
         points=tuple(index[name] for _, name, _ in seats),
         owner=tuple(i for i, _, _ in seats),
         names=tuple(body.name for body in scene.bodies),
+        pin=np.array([body.position for body in scene.bodies if body.pinned]).reshape(-1, 3),
+        pinned=tuple(i for i, body in enumerate(scene.bodies) if body.pinned),
     )
     shaped = any(body.shapes for body in scene.bodies)
     return points, [rigid, *(_in_water(scene, rigid) if shaped else ()), *_on_bed(scene, rigid)]
+
+
+def _centre_velocity(body: BodySpec) -> np.ndarray:
+    """Velocity (3,) [m/s] of the centre of mass at the start; of a pinned body that of its turning."""
+    if not body.pinned:
+        return body.velocity
+    return body.rotation @ np.cross(body.angular_velocity, body.centre_of_mass)
 
 
 def _on_bed(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
@@ -61,7 +70,11 @@ def _on_bed(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
     if not any(body.touches_bed for body in scene.bodies):
         return []
     bed = EFFECTS["seabed"].build(scene.effects["seabed"], scene)
-    return [BodyBed(bed, _pieces(scene, rigid, sliced=True, only=lambda body: body.touches_bed))]
+    pieces = _pieces(scene, rigid, sliced=True, only=lambda body: body.touches_bed)
+    if not any(body.bed_friction for body in scene.bodies):
+        return [BodyBed(bed, pieces)]
+    owners = np.array([*pieces.cylinder_of, *pieces.cylinder_of, *pieces.sphere_of], int)
+    return [BodyBedFriction(bed, pieces, friction=np.array([body.bed_friction for body in scene.bodies])[owners])]
 
 
 def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:

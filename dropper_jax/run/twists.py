@@ -1,9 +1,12 @@
-"""Twist and torque along lines with torsion, from what the effect kept."""
+"""Twist and torque along lines with torsion, from what the effect kept, and what torsion leaves out of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
+from dropper_jax.analysis.writhe import writhe
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import line_slices
 
@@ -28,3 +31,45 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
             length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)
             found[:, at] += coupling[at] * (length / line.length - 1.0)
     return found
+
+
+#: Writhe [turns] and its part of the torque from which a run says that it is left out.
+COILED, FELT = 1e-3, 0.1
+
+
+def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
+    """Lines that would throw loops under their torque, and lines whose coils would change their twist.
+
+    A long rod of bending stiffness EI under the torque Q and the tension T is straight up to `Q = 2 sqrt(EI T)`
+    (Greenhill 1883). Twist here is that of the material: between held ends a line that coils trades it for writhe.
+
+    Args:
+        positions: all nodes (k, nodes, 3) [m]; tension, torque: (k, n) [N], [N m].
+    """
+    given = scene.effects["torsion"]
+    links = sum(line.links for line in scene.lines)
+    stiffness = None
+    if "bending" in scene.effects:
+        stiffness = np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), links)
+    twisting = np.broadcast_to(given["GJ"], links)
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if given["lines"] and line.name not in given["lines"]:
+            continue
+        turning, pulled = np.abs(torque[:, where.links]), np.maximum(tension[:, where.links], 0.0)
+        if stiffness is not None:
+            most = 2.0 * np.sqrt(stiffness[where.links] * pulled)
+            worst = np.unravel_index(np.argmax(turning - most), turning.shape)
+            if turning[worst] > most[worst]:
+                yield (
+                    f"{line.name}: its torque of {turning[worst]:.3g} N m is above 2 sqrt(EI T) = {most[worst]:.3g} "
+                    "N m: it would throw loops, which torsion here leaves out"
+                )
+        if given["first"] == given["last"] == "held":
+            nodes = positions[:, where.nodes]
+            turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
+            gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
+            if turns > COILED and gives > FELT * float(np.max(turning)):
+                yield (
+                    f"{line.name}: it winds by {turns:.2g} turns in the run; its twist would change by as many, which "
+                    "torsion here leaves out"
+                )

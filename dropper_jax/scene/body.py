@@ -109,6 +109,8 @@ class BodySpec:
         "angular velocity at the start, in its axes", unit="rad/s", shape="vector", default=(0.0, 0.0, 0.0)
     )
     touches_bed: bool = option("whether its cylinders and spheres meet the seabed", type=bool, default=False)
+    bed_friction: float = parameter("coefficient of its friction on the seabed", unit="-", low=0.0, default=0.0)
+    pinned: bool = option("whether its reference point stays where it is", type=bool, default=False)
     cylinders: tuple[CylinderSpec, ...] = ()
     spheres: tuple[SphereSpec, ...] = ()
     attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
@@ -154,6 +156,16 @@ class BodySpec:
                 f"{path}.inertia: principal moments {told} kg m^2 are of no body; allowed: > 0, none above the sum of "
                 "the other two"
             )
+        if self.bed_friction and not self.touches_bed:
+            raise SceneError(
+                f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the bed; allowed: 0, or "
+                "`touches_bed = true`"
+            )
+        if self.pinned and np.any(self.velocity):
+            raise SceneError(
+                f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only turns; allowed: none, with "
+                "`angular_velocity`"
+            )
         for name, place in self.attachments.items():
             away = self.distance(place)
             if away > OUTSIDE * self.extent:
@@ -198,8 +210,9 @@ class BodySpec:
         for key in ("attitude", "velocity", "angular_velocity"):
             if not np.any(getattr(self, key)):
                 del found[key]
-        if not self.touches_bed:
-            del found["touches_bed"]
+        for key in ("touches_bed", "bed_friction", "pinned"):
+            if not getattr(self, key):
+                del found[key]
         for key, _ in self.SHAPES:
             if getattr(self, key):
                 found[key] = [shape.table() for shape in getattr(self, key)]

@@ -1,10 +1,11 @@
 """Rigid bodies in the network's matrix: lines with their ends on bodies held first, then all bodies at once.
 
     seats:  A x_a + D'f + l = r_a,    x_a - W x_b = r_l          (f: of the links, l: multipliers of the seats)
-    bodies: A x_b + B m - W'l = r_b,    C x_b = r_m              (m: multipliers of the edges)
+    bodies: A x_b + B m - W'l = r_b,    C x_b = r_m              (m: multipliers of the edges and of pins)
 
 Lines answer a motion of the seats with the forces `K x_a`: one solve per seat and axis. What is left is a dense matrix
-of 18 unknowns per body, `A + W' K W` bordered by the constraints.
+of 18 unknowns per body (21 where one is pinned), `A + W' K W` bordered by the constraints. Where forces of pieces join
+lines with bodies (contact) their corners answer beside the seats.
 """
 
 from __future__ import annotations
@@ -17,41 +18,73 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.base.place import place
+from dropper_jax.base.place import place, summed
 from dropper_jax.model import Graph, Tie
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.blocks import settled
+from dropper_jax.solvers.pieces import Coupling
 from dropper_jax.solvers.saddle import LinkParts, Saddle
 from dropper_jax.solvers.stretching import Stretching
 
-#: Unknowns of a body: places of its corners, and multipliers of its edges.
-PLACES, EDGES = 12, 6
+#: Unknowns of a body: places of its corners, multipliers of its edges, and of its pin.
+PLACES, EDGES, PIN = 12, 6, 3
 
 
 @dataclass(frozen=True)
 class Carried:
-    """Which free nodes are whose: corners (bodies, 4), seats (seats,), the rest (kept,), and the graph of the rest."""
+    """Which free nodes are whose: corners (bodies, 4), seats (seats,), the rest (kept,), and the graph of the rest.
+
+    Attributes:
+        edge: nodes that lines see moved, seats first, then corners where pieces join these with lines.
+        pinned: numbers of the pinned bodies.
+    """
 
     graph: Graph
     rest: Graph
     corners: np.ndarray
     seats: np.ndarray
     kept: np.ndarray
+    edge: np.ndarray
+    pinned: np.ndarray
 
     @classmethod
-    def of(cls, problem: StepProblem, tie: Tie) -> Carried:
+    def of(cls, problem: StepProblem, tie: Tie, between: Coupling | None) -> Carried:
         graph, corners, seats = problem.model.geometry, tie.corners(problem.model), tie.seats(problem.model)
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
-        return cls(graph, rest, corners, seats, np.setdiff1d(np.arange(graph.free), away))
+        touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
+        edge = np.concatenate([seats, corners.ravel()]) if touched else seats
+        kept, pinned = np.setdiff1d(np.arange(graph.free), away), np.array(tie.pinned, int)
+        return cls(graph, rest, corners, seats, kept, edge, pinned)
 
-    def moved(self, seats: jax.Array) -> jax.Array:
-        """Moves of the seats (seats, 3) among those of all free nodes."""
-        return place(self.seats, seats, self.graph.free)
+    @property
+    def size(self) -> int:
+        """Unknowns of one body."""
+        return PLACES + EDGES + (PIN if self.pinned.size else 0)
+
+    def moved(self, edge: jax.Array) -> jax.Array:
+        """Moves of the edge (edge, 3) among those of all free nodes."""
+        return place(self.edge, edge, self.graph.free)
 
     def sums(self, along: jax.Array) -> jax.Array:
         """Sum on the free nodes of what links (n, 3) carry, in the sign of the rows."""
         return self.graph.from_last(along) - self.graph.from_first(along)
+
+    def widened(self, values: jax.Array) -> jax.Array:
+        """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
+        more = len(self.edge) - len(self.seats)
+        return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1)) if more else values
+
+    def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
+        """What couples kept nodes, by their numbers among these, and what couples others."""
+        if between is None:
+            return None, None
+        pairs = np.array(between.pairs, int).reshape(-1, 2)
+        inside = np.isin(pairs, self.kept).all(axis=1)
+        own = np.searchsorted(self.kept, pairs[inside])
+        within = Coupling(tuple(map(tuple, own.tolist())), between.blocks[np.flatnonzero(inside)])
+        others = Coupling(tuple(map(tuple, pairs[~inside].tolist())), between.blocks[np.flatnonzero(~inside)])
+        return within if within.pairs else None, others if others.pairs else None
 
 
 @lru_cache(maxsize=64)
@@ -61,104 +94,139 @@ def _rest(graph: Graph, away: tuple[int, ...]) -> Graph:
 
 
 @dataclass(frozen=True)
-class BodyFactor:
-    """The factored matrix of lines and bodies."""
+class Lines:
+    """The lines of a scene with bodies, their kept nodes factored: how they answer moves of the edge.
+
+    Attributes:
+        own: blocks (edge, 3, 3) of the edge's rows by its own moves, links and pieces aside.
+        others: blocks of pieces that reach the edge, or None.
+    """
 
     nodes: Carried
     links: LinkParts
-    lines: Stretching | Saddle
-    seat: jax.Array
+    kept: Stretching | Saddle
+    own: jax.Array
+    others: Coupling | None
+
+    def transposed(self) -> Lines:
+        others = self.others
+        if others is not None:
+            others = Coupling(tuple((j, i) for i, j in others.pairs), jnp.swapaxes(others.blocks, -1, -2))
+        own = jnp.swapaxes(self.own, -1, -2)
+        return replace(self, links=self.links.transposed(), kept=self.kept.transposed(), own=own, others=others)
+
+    def answer(
+        self, edge: jax.Array, force: jax.Array | None = None, stretch: jax.Array | None = None
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Other moves (free, 3), tensions (n,) and the edge's rows (edge, 3) as the edge moves (edge, 3)."""
+        nodes, links, graph = self.nodes, self.links, self.nodes.graph
+        moved = nodes.moved(edge)
+        d = graph.differences(moved, None)
+        rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1))
+        rows = rows if self.others is None else rows - self._by_pieces(self.others, moved)
+        own = -jnp.sum(links.gradient * d, axis=-1)
+        rows, own = (rows if force is None else force + rows), (own if stretch is None else stretch + own)
+        x, y = self.kept.solve(rows[nodes.kept], own)
+        x = place(nodes.kept, x, graph.free)
+        d = d + graph.differences(x, None)
+        along = jnp.sum(links.turn * d[:, None, :], axis=-1) + links.pull * y[:, None]
+        pulled = nodes.sums(along)
+        pulled = pulled if self.others is None else pulled + self._by_pieces(self.others, moved + x)
+        return x, y, jnp.sum(self.own * edge[:, None, :], axis=-1) + pulled[nodes.edge]
+
+    @staticmethod
+    def _by_pieces(others: Coupling, moved: jax.Array) -> jax.Array:
+        """Rows (free, 3) of pieces that reach the edge, by moves of all free nodes (free, 3)."""
+        row, column = np.array(others.pairs, int).T
+        return summed(row, jnp.sum(others.blocks * moved[column][:, None, :], axis=-1), len(moved))
+
+
+@dataclass(frozen=True)
+class BodyFactor:
+    """The factored matrix of lines and bodies; `shares` of the edge in all corners."""
+
+    lines: Lines
     shares: jax.Array
-    stiffness: jax.Array
     bodies: tuple[jax.Array, jax.Array]
     turned: bool = False
 
     def transposed(self) -> BodyFactor:
-        flip = lambda a: jnp.swapaxes(a, -1, -2)  # noqa: E731
-        return replace(
-            self,
-            links=self.links.transposed(),
-            lines=self.lines.transposed(),
-            seat=flip(self.seat),
-            stiffness=self.stiffness.T,
-            turned=not self.turned,
-        )
+        return replace(self, lines=self.lines.transposed(), turned=not self.turned)
 
     def solve(self, force: jax.Array, stretch: jax.Array, gaps: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Moves (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the gaps' rows."""
-        nodes, bodies = self.nodes, len(self.nodes.corners)
-        edges, off = gaps[: EDGES * bodies].reshape(bodies, EDGES), gaps[EDGES * bodies :].reshape(-1, 3)
-        seat_force = force[nodes.seats]
+        lines, nodes, bodies = self.lines, self.lines.nodes, len(self.lines.nodes.corners)
+        seats, edges, off, pins = len(nodes.seats), *parts(gaps, nodes)
+        off, pull = nodes.widened(off), nodes.widened(force[nodes.seats])
         right = force[nodes.corners].reshape(bodies, 4, 3)
-        if nodes.seats.size:
-            _, _, pulled = answer(nodes, self.links, self.lines, self.seat, off, force, stretch)
-            right = right + (self.shares.T @ (seat_force - pulled)).reshape(bodies, 4, 3)
-        rows = jnp.concatenate([right.reshape(bodies, PLACES), edges], axis=1)
+        if nodes.edge.size:
+            right = right + (self.shares.T @ (pull - lines.answer(off, force, stretch)[2])).reshape(bodies, 4, 3)
+        rows = jnp.concatenate([right.reshape(bodies, PLACES), edges, *pins], axis=1)
         found = lu_solve(self.bodies, rows.ravel(), trans=1 if self.turned else 0).reshape(bodies, -1)
         corner = found[:, :PLACES].reshape(-1, 3)
-        seats = off + self.shares @ corner if nodes.seats.size else off
-        x, y, pulled = answer(nodes, self.links, self.lines, self.seat, seats, force, stretch)
-        x = x + nodes.moved(seats) + place(nodes.corners.ravel(), corner, nodes.graph.free)
-        return x, y, jnp.concatenate([found[:, PLACES:].ravel(), (seat_force - pulled).ravel()])
+        moved = off + self.shares @ corner if nodes.edge.size else off
+        x, y, pulled = lines.answer(moved, force, stretch)
+        x = x + place(nodes.seats, moved[:seats], nodes.graph.free)
+        x = x + place(nodes.corners.ravel(), corner, nodes.graph.free)
+        edges, pins = found[:, PLACES : PLACES + EDGES], found[nodes.pinned, PLACES + EDGES :]
+        return x, y, jnp.concatenate([edges.ravel(), (pull - pulled)[:seats].ravel(), pins.ravel()])
 
 
-def answer(
-    nodes: Carried,
-    links: LinkParts,
-    lines: Stretching | Saddle,
-    seat: jax.Array,
-    seats: jax.Array,
-    force: jax.Array | None = None,
-    stretch: jax.Array | None = None,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """What lines do as their seats move (seats, 3): other moves (free, 3), tensions (n,), seats' rows (seats, 3)."""
-    graph = nodes.graph
-    d = graph.differences(nodes.moved(seats), None)
-    rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1))
-    own = -jnp.sum(links.gradient * d, axis=-1)
-    rows, own = (rows if force is None else force + rows), (own if stretch is None else stretch + own)
-    x, y = lines.solve(rows[nodes.kept], own)
-    x = place(nodes.kept, x, graph.free)
-    d = d + graph.differences(x, None)
-    along = jnp.sum(links.turn * d[:, None, :], axis=-1) + links.pull * y[:, None]
-    return x, y, jnp.sum(seat * seats[:, None, :], axis=-1) + nodes.sums(along)[nodes.seats]
+def parts(gaps: jax.Array, nodes: Carried) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
+    """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, where one is pinned, of pins (bodies, 3)."""
+    bodies, seats = len(nodes.corners), len(nodes.seats)
+    edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
+    pins = [place(nodes.pinned, pins.reshape(-1, 3), bodies)] if nodes.pinned.size else []
+    return edges.reshape(bodies, EDGES), off.reshape(seats, 3), pins
 
 
-def factor_bodies(problem: StepProblem, u: Unknowns, node: jax.Array, links: LinkParts) -> BodyFactor:
-    """From A = `node` (free, 3, 3) of the lines' nodes and seats, and the links' parts."""
+def factor_bodies(
+    problem: StepProblem, u: Unknowns, node: jax.Array, links: LinkParts, between: Coupling | None = None
+) -> BodyFactor:
+    """From A = `node` (free, 3, 3) of the lines' nodes and seats, the links' parts, and what pieces couple."""
     (tie,) = problem.model.ties
-    nodes = Carried.of(problem, tie)
+    nodes = Carried.of(problem, tie, between)
+    within, others = nodes.split(between)
     kind = Stretching if problem.model.line.axial.elastic else Saddle
-    lines = kind.of(nodes.rest, node[nodes.kept], links)
+    kept = kind.of(nodes.rest, node[nodes.kept], links, within)
+    lines = Lines(nodes, links, kept, nodes.widened(node[nodes.seats]), others)
     shares = tie.seat_shares() if nodes.seats.size else jnp.zeros((0, nodes.corners.size), node.dtype)
-    seat = node[nodes.seats]
-    matrix, count = body_blocks(problem, u, nodes), len(nodes.corners)
-    seats = 3 * nodes.seats.size
-    stiffness = jnp.zeros((seats, seats), node.dtype)
-    whole = (matrix[:, :, None, :] * jnp.eye(count, dtype=node.dtype)[:, None, :, None]).reshape((count * 18,) * 2)
-    if seats:
-        unit = jnp.eye(seats, dtype=node.dtype).reshape(seats, -1, 3)
-        stiffness = jax.vmap(lambda x: answer(nodes, links, lines, seat, x)[2].ravel(), out_axes=1)(unit)
-        mixed = jnp.einsum("ai,ajbk,bl->ijlk", shares, stiffness.reshape(-1, 3, seats // 3, 3), shares)
+    if len(nodes.edge) > len(nodes.seats):
+        shares = jnp.concatenate([shares, jnp.eye(nodes.corners.size, dtype=node.dtype)])
+    matrix, count, size = body_blocks(problem, u, nodes), len(nodes.corners), nodes.size
+    whole = (matrix[:, :, None, :] * jnp.eye(count, dtype=node.dtype)[:, None, :, None]).reshape((count * size,) * 2)
+    if edge := len(nodes.edge):
+        unit = jnp.eye(3 * edge, dtype=node.dtype).reshape(-1, edge, 3)
+        stiffness = jax.vmap(lambda x: lines.answer(x)[2].ravel(), out_axes=1)(unit)
+        mixed = jnp.einsum("ai,ajbk,bl->ijlk", shares, stiffness.reshape(edge, 3, edge, 3), shares)
         own = mixed.reshape(count, PLACES, count, PLACES)
-        whole = whole + jnp.pad(own, ((0, 0), (0, EDGES)) * 2).reshape(whole.shape)
-    return BodyFactor(nodes, links, lines, seat, shares, stiffness, lu_factor(whole))
+        whole = whole + jnp.pad(own, ((0, 0), (0, size - PLACES)) * 2).reshape(whole.shape)
+    return BodyFactor(lines, shares, lu_factor(whole))
 
 
 def body_blocks(problem: StepProblem, u: Unknowns, nodes: Carried) -> jax.Array:
-    """Rows of each body by its own unknowns (bodies, 18, 18), seats aside, from 18 directions of forward mode."""
+    """Rows of each body by its own unknowns (bodies, 18, 18), seats aside, from 18 directions of forward mode.
+
+    Where one is pinned 21, in which bodies that are not have multipliers that are nothing.
+    """
     model, bodies = problem.model, len(nodes.corners)
     only = problem.acting(tuple(e for e in model.effects if e.bodily))
     zero = jnp.zeros_like(u.z[-1])
 
     def rows(x: jax.Array, z: jax.Array) -> jax.Array:
         force, (gaps,) = only.node_rows(x, (z,))
-        own = force[nodes.corners].reshape(bodies, PLACES)
-        return jnp.concatenate([own, gaps[: EDGES * bodies].reshape(bodies, EDGES)], axis=1)
+        edges, _, pins = parts(gaps, nodes)
+        return jnp.concatenate([force[nodes.corners].reshape(bodies, PLACES), edges, *pins], axis=1)
 
     def along(unit: jax.Array) -> jax.Array:
         x = place(nodes.corners.ravel(), jnp.tile(unit[:PLACES].reshape(4, 3), (bodies, 1)), model.free_nodes)
-        z = zero.at[: EDGES * bodies].set(jnp.tile(unit[PLACES:], bodies))
-        return jax.jvp(rows, (u.x, u.z[-1]), (x, z))[1]
+        edge, pin = jnp.tile(unit[PLACES : PLACES + EDGES], bodies), jnp.tile(unit[PLACES + EDGES :], len(nodes.pinned))
+        between = jnp.zeros(len(zero) - len(edge) - len(pin), zero.dtype)
+        return jax.jvp(rows, (u.x, u.z[-1]), (x, jnp.concatenate([edge, between, pin])))[1]
 
-    return settled(jax.vmap(along, out_axes=-1)(jnp.eye(PLACES + EDGES, dtype=u.x.dtype)))
+    found = settled(jax.vmap(along, out_axes=-1)(jnp.eye(nodes.size, dtype=u.x.dtype)))
+    if nodes.pinned.size:
+        loose = np.zeros((bodies, nodes.size))
+        loose[np.setdiff1d(np.arange(bodies), nodes.pinned), PLACES + EDGES :] = 1.0
+        found = found + loose[:, :, None] * np.eye(nodes.size)
+    return found

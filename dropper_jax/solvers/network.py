@@ -80,8 +80,6 @@ class Network:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"
         if model.node_reach > 0:
             return "a force in the scene couples neighbouring nodes beside the tensions; use dense"
-        if model.ties and model.pieces:
-            return f"effect {model.pieces[0].name!r} couples nodes of lines on rigid bodies; use dense"
         if len(model.laws) > 1 or any(not law.node_local for law in model.laws):
             return f"effect {model.laws[0].name!r} couples nodes through its unknowns; use dense"
         return None
@@ -92,11 +90,9 @@ class Network:
     def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> NetworkFactor:
         free, dtype, model = problem.model.free_nodes, u.x.dtype, problem.model
         law, own = None, problem
-        if model.ties:
-            own = problem.acting(tuple(e for e in model.effects if not e.bodily))
         between = coupling(problem, u)
-        if between is not None:
-            own = problem.acting(tuple(e for e in model.effects if not isinstance(e, Pieces)))
+        if model.ties or between is not None:
+            own = problem.acting(tuple(e for e in model.effects if not (e.bodily or isinstance(e, Pieces))))
         if model.laws and u.z:  # what joins in at an instant has none
             node, law = settled(_law_blocks(own, u))
             law = law._replace(own=_inverse2(law.own + SOFT * jnp.eye(2, dtype=dtype)))
@@ -104,7 +100,7 @@ class Network:
         else:
             node = settled(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], free, dtype))
         if model.ties:
-            return NetworkFactor(factor_bodies(problem, u, node, settled(_link_parts(problem, u))), law)
+            return NetworkFactor(factor_bodies(problem, u, node, settled(_link_parts(problem, u)), between), law)
         kind = Stretching if problem.model.line.axial.elastic else Saddle
         return NetworkFactor(kind.of(problem.model.geometry, node, settled(_link_parts(problem, u)), between), law)
 

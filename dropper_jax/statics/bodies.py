@@ -1,5 +1,7 @@
 """Statics of lines and rigid bodies in coordinates that leave bodies rigid: moves of the lines' nodes, six per body.
 
+A pinned body has its three turns only, about its pin in place of the middle c of its corners.
+
     corners: x = c + d + R(w) (x_0 - c),    R v = v + 2 (p x v + p x (p x v))/(1 + p.p),  p = w/2
     (K + kappa) dq = Q(q),    Q = (dx/dq)' F
 
@@ -45,28 +47,44 @@ CORRECTIONS = 12
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Generalised coordinates q (3 kept + 6 bodies,) of a pose: moves of nodes, then moves and turns of bodies."""
+    """Generalised coordinates q (3 kept + 6 bodies,) of a pose: moves of nodes, then moves and turns of bodies.
+
+    Bodies that are pinned (bodies,) have no moves.
+    """
 
     kept: np.ndarray
     corners: np.ndarray
     seats: np.ndarray
     free: int
+    pinned: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> Coordinates:
         (tie,) = model.ties
         corners, seats = tie.corners(model), tie.seats(model)
         away = np.concatenate([corners.ravel(), seats])
-        return cls(np.setdiff1d(np.arange(model.free_nodes), away), corners, seats, model.free_nodes)
+        pinned = np.isin(np.arange(len(corners)), np.array(tie.pinned, int))
+        return cls(np.setdiff1d(np.arange(model.free_nodes), away), corners, seats, model.free_nodes, pinned)
 
     @property
     def size(self) -> int:
-        return 3 * len(self.kept) + 6 * len(self.corners)
+        return 3 * len(self.kept) + len(self.moving)
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Which of the six coordinates of every body are there (k,)."""
+        given = np.ones((len(self.corners), 2, 3), bool)
+        given[self.pinned, 0] = False
+        return np.flatnonzero(given)
+
+    def first(self, body: int) -> int:
+        """Number of the first coordinate of a body."""
+        return 3 * len(self.kept) + int(np.searchsorted(self.moving, 6 * body))
 
     def split(self, q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Moves of nodes (kept, 3) and bodies (bodies, 3) [m], and half turns of bodies (bodies, 3) [rad]."""
         nodes = q[: 3 * len(self.kept)].reshape(-1, 3)
-        bodies = q[3 * len(self.kept) :].reshape(-1, 2, 3)
+        bodies = place(self.moving, q[3 * len(self.kept) :], 6 * len(self.corners)).reshape(-1, 2, 3)
         return nodes, bodies[:, 0], 0.5 * bodies[:, 1]
 
     def place(self, tie: Tie, r: jax.Array, q: jax.Array) -> jax.Array:
@@ -74,6 +92,8 @@ class Coordinates:
         nodes, shift, half = self.split(q)
         corner = r[self.corners]
         centre = jnp.mean(corner, axis=1, keepdims=True)
+        if np.any(self.pinned):
+            centre = jnp.where(self.pinned[:, None, None], tie.references(corner)[:, None], centre)
         arm = corner - centre
         turn = jnp.broadcast_to(half[:, None], arm.shape)
         once = cross(turn, arm)
@@ -100,7 +120,7 @@ def arms(model: Model) -> jax.Array:
     spread = corner - jnp.mean(corner, axis=1, keepdims=True)
     size = jnp.sqrt(jnp.max(dot(spread, spread), axis=1))
     turns = jnp.stack([jnp.ones_like(size), size], axis=1)
-    return jnp.concatenate([jnp.ones(3 * len(where.kept), size.dtype), jnp.repeat(turns.ravel(), 3)])
+    return jnp.concatenate([jnp.ones(3 * len(where.kept), size.dtype), jnp.repeat(turns.ravel(), 3)[where.moving]])
 
 
 def bodies_scale(model: Model) -> jax.Array:

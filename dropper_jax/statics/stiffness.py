@@ -102,6 +102,8 @@ def _asked(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
         if name in found:
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
         if name in bodies:
+            if bodies.index(name) in model.ties[0].pinned:
+                raise SceneError(f"points: {name!r} is pinned and cannot be moved; allowed: what is free or held")
             found[name] = "body", bodies.index(name)
             continue
         if name not in known:
@@ -219,7 +221,7 @@ def _with_bodies(model: Model, pose: State, loads: jax.Array, asked: dict[str, t
     picked, turn = [], np.eye(len(matrix))
     for kind, i in asked.values():
         if kind == "body":
-            first = 3 * len(where.kept) + 6 * i
+            first = where.first(i)
             picked.append(np.arange(first, first + 6))
             a, b, c = centre[i] - reference[i]  # the centre moves by w x arm as the body turns about its reference
             turn[first : first + 3, first + 3 : first + 6] = [[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.analysis.writhe import writhe
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 
@@ -46,6 +47,30 @@ def test_a_rod_turned_at_its_end_carries_gj_by_its_turn():
     np.testing.assert_allclose(solution.torque[-1], GJ * 1.5 / LENGTH, rtol=1e-3)
     assert solution.twist[-1, -1] == pytest.approx(1.5)
     assert solution.twist[20, -1] == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_writhe_of_a_helix_is_its_turns_by_one_minus_the_cosine_of_its_pitch(hand):
+    turns, angle, links = 3.0, 0.7, 600
+    phase = np.linspace(0.0, 2 * np.pi * turns, links + 1)
+    helix = np.stack([np.tan(angle) * np.cos(phase), hand * np.tan(angle) * np.sin(phase), phase], axis=1)
+    # the first and last links run along the axis: the tangent goes from the pole to its circle and back
+    ends = [helix[:1] - [0.0, 0.0, 1.0], helix[-1:] + [0.0, 0.0, 1.0]]
+    found = writhe(np.concatenate([ends[0], helix, ends[1]])[None], [0.0, 0.0, 1.0])
+    assert found[0] == pytest.approx(hand * turns * (1.0 - np.cos(angle)), rel=3e-3)
+    arc = np.linspace(-1.0, 1.0, 50)
+    assert writhe(np.stack([arc, 0 * arc, arc**2], axis=1)[None], [1.0, 0.0, 0.0])[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_run_says_where_its_torque_would_throw_loops():
+    scene = rod(torque=MOMENT, duration=0.02)
+    plain = dj.simulate(scene)
+    assert not any("loops" in words for words in plain.warnings)
+    pull = float(np.min(plain.tension[plain.tension > 0.0]))
+    # Greenhill: 2 sqrt(EI T) = Q at EI = Q^2/(4 T)
+    for share, told in ((1.1, False), (0.5, True)):
+        stiff = {**scene, "effects": {**scene["effects"], "bending": {"EI": share * MOMENT**2 / (4.0 * pull)}}}
+        assert any("it would throw loops" in words for words in dj.simulate(stiff).warnings) == told
 
 
 def test_a_moment_put_on_at_once_swings_the_rod_with_its_natural_periods():

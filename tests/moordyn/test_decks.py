@@ -91,7 +91,9 @@ def test_points_on_a_coupled_body_are_held(tmp_path):
     assert body["position"] == [10.0, 2.0, -1.0]
     assert body["spheres"][0]["diameter"] == pytest.approx((600.0 / math.pi) ** (1 / 3))
     file.write_text(text.replace("KIND", "Pinned"))
-    with pytest.raises(SceneError, match="on body 1, 'Pinned': is not read; allowed: free, coupled or fixed"):
+    assert read_moordyn(file)["body"] == [{**body, "pinned": True}]
+    file.write_text(text.replace("KIND", "Turned"))
+    with pytest.raises(SceneError, match="on body 1, 'Turned': is not read; allowed: free, pinned, coupled or fixed"):
         read_moordyn(file)
 
 
@@ -171,6 +173,49 @@ def test_a_free_rod_is_a_body_and_a_coupled_one_holds_its_ends(tmp_path):
     found = read_moordyn(file)
     assert {"name": "point-R1A", "position": [0.0, 0.0, -6.0]} in found["point"]
     assert any("rod 1 is coupled: its ends are held" in note for note in found["notes"])
+
+
+#: The rod of `FLOATING`, pinned 10 m deep at its end A, the chain at its end B.
+PINNED = FLOATING.replace("1  hull    Body1      0 0 0   0 0 9 ", "1  hull    KIND      0 0 -10   3 0 -2 ").replace(
+    "1  chain    1       2  ", "1  chain    1       R1B "
+)
+
+
+def test_a_pinned_rod_is_a_pinned_body(tmp_path):
+    file = tmp_path / "deck.txt"
+    file.write_text(PINNED.replace("KIND", "Pinned"))
+    (body,) = read_moordyn(file)["body"]
+    assert body["pinned"] is True
+    assert body["position"] == [0.0, 0.0, -10.0]
+    assert body["attachments"] == {"point-R1B": [3.0, 0.0, 8.0]}
+    file.write_text(PINNED.replace("KIND", "CoupledPinned"))
+    found = read_moordyn(file)
+    assert found["body"] == [body]
+    assert any("rod 1 is coupled and pinned: it is pinned in its place" in note for note in found["notes"])
+
+
+@pytest.mark.check
+def test_a_pinned_rod_swings_as_in_moordyn(tmp_path, monkeypatch):
+    moordyn = pytest.importorskip("moordyn")
+    file = tmp_path / "deck.txt"
+    file.write_text(PINNED.replace("KIND", "Pinned"))
+    monkeypatch.chdir(tmp_path)
+    ours = simulate(read_moordyn(file), dt=0.02, duration=10.0)
+    assert ours.status == "ok"
+    system = moordyn.Create(str(file))
+    try:
+        moordyn.Init(system, [], [])
+        rod, theirs = moordyn.GetRod(system, 1), []
+        last = moordyn.GetRodN(rod)
+        for i in range(500):
+            moordyn.Step(system, [], [], 0.02 * i, 0.02)
+            theirs.append(moordyn.GetRodNodePos(rod, last))
+    finally:
+        moordyn.Close(system)
+    mine, theirs = ours.point_path("point-R1B")[1:], np.array(theirs)
+    for axis in (0, 2):
+        assert np.max(np.abs(mine[:, axis] - theirs[:, axis])) < 0.03 * np.ptp(theirs[:, axis])
+    assert np.max(np.abs(mine[:, 1])) < 1e-9
 
 
 @pytest.mark.check

@@ -29,8 +29,26 @@ SCENE = {
 }
 
 
-def test_the_numbers_of_the_practice():
-    # DNV-RP-C205: smooth 0.65, k/D = 1e-3: (29 - 12)/20, rough 1.05
+def test_the_numbers_that_a_public_practice_states():
+    # API RP 2A-WSD (2014), 5.3.1.2.8: smooth 0.65 and C_M 1.6, rough 1.05 and 1.2, of currents and large waves
+    np.testing.assert_allclose(steady_drag([1e-5, 0.02]), [0.65, 1.05])
+    np.testing.assert_allclose(1.0 + rough_added_mass(60.0, np.array([1e-5, 0.02])), [1.6, 1.2])
+    # B.5.3.1.2.8.2: 1.00 to 1.10 with marine growth, 0.6 to 0.7 of k = 0.05 mm on members of 0.5 to 2 m
+    growth, bare = steady_drag(np.array([0.01, 0.05, 0.2])), steady_drag(0.05e-3 / np.array([0.5, 2.0]))
+    assert np.all((growth >= 1.0) & (growth <= 1.1))
+    assert np.all((bare >= 0.6) & (bare <= 0.7))
+    # B.5.3.1.2.8.4: C_M is 2 up to K = 3, and 1.6 (smooth), 1.2 (rough) from K/C_DS = 17 on; reached here by 21
+    assert np.all(rough_added_mass(np.array([0.5, 3.0 - 1e-9]), 0.02) == 1.0)
+    assert float(rough_added_mass(21.0 * 0.65, 1e-5)) == pytest.approx(0.6)
+    assert float(rough_added_mass(21.0 * 1.05, 0.02)) == pytest.approx(0.2)
+    # B.5.3.1.2.8.5: the steady drag where the current is above 0.4 of the wave's velocity
+    share = lambda ratio: ratio / (1.0 + ratio)  # noqa: E731
+    assert float(rough_drag(12.0, 0.05, share(0.41))) == pytest.approx(1.05)
+    assert float(rough_drag(12.0, 0.05, share(0.39))) > 1.4
+
+
+def test_the_numbers_taken_from_the_other_practice():
+    # DNV-RP-C205, from memory: smooth 0.65, k/D = 1e-3: (29 - 12)/20, rough 1.05
     np.testing.assert_allclose(steady_drag([1e-6, 1e-3, 0.05]), [0.65, 0.85, 1.05])
     # C_pi = 1.50 - 0.024 (12/1.05 - 10) = 1.465714: psi at KC 0.5, 1, 7, 12
     top = 1.4657142857

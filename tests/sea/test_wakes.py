@@ -46,6 +46,18 @@ def test_one_dropper_leaves_the_wake_of_schlichting(away):
     assert deficit[1] / deficit[0] == pytest.approx(0.5, abs=0.02 if away > 100 else 0.1)  # far behind it
 
 
+def test_a_cylinders_far_wake_is_as_wide_and_deep_as_measured():
+    # Browne, Antonia and Shah (1987), ERCOFTAC case 3: half-width 12.3 mm at 420 d behind d = 2.67 mm, Re = 1190 (C_D
+    # about 1); the defect is that of a Gaussian so wide with the momentum of the drag
+    d, width = 2.67e-3, 12.3e-3
+    wakes = solve_wakes(droppers([0.0], z=-0.5, high=1.0, diameter=d, drag=1.0), 6.7, 1.0, turbulence=0.0)
+    nodes, weight = np.polynomial.legendre.leggauss(20)
+    y = np.linspace(0.0, 0.05, 2001)
+    defect = wakes.plane(420.0 * d).deficit(y, 0.5 * (nodes - 1.0)) @ (0.5 * weight) / 6.7
+    assert np.interp(-0.5 * defect[0], -defect, y) == pytest.approx(width, rel=0.15)
+    assert defect[0] == pytest.approx(0.5 * d / (width * np.sqrt(np.pi / np.log(2.0))), rel=0.1)
+
+
 def test_one_dropper_meets_the_whole_current_and_takes_its_drag_from_it():
     wakes = solve_wakes(droppers([0.0]), 0.4, 11.0)
     assert wakes.met[0] == 0.4
@@ -74,7 +86,7 @@ def test_rows_behind_each_other_meet_less_and_less():
 
 
 def test_a_dense_farm_is_slowed_as_much_as_was_measured():
-    # Plew et al. (2005): 36 to 63 % within the farm; their layout is not given in the abstract
+    # Plew et al. (2005): 36 to 63 % within the farm; their whole layout is in benchmarks/farm_wakes.py
     elements, _ = block(20, half=12)
     wakes = solve_wakes(elements, 0.2, 11.0)
     assert 0.36 < 1.0 - wakes.met.mean() / 0.2 < 0.63

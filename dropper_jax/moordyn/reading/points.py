@@ -12,6 +12,8 @@ from dropper_jax.moordyn.reading.values import columns, number
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
+#: Of rods and bodies that turn about end A or their own place; those that a driver would move stay there.
+PINNED, PINNED_COUPLED = ("pinned", "pin"), ("coupledpinned", "cpldpin")
 FREE = ("free", "connect", "con", "point", "connection")
 BODY = (("mass", "Mass"), ("volume", "Volume"), ("drag_area", "CdA"), ("added_mass", "Ca"))
 #: Column names of version 1, whose points also take steady forces between volume and drag area.
@@ -38,7 +40,7 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
     taken = set()
     used = {w.upper() for row in deck.rows.get("lines", []) for w in _ends(deck, row)}
     for key, row in bodies.items():
-        if row.words[1].lower() == "free" and _carries(deck, row, used) and _moves(deck, row):
+        if _moves(deck, row) and _carries(deck, row, used):
             _free_body(deck, row, found, used, notes)
             taken.add(key)
     moving = set(taken)
@@ -75,15 +77,17 @@ def _carries(deck: Deck, body: Row, used: set[str]) -> bool:
 
 
 def _moves(deck: Deck, body: Row) -> bool:
-    """Whether a free body turns, other than a spar buoy (see `spar`)."""
-    rods = _on(deck, body)
+    """Whether a body turns: a pinned one, or a free one other than a spar buoy (see `spar`)."""
+    kind, rods = body.words[1].lower(), _on(deck, body)
+    if kind != "free":
+        return kind in (*PINNED, *PINNED_COUPLED)
     return not (len(rods) == 1 and spar(deck, body, rods[0], "") is not None)
 
 
 def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[str]) -> None:
     """A body with its rods, and the points on it that lines end at."""
     rods = _on(deck, row)
-    body = free_body(deck, row, rods, notes)
+    body = free_body(deck, row, rods, notes) | _pinned(row, row.words[1], f"body {row.words[0]}", notes)
     attached = {}
     for point in deck.rows.get("points", []):
         if point.words[1].lower() == f"body{row.words[0]}" and point.words[0].upper() in used:
@@ -93,6 +97,13 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     for rod, shape in zip(rods, body.get("cylinders", []), strict=True):
         attached |= _rod_ends(rod, shape, found, used)
     found.bodies.append({**body, **({"attachments": attached} if attached else {})})
+
+
+def _pinned(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, Any]:
+    """What `[[body]]` says more of a pinned body or rod."""
+    if kind.lower() in PINNED_COUPLED:
+        notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned in its place")
+    return {"pinned": True} if kind.lower() in (*PINNED, *PINNED_COUPLED) else {}
 
 
 def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
@@ -132,11 +143,9 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         point.update(_body(deck, row, notes))
     elif kind in COUPLED:
         notes.append(f"line {row.number}: point {key} is coupled: it is held in its place; effects.end_motion moves it")
-    elif kind.startswith("body") and kind[4:] in bodies and bodies[kind[4:]].words[1].lower() == "free":
-        if _moves(deck, bodies[kind[4:]]):
-            found.names[key] = name
-            return {kind[4:]}
-        point["position"] = _on_held(deck, row, bodies[kind[4:]], place, notes)
+    elif kind.startswith("body") and kind[4:] in bodies and _moves(deck, bodies[kind[4:]]):
+        found.names[key] = name
+        return {kind[4:]}
     elif kind.startswith("body") and kind[4:] in bodies:
         point["position"] = _on_held(deck, row, bodies[kind[4:]], place, notes)
     elif kind.startswith(("body", "turbine")):
@@ -155,8 +164,8 @@ def _on_held(deck: Deck, row: Row, body: Row, place: list[float], notes: list[st
     if kind not in (*COUPLED, *FIXED):
         deck.refuse(
             row.number,
-            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: is not read; allowed: free, coupled or "
-            "fixed bodies, and of a spar buoy (moment of inertia 1e10 kg m^2 or more) its rod's end A",
+            f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: is not read; allowed: free, pinned, "
+            "coupled or fixed bodies, and of a spar buoy (moment of inertia 1e10 kg m^2 or more) its rod's end A",
         )
     origin = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
     turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
@@ -188,8 +197,8 @@ def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
 def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str], notes: list[str]) -> str:
     """A free rod, a held one, or a spar buoy and its point; returns its body."""
     key, holder = row.words[0], row.words[2]
-    if holder.lower() == "free":
-        body = free_rod(deck, row)
+    if holder.lower() in ("free", *PINNED, *PINNED_COUPLED):
+        body = free_rod(deck, row) | _pinned(row, holder, f"rod {key}", notes)
         found.bodies.append({**body, "attachments": _rod_ends(row, body["cylinders"][0], found, used)})
         return ""
     if holder.lower() in (*COUPLED, *FIXED):
@@ -210,8 +219,8 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
     if buoy is None or f"R{key}B" in used:
         deck.refuse(
             row.number,
-            f"rod {key}, {holder!r}: is not represented; allowed: free, coupled and fixed rods, rods on free bodies, "
-            "and upright ones without mass on a free body that cannot turn, with lines at their end A",
+            f"rod {key}, {holder!r}: is not represented; allowed: free, pinned, coupled and fixed rods, rods on free "
+            "or pinned bodies, and upright ones without mass on a free body that cannot turn, lines at their end A",
         )
     point = body.name or f"point-R{key}A"
     found.points.append({"name": point, "kind": "free", "position": buoy.pop("position")})

@@ -11,7 +11,7 @@ from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.energy_cases import ROUNDING
 
 
-def _beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
+def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
     """A body that no line holds; scenes have a line, which is far off."""
     rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
     return load_scene(
@@ -31,7 +31,7 @@ def tumbling() -> Scene:
     """A body turned about its middle axis, about which it turns over and over."""
     body = {"name": "stone", "position": [0.0, 0.0, 0.0], "mass": 10.0, "centre_of_mass": [0.1, 0.2, -0.3]}
     motion = {"inertia": [1.0, 2.0, 3.0], "angular_velocity": [0.01, 3.0, 0.01]}
-    return _beside_a_rope("tumbling-body", {**body, **motion}, effects={"weight": {"gravity": 0.0}})
+    return beside_a_rope("tumbling-body", {**body, **motion}, effects={"weight": {"gravity": 0.0}})
 
 
 def dropped_spar() -> Scene:
@@ -46,7 +46,7 @@ def dropped_spar() -> Scene:
         "inertia": [4000.0, 4000.0, 120.0],
         "cylinders": [cylinder],
     }
-    return _beside_a_rope("dropped-spar", body, sea={"depth": 50.0}, effects={"weight": {}})
+    return beside_a_rope("dropped-spar", body, sea={"depth": 50.0}, effects={"weight": {}})
 
 
 def _energy(make: Any, dt: float, span: float, brief: float) -> Any:

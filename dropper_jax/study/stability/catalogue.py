@@ -15,6 +15,7 @@ from dropper_jax.study.stability import (
     gradient_cases,
     line_cases,
     moving_end_cases,
+    rod_cases,
     rope_cases,
     sea_cases,
 )
@@ -25,6 +26,7 @@ from dropper_jax.study.stability.watch import moordyn_there, peers
 PARTS = (
     *(energy_cases, damping_cases, accuracy_cases, gradient_cases),
     *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, body_cases, flow_cases, line_cases),
+    rod_cases,
 )
 
 

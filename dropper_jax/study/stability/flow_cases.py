@@ -14,7 +14,7 @@ from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.sea_cases import CURRENT, HEAVY, RHO, ROPE, WIDE, streaming
 from dropper_jax.study.stability.systems import G
 
-#: Drag coefficient of cylinders rougher than a hundredth of their diameter in a current (DNV-RP-C205), and a roughness.
+#: Drag coefficient of cylinders with marine growth in a current (API RP 2A-WSD), and a roughness [m].
 ROUGH, HEIGHT = 1.05, 0.002
 #: Peak [m/s] and period [s] of a tide that turns.
 PEAK, CYCLE, DRAG = 2.0, 40.0, 1.2

@@ -51,11 +51,30 @@ def _fallen(short: bool) -> Solution:
 
 
 def _passed(short: bool) -> Outcome:
-    """1 where the weight is ever below the lower rope under it."""
+    """1 where the ropes are above each other in two rows of the run and have changed sides in between.
+
+    The weight bounces off sideways, round the end of the lower rope: that it is below that rope later is no passage.
+    """
     ran = _fallen(short)
-    weight, low = ran.point_path("weight"), ran.positions[:, ran.lines[0].nodes]
-    below = [np.interp(w[0], row[:, 0], row[:, 2]) - w[2] for w, row in zip(weight, low, strict=True)]
-    return Outcome(float(np.max(below) > 0.0), ran.status)
+    low, *high = (ran.positions[:, line.nodes] for line in ran.lines)
+    above = [_above(np.concatenate([a, b[1:]]), c) for a, b, c in zip(*high, low, strict=True)]
+    sides = [(np.min(one), np.max(one)) for one in above if one.size]
+    there = [one.size > 0 for one in above]
+    rows = zip(sides, sides[1:], np.diff(np.flatnonzero(there)) == 1, strict=False)
+    passed = any(next_to and (a[0] > 0.0 > b[1] or b[0] > 0.0 > a[1]) for a, b, next_to in rows)
+    return Outcome(float(passed), ran.status)
+
+
+def _above(high: np.ndarray, low: np.ndarray) -> np.ndarray:
+    """How far a rope (nodes, 3) is above another where they cross as seen from above [m]."""
+    (a, d), (c, e) = ((rope[:-1, None], np.diff(rope, axis=0)[:, None]) for rope in (high, low))
+    c, e = np.swapaxes(c, 0, 1), np.swapaxes(e, 0, 1)
+    turn = lambda p, q: p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]  # noqa: E731
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s, t = turn(c - a, e) / turn(d, e), turn(c - a, d) / turn(d, e)
+    there = (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
+    height = (a[..., 2] + s * d[..., 2]) - (c[..., 2] + t * e[..., 2])
+    return height[there]
 
 
 def _gained(short: bool) -> Outcome:

@@ -1,0 +1,251 @@
+"""Pinned bodies and friction of bodies on the bed: closed forms, the network's matrix against the dense one."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+from scipy.integrate import quad
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.effects.body_bed import BodyBedFriction
+from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.residual import Unknowns
+from dropper_jax.run.build import build, build_model
+from dropper_jax.solvers import SOLVERS
+from dropper_jax.solvers.dense import residual_matrix
+from dropper_jax.statics.modes import natural_modes
+from dropper_jax.statics.static_pose import equilibrium
+from dropper_jax.stepping.choose import make_stepper
+
+G, RHO, DEPTH = 9.81, 1025.0, 20.0
+ARM, MASS, MOMENT = 2.0, 5.0, 3.0
+
+
+def pendulum(angle=0.6, dt=0.005, duration=12.0, **more):
+    """An arm that hangs from a pin, far from a rope."""
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    body = {
+        "name": "arm",
+        "position": [1.0, 2.0, 3.0],
+        "attitude": [0.0, angle, 0.0],
+        "mass": MASS,
+        "centre_of_mass": [0.0, 0.0, -ARM],
+        "inertia": [MOMENT, MOMENT, 0.1],
+        "pinned": True,
+    }
+    return {
+        "run": {"dt": dt, "duration": duration},
+        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
+        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+        "body": [{**body, **more}],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+    }
+
+
+def test_a_pinned_arm_swings_as_a_compound_pendulum_about_its_pin():
+    angle = 0.6
+    solution = dj.simulate(pendulum(angle))
+    pitch = solution.body("arm")["body_attitude"][:, 1]
+    falls = np.flatnonzero((pitch[:-1] > 0) & (pitch[1:] <= 0))
+    crossings = solution.t[falls] + pitch[falls] / (pitch[falls] - pitch[falls + 1]) * np.diff(solution.t)[falls]
+    k = np.sin(angle / 2)
+    quarter = quad(lambda u: 1.0 / np.sqrt(1.0 - (k * np.sin(u)) ** 2), 0.0, np.pi / 2)[0]
+    expected = 4.0 * quarter * np.sqrt((MOMENT + MASS * ARM**2) / (MASS * G * ARM))
+    assert solution.status == "ok"
+    assert np.mean(np.diff(crossings)) == pytest.approx(expected, rel=1e-4)
+    assert solution.energy_drift < 1e-9 * solution.energy_scale
+    np.testing.assert_allclose(solution.body("arm")["body_position"], [[1.0, 2.0, 3.0]] * len(solution.t), atol=1e-9)
+
+
+def test_a_pinned_body_hangs_below_its_pin_and_has_three_modes_of_the_closed_form():
+    model = build_model(dj.load_scene(pendulum(0.5) | {"start": {"kind": "static"}}))
+    pose = equilibrium(model)
+    assert pose.status == "ok", pose.message
+    found = dj.simulate(pendulum(0.5, duration=0.01) | {"start": {"kind": "static"}})
+    np.testing.assert_allclose(found.body("arm")["body_attitude"][0, :2], 0.0, atol=1e-7)
+    modes = natural_modes(model, pose.state, 30)
+    period = 2 * np.pi * np.sqrt((MOMENT + MASS * ARM**2) / (MASS * G * ARM))
+    turning = np.abs(modes.bodies[:, 0, 3:5]).max(axis=1) > 0.1
+    np.testing.assert_allclose(modes.period[turning], [period, period], rtol=1e-6)
+
+
+def test_a_body_that_starts_to_turn_begins_with_the_velocity_of_its_turning():
+    solution = dj.simulate(pendulum(0.0, duration=0.02, angular_velocity=[0.3, 0.0, 0.0]))
+    assert solution.kinetic[0] == pytest.approx(0.5 * (MOMENT + MASS * ARM**2) * 0.3**2, rel=1e-9)
+
+
+def moored(bodies=2):
+    """Two bodies, one pinned, between lines that bend, touch a body and each other."""
+    body = {"mass": 50.0, "centre_of_mass": [0.0, 0.0, -0.2], "inertia": [9.0, 8.0, 7.0]}
+    ball = [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0}]
+    line = {"type": "rod", "links": 2}
+    return {
+        "run": {"dt": 0.01, "duration": 0.1},
+        "line_type": [{"name": "rod", "mass": 1.0, "diameter": 0.1, "EI": 50.0, "EA": 1e5}],
+        "point": [
+            {"name": "a", "position": [0.0, 0.0, -4.0]},
+            {"name": "b", "position": [5.0, 0.0, -4.2], "kind": "free", "mass": 2.0},
+            {"name": "c", "position": [9.0, 0.5, -4.0]},
+        ],
+        "body": [
+            {
+                **body,
+                "name": "one",
+                "position": [3.0, 0.2, -4.7],
+                "attachments": {"top": [0.0, 0.0, 0.4]},
+                "spheres": ball,
+            },
+            {
+                **body,
+                "name": "two",
+                "position": [5.0, 0.0, -7.0],
+                "attachments": {"on": [0.0, 0.1, 0.3]},
+                "pinned": True,
+            },
+        ],
+        "line": [
+            {"name": "left", "from": "a", "to": "b", "length": 5.2, **line},
+            {"name": "right", "from": "b", "to": "c", "length": 4.5, **line},
+            {"name": "down", "from": "b", "to": "on", "length": 2.8, **line},
+            {"name": "up", "from": "top", "to": "c", "length": 6.5, **line},
+        ],
+        "sea": {"depth": 30.0},
+        "effects": {
+            "weight": {},
+            "bending": {},
+            "line_contact": {"pairs": [["left", "up"]], "bodies": [["left", "one"]], "damping": 5.0, "stiffness": 1e4},
+        },
+        "start": {"kind": "points"},
+    }
+
+
+def test_the_network_holds_bodies_with_bending_contact_and_pins_exactly():
+    model, s = build(moored())
+    assert make_stepper(model).solver == "network"
+    rng = np.random.default_rng(1)
+    s = replace(
+        s,
+        r=s.r + 0.02 * rng.normal(size=s.r.shape),
+        v=jnp.asarray(0.5 * rng.normal(size=s.r.shape)),
+        tension=jnp.asarray(rng.uniform(1.0, 5.0, s.tension.shape)),
+    )
+    problem = INTEGRATORS["energy_momentum"]().problem(model, s, jnp.asarray(0.01))
+    guess = problem.guess()
+    u = Unknowns(guess.x, guess.y, tuple(jnp.asarray(rng.normal(size=z.shape)) for z in guess.z))
+    matrix, network = np.asarray(jax.jit(lambda: residual_matrix(problem, u))()), SOLVERS["network"]
+    rows, unravel = rng.normal(size=len(matrix)), ravel_pytree(u)[1]
+
+    @jax.jit
+    def solved(rows):
+        factor = network.factor(problem, u)
+        return tuple(ravel_pytree(f(factor, unravel(rows)))[0] for f in (network.apply, network.apply_transposed))
+
+    # corners and lines do touch: there are entries between them beside those of the seats
+    for found, whole in zip(solved(jnp.asarray(rows)), (matrix, matrix.T), strict=True):
+        assert np.max(np.abs(whole @ np.asarray(found) - rows)) < 1e-7 * np.max(np.abs(rows))
+
+
+def drum(friction, velocity, attitude=(0.0, 0.0, 0.0), duration=3.0, dt=0.005, ball=False, **more):
+    """A drum of 1 m and 2 m along x, or a ball, that lies on the bed and slides; water neither drags nor is added."""
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    none = {"cdn": 0.0, "can": 0.0, "ends": "none"}
+    shape = (
+        {"spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0, "cd": 0.0, "ca": 0.0}]}
+        if ball
+        else {"cylinders": [{"from": [-1.0, 0, 0], "to": [1.0, 0, 0], "diameter": 1.0, "slices": 4, **none}]}
+    )
+    volume = np.pi / 6 if ball else np.pi / 2
+    area = np.pi / 4 if ball else 2.0
+    weight = G * (3000.0 - RHO * volume)
+    body = {
+        "name": "drum",
+        "position": [0.0, 0.0, -DEPTH + 0.5 - weight / (1e6 * area)],
+        "attitude": list(attitude),
+        "mass": 3000.0,
+        "centre_of_mass": [0.0, 0.0, 0.0],
+        "inertia": [300.0] * 3 if ball else [400.0, 1200.0, 1200.0],
+        "touches_bed": True,
+        "bed_friction": friction,
+        "velocity": list(velocity),
+        **shape,
+    }
+    return {
+        "run": {"dt": dt, "duration": duration},
+        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
+        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+        "body": [{**body, **more}],
+        "sea": {"depth": DEPTH, "density": RHO},
+        "effects": {"weight": {"gravity": G}, "seabed": {"stiffness": 1e6, "damping": 1e5}},
+        "start": {"kind": "points"},
+    }, weight
+
+
+def test_a_drum_that_slides_stops_after_the_way_of_dry_friction():
+    friction, speed = 0.4, 1.0
+    scene, weight = drum(friction, [speed, 0.0, 0.0], duration=1.2)
+    ran = dj.simulate(scene)
+    assert ran.status == "ok"
+    way = speed**2 / (2 * friction * weight / 3000.0)
+    assert ran.body_position[-1, 0, 0] == pytest.approx(way, rel=0.01)  # it pitches as it brakes, by 2 mm at its middle
+    late = ran.body_position[ran.t > 1.0, 0, 0]
+    assert np.ptp(late) < 1e-4  # it lies
+    total = ran.kinetic + ran.potential - ran.work.sum(axis=1)
+    assert np.ptp(total) < 2e-3 * ran.kinetic[0]
+    assert np.all(ran.work[-1, list(ran.work_names).index("body_bed")] < 0.0)
+
+
+def test_a_ball_that_slides_ends_rolling_with_the_speed_of_the_textbook():
+    # friction turns it until it rolls, m (v0 - v) r = I v/r: v = v0 m r^2/(m r^2 + I)
+    scene, _ = drum(0.3, [1.0, 0.0, 0.0], ball=True, duration=1.5)
+    ran = dj.simulate(scene)
+    rolls = 1.0 * 3000.0 * 0.25 / (3000.0 * 0.25 + 300.0)
+    assert ran.body_velocity[-1, 0, 0] == pytest.approx(rolls, rel=5e-3)
+    assert ran.body_rates[-1, 0, 1] == pytest.approx(rolls / 0.5, rel=1e-2)
+    # and then goes on for ever
+    assert np.ptp(ran.body_velocity[-50:, 0, 0]) < 1e-3
+
+
+def test_friction_of_bodies_has_the_derivatives_of_differences():
+    scene, _ = drum(0.4, [0.3, 0.2, 0.0], attitude=(0.1, 0.05, 0.3))
+    model, start = build(scene)
+    effect = next(e for e in model.effects if isinstance(e, BodyBedFriction))
+    rng = np.random.default_rng(2)
+    v = start.v + 0.1 * rng.normal(size=start.v.shape)
+    force = lambda r, v, mu: replace(effect, friction=mu).force(model.instant(r, v, 0.0))  # noqa: E731
+    at = start.r, v, effect.friction
+    way = tuple(jnp.asarray(rng.normal(size=a.shape)) for a in at)
+    step = 1e-7
+    change = (
+        force(*(a + step * w for a, w in zip(at, way, strict=True)))
+        - force(*(a - step * w for a, w in zip(at, way, strict=True)))
+    ) / (2 * step)
+    forward = jax.jvp(force, at, way)[1]
+    np.testing.assert_allclose(forward, change, atol=1e-6 * float(jnp.max(jnp.abs(change))))
+    # it takes energy whatever the motion
+    only = force(*at) - force(at[0], at[1], 0.0 * at[2])
+    assert float(jnp.sum(only * v)) < 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"touches_bed": False}, "body.0.bed_friction: 0.4 of a body that does not touch the bed"),
+        ({"bed_friction": -1.0}, "body.0.bed_friction: -1.* is out of range"),
+        ({"pinned": True}, "body.0.velocity: .* of a pinned body, which only turns"),
+    ],
+)
+def test_what_cannot_be_is_named(changes, words):
+    with pytest.raises(SceneError, match=words):
+        dj.load_scene(drum(0.4, [1.0, 0.0, 0.0], **changes)[0])
+
+
+def test_keys_come_back_and_cost_nothing_where_they_are_not():
+    kept = dj.load_scene(pendulum())
+    assert dj.load_scene(kept.to_dict()) == kept
+    plain = dj.load_scene(pendulum(pinned=False)).to_dict()["body"][0]
+    assert not {"pinned", "bed_friction", "touches_bed"} & set(plain)

@@ -1,0 +1,195 @@
+"""Every effect has derivatives held against differences, a row in `dropper cost`, a place in the docs, a hard case.
+
+Of effects that scenes name and of those that come with bodies, vessels and buoys: one added later fails here until it
+has them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+import dropper_jax as dj
+from dropper_jax.effects import EFFECTS
+from dropper_jax.run.build import build
+from dropper_jax.study.cost import _variants
+from dropper_jax.study.stability import all_cases, systems
+
+ROOT = Path(__file__).parents[1]
+PACKAGED = [name for name, cls in EFFECTS.items() if cls.__module__.startswith("dropper_jax.")]
+#: Effects that no `[effects.NAME]` makes, and the docs' word for them.
+MADE = {
+    "rigid_bodies": "[[body]]",
+    "body_buoyancy": "body_buoyancy",
+    "body_water": "body_water",
+    "body_bed": "body_bed",
+    "vessel_motion": "[[vessel]]",
+    "spar_buoys": "[[buoy]]",
+    "point_bodies": "added_mass",
+}
+ALL = [*PACKAGED, *MADE]
+#: Hard cases whose scenes have the effect: module of `study.stability`, what makes the scene, name of the case.
+HARD = {
+    "weight": ("sea_cases", "streaming", "strong-current"),
+    "linear_damping": ("damping_cases", "overdamped", "heavy-damping-position"),
+    "quadratic_damping": ("damping_cases", "fast", "quadratic-damping-fast"),
+    "joint_friction": ("damping_cases", "sticky", "dry-friction-two-joints"),
+    "end_motion": ("rod_cases", "clamped_rod", "clamped-rod"),
+    "buoyancy": ("sea_cases", "streaming", "strong-current"),
+    "morison_drag": ("flow_cases", "rough", "flow-coefficients"),
+    "morison_inertia": ("sea_cases", "pendulum", "pendulum-in-waves"),
+    "seabed": ("contact_cases", "dropped", "bed-impact-depth"),
+    "seabed_friction": ("contact_cases", "sledge", "stick-slip"),
+    "bending": ("rod_cases", "clamped_rod", "clamped-rod"),
+    "line_contact": ("line_cases", "falling_rope", "rope-on-rope"),
+    "torsion": ("line_cases", "twisted_rod", "twisted-rod"),
+    "rigid_bodies": ("rod_cases", "pinned_arm", "pinned-arm"),
+    "body_buoyancy": ("body_cases", "dropped_spar", "dropped-spar"),
+    "body_water": ("body_cases", "dropped_spar", "dropped-spar"),
+    "body_bed": ("rod_cases", "sliding_drum", "sliding-drum"),
+    "spar_buoys": ("sea_cases", "dropped_spar", "buoy-under"),
+    "point_bodies": ("sea_cases", "row_of_floats", "many-floats"),
+}
+#: Effects that push or move points as they are told, or repeat a source: no hard case of their own, but a scene.
+TOLD = ("nodal_force", "recorded_motion", "sea_following_end", "thesis_wave_force", "vessel_motion")
+#: Those whose derivatives have a test of their own too, or take long.
+CHECKED = ("bending", "body_bed", "body_buoyancy", "body_water", "buoyancy", "end_motion", "joint_friction", "torsion")
+CHECKED += ("line_contact", "morison_drag", "morison_inertia", "rigid_bodies", "seabed_friction", "sea_following_end")
+ROPE = {"length": 20.0, "mass": 20.0, "diameter": 0.05, "axial": {"law": "rope", "EA": 1e6}}
+TIMES = [0.0, 0.5, 1.0, 1.5, 2.0]
+
+
+def recorded():
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [0.6, 0.0, 0.0]}],
+        "line": [{"name": "loop", "from": "a", "to": "b", "links": 4, "length": 0.3, "mass": 0.1}],
+        "effects": {
+            "weight": {},
+            "recorded_motion": {"points": ["a"], "time": TIMES, "places": [[t * t, 0.1 * t, 0] for t in TIMES]},
+        },
+    }
+
+
+def pushed():
+    force = {"nodes": [2, 3], "force_n": [[0.1, 0.0, 0.3], [0.0, 0.2, 0.1]], "time": [0.0, 0.5, 1.0]}
+    return {**recorded(), "effects": {"weight": {}, "nodal_force": {**force, "scale": [0.0, 1.0, 0.5]}}}
+
+
+def vessel():
+    rao = {"frequency": [0.4, 1.2], "headings": [0.0], "phases": "lead", "heave": [1.0, 0.5], "heave_phase": [0.0, 0.4]}
+    rao |= {"pitch": [0.02, 0.03], "pitch_phase": [0.1, 0.2]}
+    return {
+        "run": {"dt": 0.05, "duration": 1.0},
+        "point": [{"name": "anchor", "position": [0.0, 0.0, -15.0]}],
+        "line": [{"name": "rope", "from": "anchor", "to": "fairlead", "links": 4, "nodes": "shared", **ROPE}],
+        "vessel": [
+            {"name": "barge", "position": [5.0, 0.0, 0.0], "attachments": {"fairlead": [2.0, 1.0, 1.0]}, "rao": rao}
+        ],
+        "sea": {"depth": 15.0, "ramp": 0.5, "waves": {"kind": "regular", "amplitude": 0.4, "period": 8.0}},
+        "effects": {"weight": {}},
+    }
+
+
+@cache
+def model_of(name: str):
+    """A model that has the effect, and where it starts."""
+    if name in HARD:
+        module, function, _ = HARD[name]
+        make = getattr(importlib.import_module(f"dropper_jax.study.stability.{module}"), function)
+        return build(make([0.3, 0.2]) if function == "sticky" else make())
+    scene = {"nodal_force": pushed, "recorded_motion": recorded, "vessel_motion": vessel}.get(name)
+    packaged = {"sea_following_end": "platform-longline", "thesis_wave_force": "dropper-north-sea-thesis"}
+    return build(dj.load_scene(packaged[name]) if scene is None else scene())
+
+
+def touching(name: str, r: jax.Array) -> jax.Array:
+    """Places at which what touches does touch, a little."""
+    if name in ("seabed", "seabed_friction"):
+        return r.at[:, 2].add(-systems.BED - 1e-3 - jnp.min(r[:, 2]))
+    if name == "line_contact":  # the rope that falls, next to the one it falls on
+        return r.at[:, 2].add(jnp.where(r[:, 2] > 0.5, -0.97, 0.0))
+    return r
+
+
+def answers(model, e, leaves, r, v, a, law, kept):
+    """All that an effect gives a step: forces, inertia, rows of its unknowns, moved ends, own state; flat."""
+    parts = jax.tree.flatten(e)
+    changed = jax.tree.unflatten(parts[1], leaves)
+    model = replace(model, effects=tuple(changed if other is e else other for other in model.effects))
+    model = model.entered(kept)
+    k = model.instant(r, v, jnp.asarray(0.7))
+    found = [model.force(k), model.inertia(k, a), model.ends(0.7).places, model.ends(0.7).velocities]
+    for one, z in zip(model.laws, law, strict=False):
+        found += [one.law_force(k, z), one.law_residual(k, z, jnp.asarray(0.01))]
+    for tie in model.ties:
+        found.append(tie.gap(model, r))
+    if kept:
+        found.append(jax.tree.leaves(model.advanced(k, k, jnp.ones(model.line.links), jnp.asarray(0.01))))
+    return ravel_pytree(found)[0]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.check] if name in CHECKED else []) for name in ALL]
+)
+def test_its_derivatives_are_those_of_differences(name):
+    model, s = model_of(name)
+    e = next(e for e in model.effects if e.name == name)
+    rng = np.random.default_rng(3)
+    shaken = lambda x, size: jnp.asarray(x + size * rng.normal(size=np.shape(x)))  # noqa: E731
+    r, v, a = shaken(touching(name, s.r), 3e-4), shaken(s.v, 0.2), shaken(s.v, 1.0)
+    law = tuple(shaken(z, 1.0) for z in s.law)
+    leaves = jax.tree.leaves(e)
+    inputs = [jnp.asarray(leaf, float) for leaf in leaves], r, v
+    # what no step differentiates by: times of tables, and what a scheme holds while it solves
+    way = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)) * jnp.maximum(jnp.abs(x), 1e-3), inputs)
+    if name == "recorded_motion":
+        way[0][next(i for i, leaf in enumerate(leaves) if np.array_equal(leaf, TIMES))] *= 0.0
+    give = jax.jit(lambda x: answers(model, e, x[0], x[1], x[2], a, law, s.own))
+    forward = np.asarray(jax.jit(lambda x, w: jax.jvp(give, (x,), (w,))[1])(inputs, way))
+    best = np.inf
+    for step in (1e-5, 1e-6, 1e-7):
+        ends = [give(jax.tree.map(lambda x, w, h=h: x + h * w, inputs, way)) for h in (step, -step)]
+        slope = np.asarray(ends[0] - ends[1]) / (2.0 * step)
+        best = min(best, np.max(np.abs(forward - slope)) / np.max(np.abs(slope)))
+    assert np.max(np.abs(forward)) > 0.0
+    assert best < 1e-6
+    across = jnp.asarray(rng.normal(size=forward.shape))
+    back = jax.jit(lambda x, c: jax.vjp(give, x)[1](c)[0])(inputs, across)
+    both = sum(float(jnp.sum(g * w)) for g, w in zip(jax.tree.leaves(back), jax.tree.leaves(way), strict=True))
+    assert both == pytest.approx(float(across @ forward), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_it_has_a_row_of_costs(name):
+    model, _ = model_of(name)
+    rows = [row.removeprefix("without ") for row, _ in _variants(model)]
+    assert (name in rows) != bool(model.ties and name == model.ties[0].name)  # bodies without it would be four masses
+
+
+def test_every_effect_has_a_hard_case_in_the_catalogue():
+    assert set(HARD).isdisjoint(TOLD)
+    assert {*HARD, *TOLD} == set(ALL)
+    cases = {case.name for case in all_cases()}
+    assert [case for _, _, case in HARD.values() if case not in cases] == []
+    assert [name for name in HARD if name not in {e.name for e in model_of(name)[0].effects}] == []
+
+
+@cache
+def pages() -> str:
+    return "\n".join(p.read_text() for p in sorted((ROOT / "docs").glob("*.md")) if p.name != "reference.md")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_docs_speak_of_it(name):
+    word = MADE.get(name, name)
+    assert re.search(rf"`{re.escape(word)}`|\[effects\.{re.escape(word)}\]|{re.escape(word)}\b", pages())

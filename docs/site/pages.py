@@ -166,7 +166,8 @@ def commands() -> str:
     for name, command in loaded.items():
         parser = _Parser(prog=f"dropper {name}")
         command.add_arguments(parser)
-        actions = [action for action in parser._actions if not isinstance(action, argparse._HelpAction)]
+        hidden = argparse.SUPPRESS
+        actions = [a for a in parser._actions if not isinstance(a, argparse._HelpAction) and a.help is not hidden]
         parts += [f"## dropper {name}", prose(_sentence(command.help)), f"```text\n{_usage(name, actions)}\n```"]
         rows = [(_option(action), _meaning(action, parser), _default(action)) for action in actions]
         if rows:

@@ -15,7 +15,7 @@ BIN := .venv/bin
 # Measured free-swing traces are not part of the project; tests that need them say so where the folder is missing.
 export DROPPER_MEASURED_DATA ?= $(abspath $(wildcard ../shared/data/measured))
 
-.PHONY: demo test check fuzz test-matrix package lint clean
+.PHONY: demo test check fuzz docs test-matrix package lint clean
 
 demo: .venv/.installed
 	$(BIN)/dropper demo --out demo
@@ -40,6 +40,11 @@ package: $(BIN)/python
 	$(BIN)/python -m build --outdir dist
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/check-wheel-contents dist/*.whl
+
+# Generated pages anew, and all pages as a site in site/ that asks for no network.
+docs: .venv/.installed-test
+	$(BIN)/python docs/site/pages.py
+	$(BIN)/mkdocs build --strict
 
 # The oldest Python with the oldest JAX, the newest with the newest; MATRIX_TESTS="tests/axial -k rope" runs a sample.
 test-matrix:
@@ -71,4 +76,4 @@ $(BIN)/python:
 	@touch $@ .venv/.installed
 
 clean:
-	rm -rf .venv .venv-oldest .venv-newest demo build dist
+	rm -rf .venv .venv-oldest .venv-newest demo build dist site

@@ -19,7 +19,7 @@
 # line, the line was cut, and a camera watched. Here we do the same on the computer: hang the loop, lift it, let go.
 
 # %%
-import os
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,7 +29,6 @@ import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.plots import style
 
-FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %% [markdown]
@@ -58,9 +57,8 @@ plt.show()
 # measurements against the static pose, link by link:
 
 # %%
-measured = np.genfromtxt(
-    os.path.join(os.path.dirname(dj.__file__), "data", "release_angles_rad.csv"), delimiter=",", dtype=str
-)
+table = Path(dj.__file__).parent / "data" / "release_angles_rad.csv"
+measured = np.genfromtxt(table, delimiter=",", dtype=str)
 runs = np.array([row[2:].astype(float) for row in measured if row[0] == "A" and row[1] != "model"])
 links = np.diff(lifted, axis=0)
 pose = np.arctan2(-links[:, 2], links[:, 0])
@@ -76,7 +74,7 @@ print(f"\nRMS difference {np.sqrt(np.mean((pose - runs.mean(axis=0)) ** 2)):.4f}
 # damping is what it was at the start, to rounding.
 
 # %%
-solution = dj.simulate(scene, duration=3.0 if FAST else 20.0)
+solution = dj.simulate(scene, duration=20.0)
 print(f"status            {solution.status}")
 print(f"failed steps      {solution.failed_steps}, retried {solution.retried_steps}")
 print(f"energy balance    drifts by {solution.energy_drift:.0e} J of {solution.energy_scale:.2f} J")
@@ -121,11 +119,9 @@ Image(plots.energy_balance(solution, "energy.png").read_bytes(), width=620)
 # at statistics in the end.
 
 # %%
-force = scene.start.release_force
-twin = dj.simulate(
-    scene.with_values({"start.release_force": (np.asarray(force) * 1.0001).tolist()}), duration=3.0 if FAST else 20.0
-)
-apart = np.sqrt(np.mean((np.exp(1j * twin.polar) - np.exp(1j * solution.polar)).__abs__() ** 2, axis=1))
+force = 1.0001 * np.asarray(scene.start.release_force)
+twin = dj.simulate(scene.with_values({"start.release_force": force.tolist()}), duration=20.0)
+apart = np.sqrt(np.mean(np.abs(np.exp(1j * twin.polar) - np.exp(1j * solution.polar)) ** 2, axis=1))
 fig, axes = plt.subplots(2, 1, figsize=(8, 4.6), sharex=True)
 axes[0].plot(solution.t, solution.polar[:, 2], color=style.FIRST, label="release")
 axes[0].plot(twin.t, twin.polar[:, 2], color=style.SECOND, lw=0.9, label="force 0.01 % larger")

@@ -21,7 +21,6 @@
 
 # %%
 import json
-import os
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -32,7 +31,6 @@ from dropper_jax.plots import style
 from fitting import fit
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %% [markdown]
@@ -42,19 +40,8 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 # rad (a video of real markers is better than that: `dropper track` gives 0.0005 rad on its test videos).
 
 # %%
-PAIR = {
-    "run": {"dt": 0.01, "duration": 10.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "end", "kind": "free", "position": [0.4, 0.0, 0.0]},
-    ],
-    "line": [{"name": "pair", "from": "pivot", "to": "end", "links": 2, "length": 0.2, "mass": 0.05}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.004}, "quadratic_damping": {"b_q": 0.006}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.9, 2.2]},
-}
-DURATION = 4.0 if FAST else 16.0
-SCENE = PAIR if FAST else dj.load_scene("dropper-release-a")
-scene = dj.load_scene(SCENE)
+DURATION = 16.0
+scene = dj.load_scene("dropper-release-a")
 DAMPING = (("linear_damping", "b_l"), ("quadratic_damping", "b_q"))
 truth = {f"effects.{effect}.{key}": scene.effects[effect][key] for effect, key in DAMPING}
 trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=0.005), seed=0)
@@ -68,7 +55,7 @@ print("truth: " + ", ".join(f"{path.split('.')[-1]} = {value:g}" for path, value
 # which no experiment offers, and still:
 
 # %%
-factors = np.array([0.5, 0.9, 1.0, 1.1, 2.0]) if FAST else np.geomspace(0.25, 4, 61)
+factors = np.geomspace(0.25, 4, 61)
 
 
 def whole_error(factor):
@@ -103,7 +90,7 @@ plt.show()
 
 # %%
 wrong = scene.with_values({key: 3 * value for key, value in truth.items()})
-result = fit(trace, wrong, ["b_l", "b_q"], method="windows" if FAST else "shooting")
+result = fit(trace, wrong, ["b_l", "b_q"], method="shooting")
 print(f"{result.status}: {result.windows.count} windows of {result.windows.length:.2f} s")
 print(f"small errors grow as exp({result.lyapunov:.1f} t)\n")
 print(f"{'':6s}{'truth':>10s}{'started at':>12s}{'found':>10s}{'std error':>12s}{'off by':>9s}")
@@ -136,8 +123,11 @@ plt.show()
 # every window only, where chaos has had no time at all, and then all of it; the jump marks the change.
 
 # %%
-WAYS = {"Gauss-Newton": {"method": "windows"}, "L-BFGS": {"method": "gradient"}}
-WAYS |= {} if FAST else {"Adam": {"method": "gradient", "optimizer": "adam", "steps": 60}}
+WAYS = {
+    "Gauss-Newton": {"method": "windows"},
+    "L-BFGS": {"method": "gradient"},
+    "Adam": {"method": "gradient", "optimizer": "adam", "steps": 60},
+}
 far = scene.with_values({key: 10 * value for key, value in truth.items()})
 found = {name: fit(trace, far, ["b_l", "b_q"], **settings) for name, settings in WAYS.items()}
 fig, axes = plt.subplots(1, 3, figsize=(10, 3.2), layout="constrained")

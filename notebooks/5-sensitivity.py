@@ -18,8 +18,6 @@
 # exact derivatives at a point, how far in time they can be trusted, and indices over whole ranges.
 
 # %%
-import os
-
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -31,7 +29,6 @@ from dropper_jax.plots import style
 from fitting import sensitivity
 from fitting.sensitivity import screening, tornado
 
-FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %% [markdown]
@@ -43,7 +40,7 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %%
 scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "rattle", "run.duration": 1.0})
-names = ["b_l", "b_q", "gravity"] if FAST else ["b_l", "b_q", "gravity", *(f"line.0.mass.{j}" for j in range(6))]
+names = ["b_l", "b_q", "gravity", *(f"line.0.mass.{j}" for j in range(6))]
 problem = sensitivity.study(scene, "tension.max", names)
 found = sensitivity.local(problem)
 print(f"{found.of} = {found.value:.3f} {found.unit}; forward and reverse mode differ by {found.mismatch:.0e}")
@@ -74,7 +71,7 @@ for i, name in list(enumerate(problem.names))[:3]:
 # for runs of growing length:
 
 # %%
-lengths = np.array([0.5]) if FAST else np.array([0.5, 1, 2, 4, 8, 12])
+lengths = np.array([0.5, 1, 2, 4, 8, 12])
 sizes = []
 for length in lengths:
     part = scene.with_values({"run.duration": float(length)})
@@ -100,10 +97,10 @@ print(f"growth rate {found.exponent:.2g} per s: derivatives are trusted for {fou
 # may find. Batched, the runs take seconds.
 
 # %%
-longer = scene.with_values({"run.duration": 0.5 if FAST else 10.0})
+longer = scene.with_values({"run.duration": 10.0})
 ranged = sensitivity.study(longer, "angle.4.std", ["b_l", "b_q", "line.0.mass.2"])
 box = sensitivity.ranges(ranged, {"b_l": (0.0005, 0.008), "b_q": (0.0, 0.006), "line.0.mass.2": (0.030, 0.036)})
-indices = screening.global_indices(ranged.batch, ranged.names, box, "sobol", 8 if FAST else 128, 0)
+indices = screening.global_indices(ranged.batch, ranged.names, box, "sobol", 128, 0)
 tornado.global_picture(indices, "angle.4.std", "sobol.png")
 print(f"{indices.runs} runs, mean {indices.mean:.3f} rad, standard deviation {indices.std:.3f} rad")
 Image("sobol.png", width=640)

@@ -19,7 +19,6 @@
 # that it used. The components say something else, which is the first thing to look at.
 
 # %%
-import os
 import tomllib
 from pathlib import Path
 
@@ -32,9 +31,8 @@ from dropper_jax import plots
 from dropper_jax.plots import style
 from dropper_jax.report.regime import regime
 
-FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
-SECONDS = 2.0 if FAST else 120.0
+SECONDS = 120.0
 
 # %% [markdown]
 # ## Two seas
@@ -86,14 +84,11 @@ Image(plots.response(mild, "response.png").read_bytes(), width=760)
 # components:
 
 # %%
-if FAST:
-    storm = mild
-else:
-    # the same scene file with another packaged sea
-    values = tomllib.loads((Path(dj.__file__).parent / "data" / "scenes" / "dropper-north-sea.toml").read_text())
-    values["name"] = "dropper-in-the-stated-storm"
-    storm = dj.simulate(values | {"sea": {"packaged": "north-sea-25-year-jonswap"}}, duration=SECONDS)
-    print(f"{storm.status}: {storm.failed_steps} failed steps, {storm.retried_steps} tried again")
+# the same scene file with another packaged sea
+values = tomllib.loads((Path(dj.__file__).parent / "data" / "scenes" / "dropper-north-sea.toml").read_text())
+values |= {"name": "dropper-in-the-stated-storm", "sea": {"packaged": "north-sea-25-year-jonswap"}}
+storm = dj.simulate(values, duration=SECONDS)
+print(f"{storm.status}: {storm.failed_steps} failed steps, {storm.retried_steps} tried again")
 
 
 def pairs(tension):

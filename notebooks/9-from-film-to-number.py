@@ -20,7 +20,6 @@
 # of your own, begin at the second step.
 
 # %%
-import os
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -36,8 +35,7 @@ from fitting.tracking import track
 from fitting.tracking.render import View, film
 from fitting.tracking.video import write_video
 
-FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
-LINKS, DURATION = (2, 4.0) if FAST else (3, 12.0)
+LINKS, DURATION = 3, 12.0
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %% [markdown]
@@ -128,7 +126,7 @@ for warning in first.warnings:
 # although the score tests put the clock, the scale and gravity before them. It ends where nothing gains any more.
 
 # %%
-result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True, posterior=0 if FAST else 200)
+result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True, posterior=200)
 show(result)
 print("freed:", ", ".join(candidate.name for candidate in result.freed) or "nothing")
 for parameter, value, error in zip(result.parameters, result.values, result.uncertainty.std_error, strict=True):
@@ -142,12 +140,11 @@ for parameter, value, error in zip(result.parameters, result.values, result.unce
 # friction in the joints is fitted to the same windows, and judged on blocks that it has not seen.
 
 # %%
-if not FAST:
-    fixed = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    laws = fit(tracked.trace, fixed, ["b_l", "b_q"], method="windows", compare_models=True)
-    best = max(law.score for law in laws.comparison)
-    for law in sorted(laws.comparison, key=lambda law: -law.score)[:6]:
-        print(f"{law.name:40s} log score {law.score - best:10.1f} {'<- chosen' if law.chosen else ''}")
+fixed = fitted_scene(result.scene, result.model, result.parameters, result.values)
+laws = fit(tracked.trace, fixed, ["b_l", "b_q"], method="windows", compare_models=True)
+best = max(law.score for law in laws.comparison)
+for law in sorted(laws.comparison, key=lambda law: -law.score)[:6]:
+    print(f"{law.name:40s} log score {law.score - best:10.1f} {'<- chosen' if law.chosen else ''}")
 
 # %% [markdown]
 # ## The posterior
@@ -156,21 +153,20 @@ if not FAST:
 # likes to know.
 
 # %%
-if not FAST:
-    draws, weight = result.posterior.draws, result.posterior.weight
-    fig, axes = plt.subplots(1, 2, figsize=(9, 2.8), layout="constrained")
-    for i, (ax, name) in enumerate(zip(axes, TRUTH, strict=True)):
-        scaled = lambda p, name=name: 100 * (p / TRUTH[name] - 1)  # noqa: E731
-        value, error = scaled(result.values[i]), 100 * result.uncertainty.std_error[i] / TRUTH[name]
-        x = np.linspace(value - 4 * error, value + 4 * error, 200)
-        ax.hist(scaled(draws[:, i]), bins=24, weights=weight, density=True, color=style.FAINT, label="posterior")
-        normal = np.exp(-0.5 * ((x - value) / error) ** 2) / (error * np.sqrt(2 * np.pi))
-        ax.plot(x, normal, color=style.FIRST, label="standard error")
-        ax.axvline(0, color=style.SECOND, ls="--", label="truth")
-        ax.set(xlabel=f"({name} / truth - 1) [%]", yticks=[])
-    axes[0].legend()
-    plt.show()
-    print(f"{result.posterior.effective:.0f} effective draws of {len(draws)}, Pareto k {result.posterior.shape:.2f}")
+draws, weight = result.posterior.draws, result.posterior.weight
+fig, axes = plt.subplots(1, 2, figsize=(9, 2.8), layout="constrained")
+for i, (ax, name) in enumerate(zip(axes, TRUTH, strict=True)):
+    scaled = lambda p, name=name: 100 * (p / TRUTH[name] - 1)  # noqa: E731
+    value, error = scaled(result.values[i]), 100 * result.uncertainty.std_error[i] / TRUTH[name]
+    x = np.linspace(value - 4 * error, value + 4 * error, 200)
+    ax.hist(scaled(draws[:, i]), bins=24, weights=weight, density=True, color=style.FAINT, label="posterior")
+    normal = np.exp(-0.5 * ((x - value) / error) ** 2) / (error * np.sqrt(2 * np.pi))
+    ax.plot(x, normal, color=style.FIRST, label="standard error")
+    ax.axvline(0, color=style.SECOND, ls="--", label="truth")
+    ax.set(xlabel=f"({name} / truth - 1) [%]", yticks=[])
+axes[0].legend()
+plt.show()
+print(f"{result.posterior.effective:.0f} effective draws of {len(draws)}, Pareto k {result.posterior.shape:.2f}")
 
 # %% [markdown]
 # ## One run over the whole trace

@@ -2,6 +2,7 @@
 
 python notebooks/make.py                        # all, at full length, outputs kept beside the scripts
 python notebooks/make.py 3-hard-cases --fast --out /tmp   # one, short, somewhere else
+python notebooks/make.py 8-longline --texts     # new words between the cells; nothing is run
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ import nbformat
 from PIL import Image
 
 HERE = Path(__file__).parent
-#: The variable by which a notebook knows that it is to be short.
-FAST = "DROPPER_NOTEBOOKS_FAST"
+sys.path.insert(0, str(HERE))
+
+from short import shortened  # noqa: E402
+
 #: Longest cell [s].
 TIMEOUT = 1200
 #: Width [pixel] and colours of the pictures kept.
@@ -42,15 +45,34 @@ def execute(script: Path, fast: bool) -> Any:
     """
     notebook = jupytext.read(script)
     notebook.metadata["kernelspec"] = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    settings = dict(os.environ)
+    if fast:
+        code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+        for cell, text in zip(code, shortened(script.stem, [cell.source for cell in code]), strict=True):
+            cell.source = text or "pass  # left out of short runs"
+        settings["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # not worth an optimised program
     with tempfile.TemporaryDirectory() as folder:
-        settings = {key: value for key, value in os.environ.items() if key != FAST}
-        if fast:  # short runs are not worth an optimised program
-            settings |= {FAST: "1", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
         client = nbclient.NotebookClient(
             notebook, timeout=TIMEOUT, kernel_name="python3", resources={"metadata": {"path": folder}}
         )
         client.execute(env=settings)
     return tidy(notebook)
+
+
+def retold(script: Path) -> Any:
+    """The kept notebook with the texts that the script has now; its code must be the same.
+
+    Raises:
+        ValueError: the code has changed as well.
+    """
+    kept, fresh = nbformat.read(script.with_suffix(".ipynb"), 4), jupytext.read(script)
+    code = [[cell for cell in each.cells if cell.cell_type == "code"] for each in (kept, fresh)]
+    if [cell.source for cell in code[0]] != [cell.source for cell in code[1]]:
+        raise ValueError(f"{script.stem}: its code has changed; run it")
+    for old, new in zip(*code, strict=True):
+        new["outputs"], new["execution_count"] = old.outputs, old.execution_count
+    fresh.metadata = kept.metadata
+    return tidy(fresh)
 
 
 def tidy(notebook: Any) -> Any:
@@ -86,13 +108,14 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Run notebooks.")
     parser.add_argument("names", nargs="*", help="such as 3-hard-cases (default: all)")
     parser.add_argument("--fast", action="store_true", help="short runs")
+    parser.add_argument("--texts", action="store_true", help="take texts only, run nothing")
     parser.add_argument("--out", type=Path, default=HERE, help="folder of the results (default: beside the scripts)")
     args = parser.parse_args(argv)
     for script in scripts():
         if args.names and script.stem not in args.names:
             continue
         try:
-            notebook = execute(script, args.fast)
+            notebook = retold(script) if args.texts else execute(script, args.fast)
         except nbclient.exceptions.CellExecutionError as error:
             print(f"{script.stem}: {error.ename}: {error.evalue}", file=sys.stderr)
             return 1

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 import dropper_jax as dj
-from dropper_jax import statics
+from dropper_jax import plots, statics
 from dropper_jax.plots import style
 from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
@@ -70,8 +70,13 @@ def damping_sweep(work: Path) -> None:
 
 
 def storm(work: Path) -> None:
-    """The Edulis longline in the paper's waves, as the page shows it: needs Chromium."""
+    """The Edulis longline in the paper's waves, tension over time, and as the page shows it (this needs Chromium)."""
     solution = dj.simulate("edulis-longline", duration=60.0)
+    with Image.open(plots.tension_history(solution, work / "tension.png")) as image:
+        flat = image.convert("RGB").quantize(255, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        flat.save(HERE / "storm-tension.png", optimize=True)
+    if not BROWSER:
+        return
     page = view_page(solution)
     peak = float(solution.t[np.argmax(solution.tension.max(axis=1))])
     look = f"""<script>state.now = {peak};
@@ -105,5 +110,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         contact_sheet(Path(folder))
         damping_sweep(Path(folder))
-        if BROWSER:
-            storm(Path(folder))
+        storm(Path(folder))

@@ -7,7 +7,8 @@ import argparse
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, listing, print_json
+from dropper_jax.cli.output import done_object, listing
+from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "solve for a value of the scene that gives a wanted static tension or depth"
 
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--target", required=True, metavar="WHAT", help="tension.LINE.first, .last or .max [N], or depth.POINT [m]"
     )
     parser.add_argument("--value", required=True, type=number, help="the wanted value of the target")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,23 +33,18 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(
             f"--vary: {args.vary!r} is not PATH=LOW:HIGH; allowed: such as line.0.length=4.0:4.5"
         ) from None
+    out = out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.run.design import solve_design
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
-    if args.json:
-        values = {"path": found.path, "value": found.value, "target": found.target}
-        more = {"wanted": found.wanted, "reached": found.reached, "solves": found.solves}
-        print_json(done_object(scene=scene.name, **values, **more))
-        return OK
-    print(
-        listing(
-            [
-                (found.path, f"{found.value:.9g}"),
-                (found.target, f"{found.reached:.9g}, wanted {found.wanted:g}"),
-                ("static poses", str(found.solves)),
-            ]
-        )
-    )
+    values = {"path": found.path, "value": found.value, "target": found.target}
+    more = {"wanted": found.wanted, "reached": found.reached, "solves": found.solves}
+    text = [
+        (found.path, f"{found.value:.9g}"),
+        (found.target, f"{found.reached:.9g}, wanted {found.wanted:g}"),
+        ("static poses", str(found.solves)),
+    ]
+    deliver(args.json, done_object(scene=scene.name, **values, **more), listing(text), out)
     return OK

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene, whole_number
-from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
+from dropper_jax.cli.output import done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -24,12 +26,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--tide", action="store_true", help="poses through a cycle of current and level")
     parser.add_argument("--times", type=whole_number, default=13, help="of the cycle, both ends included (13)")
+    add_plot(parser, "the pose, or curves through the tide,")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
     if args.tide:
-        return _tide(scene, args)
+        return _tide(scene, args, plot, out)
 
     from dropper_jax.analysis.angles import link_angles
     from dropper_jax.run.build import equilibrium
@@ -42,12 +47,14 @@ def run(args: argparse.Namespace) -> int:
     failed = found.status != "ok"
     remarks = () if failed else pose_remarks(scene, found.positions, found.tension)
     print_warnings(remarks)
-    if args.json:
-        print_json({**_object(scene, found, angles), "warnings": remarks})
-    else:
-        print(_text(lines, found, angles))
-        if scene.branched and not failed:
-            print(_loads(scene, found))
+    if plot and not failed:
+        from dropper_jax.study import rest_pictures
+
+        rest_pictures.pose(scene, found, picture(plot, "pose"))
+    text = _text(lines, found, angles)
+    if scene.branched and not failed:
+        text += "\n" + _loads(scene, found)
+    deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out)
     if failed:
         print_line(f"error: {found.status}: {found.message}")
     elif not args.json:
@@ -55,16 +62,18 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if failed else OK
 
 
-def _tide(scene: Scene, args: argparse.Namespace) -> int:
+def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path | None) -> int:
     """The cycle as a table, or one object."""
     from dropper_jax.study.tide import tidal_cycle
 
     found = tidal_cycle(scene, args.times)
     failed = next((s for s in (found["slack_status"], *(r["status"] for r in found["rows"])) if s != "ok"), None)
-    if args.json:
-        print_json({**(failure_object(failed, failed) if failed else done_object()), "scene": scene.name, **found})
-    else:
-        print(_tide_text(found))
+    if plot and not failed:
+        from dropper_jax.study import rest_pictures
+
+        rest_pictures.tide(scene.name, found["rows"], picture(plot, "tide"))
+    head = failure_object(failed, failed) if failed else done_object()
+    deliver(args.json, {**head, "scene": scene.name, **found}, _tide_text(found), out)
     if failed:
         print_line(f"error: {failed}: a pose of the cycle was not found")
     return FAILED if failed else OK

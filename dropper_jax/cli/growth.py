@@ -6,7 +6,8 @@ import argparse
 
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_scene, number, read_scene
-from dropper_jax.cli.output import done_object, print_result, table
+from dropper_jax.cli.output import done_object, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
@@ -14,9 +15,12 @@ help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--months", nargs="+", type=number, metavar="MONTH", help="months, else those of the scene")
+    add_plot(parser, "layer and wet weight over depth")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.run.growth import season_table
@@ -35,5 +39,9 @@ def run(args: argparse.Namespace) -> int:
         ]
         for row in rows
     ]
-    print_result(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]))
+    if plot:
+        from dropper_jax.study.rest_pictures import mussels
+
+        mussels(scene.name, rows, picture(plot, "growth"))
+    deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), out)
     return OK

@@ -10,9 +10,11 @@ import numpy as np
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene, whole_number
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
+    from dropper_jax.statics.modes import Modes
 
 help = "natural periods and modes about the static pose of an elastic scene"
 
@@ -20,9 +22,12 @@ help = "natural periods and modes about the static pose of an elastic scene"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--count", type=whole_number, default=10, help="how many, the slowest first (10)")
+    add_plot(parser, "the shapes of the slowest nine")
+    add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    plot, out = plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.run.build import build_model, equilibrium
@@ -35,21 +40,25 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print_json({**failure_object(pose.status, message), "scene": scene.name})
         return FAILED
-    modes = natural_modes(build_model(scene), pose.state, args.count)
-    if args.json:
-        found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
-        if modes.bodies is not None:
-            found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
-        print_json(done_object(scene=scene.name, **found))
-        return OK
+    model = build_model(scene)
+    modes = natural_modes(model, pose.state, args.count)
+    if plot:
+        from dropper_jax.study.rest_pictures import mode_shapes
+
+        mode_shapes(scene, model, pose, modes, picture(plot, "modes"))
+    found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
+    if modes.bodies is not None:
+        found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
+    deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes), out)
+    return OK
+
+
+def _text(scene: Scene, modes: Modes) -> str:
     rows = [("mode", "period [s]", "frequency [Hz]", "share of x, y, z in the motion")]
     for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True), 1):
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
         rows.append((str(i), f"{period:.5g}", f"{1 / period:.5g}", "  ".join(f"{x:.2f}" for x in share)))
-    print(table(rows))
-    if modes.bodies is not None:
-        print(_bodies(scene, modes.bodies))
-    return OK
+    return table(rows) if modes.bodies is None else f"{table(rows)}\n{_bodies(scene, modes.bodies)}"
 
 
 def _bodies(scene: Scene, moved: np.ndarray) -> str:

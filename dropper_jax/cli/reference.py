@@ -51,13 +51,13 @@ def as_markdown(sections: Sequence[Section]) -> str:
     """The page."""
     parts = [TITLE]
     for section in sections:
-        parts.append(f"## {section.head or 'Top of the file'}\n\n{_cell(section.about)}")
+        parts.append(f"## {section.head or 'Top of the file'}\n\n{_cell(section.about, False)}")
         if section.keys:
             rows = ["| key | meaning | value | unit | allowed | default |", "| --- | --- | --- | --- | --- | --- |"]
             rows += [_row(key) for key in section.keys]
             parts.append("\n".join(rows))
         if section.source:
-            parts.append(f"Source: {_cell(section.source)}")
+            parts.append(f"Source: {_cell(section.source, False)}")
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
@@ -66,10 +66,10 @@ def _row(key: Key) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _cell(text: str) -> str:
-    from dropper_jax.base.markdown import literal
+def _cell(text: str, table: bool = True) -> str:
+    from dropper_jax.base.markdown import prose
 
-    return literal(text).replace("\\`", "`")
+    return prose(text, table)
 
 
 if __name__ == "__main__":

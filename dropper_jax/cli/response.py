@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
-from dropper_jax.cli.outputs import add_out, deliver, out_file
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 help = "mean shift, amplitude and phase of the first link in regular waves, over their period"
 
@@ -20,12 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
     parser.add_argument("--no-more", action="store_true", help="leave out the waves higher by a tenth")
+    add_plot(parser, "the curves over the period")
     add_out(parser)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    periods, out = _periods(args.periods), out_file(args.out)
+    periods, plot, out = _periods(args.periods), plot_folder(args.plot), out_file(args.out)
     scene = read_scene(args)
 
     from dropper_jax.base.progress import silent
@@ -33,6 +34,10 @@ def run(args: argparse.Namespace) -> int:
 
     rows = responses(scene, periods, not args.no_more, progress(args.quiet) or silent)
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
+    if plot and not failed:
+        from dropper_jax.study import rest_pictures
+
+        rest_pictures.responses(scene.name, rows, picture(plot, "response"))
     head = failure_object(failed, f"{failed}: a run did not come to its end") if failed else done_object()
     deliver(args.json, {**head, "scene": scene.name, "rows": rows}, _text(rows), out)
     if failed:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet
-from dropper_jax.cli.output import done_object, failure_object, print_line, print_result, progress, table
+from dropper_jax.cli.output import done_object, failure_object, print_line, progress, table
+from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 help = "run a catalogue of hard cases, each against its limit, beside the thesis' schemes and MoorDyn"
 
@@ -18,10 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
     parser.add_argument("--short", action="store_true", help="shortened runs, with nobody beside them")
+    add_out(parser)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    out = out_file(args.out)
+
     from dropper_jax.study.stability import all_cases, evaluate
 
     cases = all_cases()
@@ -36,18 +41,17 @@ def run(args: argparse.Namespace) -> int:
         say(i / len(cases), case.name)
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
-    return report(rows, args.json)
+    return report(rows, args.json, out)
 
 
-def report(rows: list[dict[str, Any]], as_json: bool) -> int:
+def report(rows: list[dict[str, Any]], as_json: bool, out: Path | None = None) -> int:
     """Print the rows; returns the exit code."""
     missed = [row["name"] for row in rows if not row["ok"]]
     error = f"beyond their limits: {', '.join(missed)}" if missed else None
     if error:
         print_line(f"error: {error}")
-    print_result(
-        as_json, {**(failure_object("not_converged", error) if error else done_object()), "cases": rows}, text(rows)
-    )
+    head = failure_object("not_converged", error) if error else done_object()
+    deliver(as_json, {**head, "cases": rows}, text(rows), out)
     return FAILED if missed else OK
 
 

@@ -13,6 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, output_file, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, print_warnings, table
+from dropper_jax.cli.outputs import deliver
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -27,12 +28,12 @@ SHOWN = 12
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
-    parser.add_argument("--out", metavar="FILE.csv", help="write the matrix")
+    parser.add_argument("--out", metavar="FILE", help="write the matrix (.csv), or what --json prints (.json)")
 
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
-    out = output_file(args.out, "--out", (".csv",))
+    out = output_file(args.out, "--out", (".csv", ".json"))
     names = _names(scene, args.points)
 
     from dropper_jax.run.build import build_model, equilibrium
@@ -49,14 +50,12 @@ def run(args: argparse.Namespace) -> int:
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
     found = mooring_stiffness(model, pose.state, names, loads)
-    if out is not None:
+    if out is not None and out.suffix == ".csv":
         _write(out, found)
     print_warnings(found.warnings)
-    if args.json:
-        values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
-        print_json(done_object(scene=scene.name, **values, warnings=found.warnings))
-    else:
-        print(_text(found))
+    values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
+    plain = done_object(scene=scene.name, **values, warnings=found.warnings)
+    deliver(args.json, plain, _text(found), out if out is not None and out.suffix == ".json" else None)
     return OK
 
 

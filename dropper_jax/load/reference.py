@@ -101,6 +101,12 @@ def _by_hand(path: str, *rows: tuple[str, str, str, Mapping[str, Any]]) -> tuple
     return tuple(Key(f"{path}.{name}".lstrip("."), meaning, kind, schema=dict(s)) for name, meaning, kind, s in rows)
 
 
+REPEAT = (
+    "repeat",
+    "as often as counters say: {k = 60} is k = 1 to 60, {k = [0, 9]} a range; `{k}` in a text stands for the number",
+    "table",
+    TABLE,
+)
 #: Keys that are read by hand, by section.
 BY_HAND: dict[str, tuple[Key, ...]] = {
     "": _by_hand(
@@ -109,8 +115,12 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
         ("description", "what it is", "text", TEXT),
         ("notes", "remarks, repeated as warnings of every run", "list of texts", {**LIST, "items": TEXT}),
     ),
+    "point.*": _by_hand("point.*", ("type", "name of a [[point_type]], or `library:NAME`", "text", TEXT), REPEAT),
+    "buoy.*": _by_hand("buoy.*", REPEAT),
+    "failure.*": _by_hand("failure.*", REPEAT),
     "line.*": _by_hand(
         "line.*",
+        REPEAT,
         ("type", "name of a [[line_type]], or `library:NAME`; `length` then is that of the whole line", "text", TEXT),
         ("sections", "sections one after another: {type, length [m], links}", "list of tables", LIST),
         ("attach", "points along the line: {point, at}, `at` the arc length from its first end [m]", "list", LIST),
@@ -334,11 +344,8 @@ def schema() -> dict[str, Any]:
                 place["additionalProperties"] = dict(key.schema)
             else:
                 place["properties"][key.name] = {"description": _description(key), **key.schema}
-        if section.path in ("point.*", "line.*", "buoy.*", "failure.*"):
-            place["properties"]["repeat"] = {"type": "object", "description": "counters: as often as they say"}
         if section.path == "point.*":
             place["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
-            place["properties"]["type"] = {"type": "string", "description": "name of a [[point_type]]"}
     root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
     root["properties"]["run"]["required"] = ["dt", "duration"]
     root["required"] = ["run", "line"]

@@ -18,6 +18,8 @@ TURNS = 160
 INTERVALS, CYCLES = 320, 8
 #: A series that changes by less than this part of itself is rounding.
 ROUNDING = 1e-6
+#: Two curves nearer than this part of the largest range are seen as one: the later is dashed, so that both show.
+ALIKE, DASHES = 0.01, (0.0, (4.0, 4.0))
 
 
 class Curve(NamedTuple):
@@ -48,7 +50,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     ratios = [1.0] if zoom is None else [1.55, 1.0]
     grid = figure.subplots(len(panels), columns, sharex="col", squeeze=False, width_ratios=ratios)
     for row, panel in zip(grid, panels, strict=True):
-        _draw(row[0], panel, run, envelope=zoom is not None)
+        _draw(row[0], panel, run, envelope=None if zoom is None else _shortest(panel, panels))
         row[0].set_ylabel(panel.label)
         if panel.title:
             row[0].set_title(panel.title, loc="left", fontsize=9)
@@ -70,6 +72,13 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     return style.save(figure, path)
 
 
+def _shortest(panel: Panel, panels: list[Panel]) -> float:
+    """Shortest cycle [s] of the panels of one unit, so that their means are taken alike; 0 without any."""
+    alike = [other for other in panels if other.label.rpartition(" ")[2] == panel.label.rpartition(" ")[2]]
+    cycles = [cycle(curve.t, curve.values) for other in alike for curve in other.curves]
+    return min((length for length in cycles if length > 0.0), default=0.0)
+
+
 def _joined(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
 
@@ -80,27 +89,40 @@ def _legend(axes: Axes) -> None:
     axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **place)
 
 
-def _draw(axes: Axes, panel: Panel, run: Run, envelope: bool = False, part: tuple[float, float] | None = None) -> None:
-    """All curves of a panel; as an envelope, or only of a part of the time."""
+def _draw(
+    axes: Axes, panel: Panel, run: Run, envelope: float | None = None, part: tuple[float, float] | None = None
+) -> None:
+    """All curves of a panel; as an envelope, its means over cycles of that length [s], or of a part of the time."""
     for index, curve in enumerate(panel.curves):
         colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
+        dashes = DASHES if _hides(panel.curves, index) else "-"
         t, values, low, high = _within(curve, part)
         name = curve.name or None
-        if envelope and len(t) > 2 * INTERVALS:
+        if envelope is not None and len(t) > 2 * INTERVALS:
             edges, middle, least, largest = reduced(t, values, low, high)
-            middle = _without_beat(edges, middle, cycle(t, values))
+            middle = _without_beat(edges, middle, envelope)
             axes.fill_between(edges, least, largest, color=colour, alpha=0.28, lw=0)
-            axes.plot(edges, middle, color=colour, lw=1.1, label=name)
+            axes.plot(edges, middle, color=colour, lw=1.1, ls=dashes, label=name)
             continue
         if low is not None:
             axes.fill_between(t, low, high, color=colour, alpha=0.28, lw=0)
-        axes.plot(t, values, color=colour, lw=1.0, marker=style.marker(t), ms=4, label=name)
+        axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
     if panel.zero:
         axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
     known = np.concatenate([_within(curve, part)[1] for curve in panel.curves])
     style.widen(known, axes.set_ylim)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.margins(y=0.08)
+
+
+def _hides(curves: list[Curve], index: int) -> bool:
+    """Whether a curve lies on one that is drawn before it, as those of a symmetric farm do."""
+    this = curves[index].values
+    reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
+    return any(
+        other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < ALIKE * reach
+        for other in curves[:index]
+    )
 
 
 def _within(

@@ -96,7 +96,7 @@ def heading(run: Run, what: str) -> str:
 
 def how(run: Run) -> tuple[str, str]:
     """How the run was made, and the colour to say it in: integrator, step and, if it failed, how."""
-    text = f"{run.integrator}, dt = {run.dt:g} s"
+    text = f"{run.integrator}, dt = {run.dt:g} s" if run.dt else run.integrator  # a pose has no step
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 

@@ -9,6 +9,7 @@ from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_json, add_quiet, output_file
 from dropper_jax.cli.output import print_json, print_line, print_warnings, progress
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
     from fitting.optimise.run import Optimum
@@ -20,14 +21,17 @@ help = "design a farm: least material, load or motion within a site's limits"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [[variable]] and [objective]")
     parser.add_argument("--state", metavar="FILE.json", help="keep the search here; goes on with one that is there")
-    parser.add_argument("--picture", metavar="FILE.png", help="layout and utilisation, before and after")
+    add_plot(parser, "layout and utilisation, before and after,")
+    add_out(parser)
+    parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
     parser.add_argument("--check", action="store_true", help="only check the site and the derivatives")
     add_json(parser)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    picture = output_file(args.picture, "--picture", (".png",))
+    single = output_file(args.picture, "--picture", (".png",))
+    plot, out = plot_folder(args.plot), out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
     from dropper_jax.base.json_values import jsonable
@@ -47,16 +51,15 @@ def run(args: argparse.Namespace) -> int:
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
-    if picture:
+    drawn = single or (plot and picture(plot, "design"))
+    if drawn:
         from fitting.optimise.picture import design_picture
 
-        design_picture(site, found, picture)
+        design_picture(site, found, drawn)
     message = "" if found.feasible else "no design that was found meets all constraints on whole runs"
-    if args.json:
-        status = "ok" if found.feasible else "not_converged"
-        print_json(jsonable({"schema": 1, "status": status, "site": site.name, **found.to_json()}))
-    else:
-        print(text(found))
+    status = "ok" if found.feasible else "not_converged"
+    plain = {"schema": 1, "status": status, "site": site.name, **found.to_json()}
+    deliver(args.json, plain, text(found), out)
     if message:
         print_line(f"error: {message}")
     return OK if found.feasible else FAILED

@@ -7,7 +7,8 @@ import argparse
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_json, add_quiet
-from dropper_jax.cli.output import print_result, progress, table
+from dropper_jax.cli.output import progress, table
+from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 name = "plan"
 help = "which release, duration and camera would tell the parameters best, before anything is measured"
@@ -26,11 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="W",
         help="how far the rig follows its model, as a fit reports it (default: 1e-3)",
     )
+    add_out(parser)
     add_quiet(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    out = out_file(args.out)
+
     from fitting.calibration.plan import plan, rows
 
     found = plan(
@@ -43,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet),
     )
-    print_result(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)))
+    deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)), out)
     return OK
 
 

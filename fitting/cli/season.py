@@ -8,6 +8,7 @@ from typing import Any
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_json, add_quiet, output_folder
 from dropper_jax.cli.output import listing, print_result, progress
+from dropper_jax.cli.outputs import add_plot, picture, plot_folder
 
 name = "season"
 help = "floats that carry the mussels of each month, and how the farm then lies"
@@ -15,20 +16,26 @@ help = "floats that carry the mussels of each month, and how the farm then lies"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [season] and [[growth]]")
-    parser.add_argument("--out", metavar="FOLDER", help="write season.md, season.csv, season.json and season.png")
+    parser.add_argument("--report", metavar="DIR", help="write season.md, season.csv, season.json and season.png")
+    parser.add_argument("--out", metavar="DIR", help="the same as --report")
+    add_plot(parser, "floats and depths by month")
     add_json(parser)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    out = output_folder(args.out, "--out")
+    out = output_folder(args.report or args.out, "--report" if args.report else "--out")
+    plot = plot_folder(args.plot)
 
     from dropper_jax.effects import register_installed
     from fitting.season import season, write_season
+    from fitting.season.page import draw
     from fitting.site import read_site
 
     register_installed()
     found = season(read_site(args.site), progress(args.quiet))
+    if plot is not None:
+        draw(found, picture(plot, "season"))
     if out is not None:
         write_season(found, out)
         found["out"] = str(out)

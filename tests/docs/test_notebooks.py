@@ -58,6 +58,22 @@ def test_kept_notebook_has_outputs_is_small_and_names_no_machine(script):
     assert not re.search(r"/(home|root|tmp|Users|work)\b|site-packages", printed)
 
 
+def test_scripts_hold_no_switches_and_can_all_be_cut_short(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    from short import SHORT, shortened
+
+    assert sorted(SHORT) == [script.stem for script in SCRIPTS]
+    for script in SCRIPTS:
+        code = [cell.source for cell in jupytext.read(script).cells if cell.cell_type == "code"]
+        assert "FAST" not in "".join(code)
+        cut = shortened(script.stem, code)
+        assert sum(new != old for new, old in zip(cut, code, strict=True)) >= 2
+        for text in cut:
+            compile(text or "", script.stem, "exec")
+    with pytest.raises(ValueError, match="exactly once"):
+        shortened(SCRIPTS[0].stem, ["pass"])
+
+
 def test_pictures_are_kept_small_and_readable():
     spec = importlib.util.spec_from_file_location("make", FOLDER / "make.py")
     make = importlib.util.module_from_spec(spec)

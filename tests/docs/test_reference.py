@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,37 @@ def test_the_schema_takes_all_packaged_scenes_and_refuses_mistakes():
         {"effects": {"wind": {}}},
     ):
         assert not validator.is_valid({**good, **wrong}), wrong
+
+
+def snippets(page: Path) -> list[str]:
+    """Pieces of scenes on a page, fenced or indented."""
+    text = page.read_text()
+    indented = re.findall(r"(?:^|\n\n)((?:    \[[\[\w].*\n)(?:(?:    .*)?\n)*?)(?=\S)", text)
+    return re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S) + [
+        re.sub("^    ", "", x, flags=re.M) for x in indented
+    ]
+
+
+def leaves(table: dict, before: str = "") -> list[str]:
+    """Paths of all keys, `*` for entries of lists."""
+    found = []
+    for key, value in table.items():
+        parts = value if isinstance(value, list) and value and isinstance(value[0], dict) else [value]
+        for part in parts:
+            path = f"{before}{key}"
+            found += leaves(part, f"{path}{'.*' if part is not value else ''}.") if isinstance(part, dict) else [path]
+    return found
+
+
+@pytest.mark.parametrize("page", ["calibration", "longlines", "moordyn", "quick-start", "report", "water"])
+def test_pieces_of_scenes_on_the_pages_use_keys_that_there_are(page):
+    keys = {key.path for section in sections() for key in section.keys}
+    known = re.compile("|".join(re.escape(key).replace(r"\*", r"[^.]+") + r"(\..+)?" for key in keys))
+    read = [tomllib.loads(text) for text in snippets(ROOT / "docs" / f"{page}.md")]
+    assert read or page == "moordyn"
+    # tables whose keys are names of the user's own (counters, points of a unit) end a path
+    unknown = [path for table in read for path in leaves(table) if not known.fullmatch(path)]
+    assert [path for path in unknown if not re.match(r"unit\.[^.]+\.|body\.\*\.spheres$", path)] == []
 
 
 def anchors(page: Path) -> set[str]:

@@ -8,7 +8,7 @@ from PIL import Image
 
 from dropper_jax import plots
 from dropper_jax.cli.run import draw
-from dropper_jax.plots import moving, series
+from dropper_jax.plots import moving, series, style
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.units import force_unit
 from dropper_jax.run.loads import end_tensions, held_points, point_load
@@ -103,3 +103,12 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
     assert names.isdisjoint({"motion", "phase", "spectrum", "response"})
     assert {"snapshot", "tension", "angles", "surface"} <= names
     assert "nothing moves" in capsys.readouterr().err
+
+
+def test_of_two_curves_that_coincide_the_later_is_dashed():
+    t = np.linspace(0.0, 10.0, 50)
+    curves = [series.Curve(name, t, values) for name, values in (("a", np.sin(t)), ("b", np.cos(t)), ("c", np.sin(t)))]
+    assert [series._hides(curves, i) for i in range(3)] == [False, False, True]
+    axes = style.new_figure(4, 3).subplots()
+    series._draw(axes, series.Panel("x [m]", curves), SimpleNamespace())
+    assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]

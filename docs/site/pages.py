@@ -1,0 +1,318 @@
+"""Write the generated pages of the documentation: python docs/site/pages.py
+
+| page | from |
+| --- | --- |
+| reference.md | declarations of the keys of a scene (`python -m dropper_jax.cli.reference`) |
+| reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
+| reference-commands.md | parsers of all commands |
+| reference-python.md | signatures and docstrings of what `dropper_jax`, `fitting` and their rooms offer |
+
+A test holds the stored pages to them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+
+from dropper_jax.axial import LAWS
+from dropper_jax.base.markdown import prose
+from dropper_jax.cli.commands import _load, _Parser, found
+from dropper_jax.cli.reference import as_markdown
+from dropper_jax.effects import EFFECTS
+from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.load.reference import sections
+from dropper_jax.solvers import SOLVERS
+
+FOLDER = Path(__file__).parents[1]
+MADE = "Made by `python docs/site/pages.py`; a test holds the page to {what}."
+#: Rooms whose names are public beside those of the two packages.
+ROOMS = (
+    "dropper_jax",
+    "dropper_jax.plots",
+    "dropper_jax.statics",
+    "dropper_jax.view",
+    "dropper_jax.analysis",
+    "fitting",
+    "fitting.sweep",
+    "fitting.sensitivity",
+    "fitting.tracking",
+    "fitting.cases",
+    "fitting.season",
+    "fitting.site",
+)
+#: Heads of the parts of a docstring that list names.
+LISTS = ("Args", "Attributes", "Returns", "Raises", "Yields")
+
+
+def docstring(text: str | None) -> str:
+    """A docstring as Markdown: paragraphs, equations and examples as they are, lists of names as lists."""
+    if not text:
+        return ""
+    parts, lines = [], inspect.cleandoc(text).splitlines()
+    while lines:
+        if not lines[0].strip():
+            lines.pop(0)
+        elif lines[0].rstrip(":") in LISTS and lines[0].endswith(":"):
+            head, block = lines.pop(0), list(_taken(lines, lambda line: line.startswith(" ") or not line.strip()))
+            parts.append(f"{head}\n\n{_listed(block)}")
+        elif lines[0].startswith(" "):
+            block = list(_taken(lines, lambda line: line.startswith(" ") or not line.strip()))
+            parts.append("```text\n" + "\n".join(inspect.cleandoc("\n".join(["", *block])).splitlines()) + "\n```")
+        elif lines[0].startswith("|"):
+            parts.append("\n".join(_taken(lines, lambda line: line.startswith("|"))))
+        else:
+            block = list(_taken(lines, lambda line: line.strip() and not line.startswith((" ", "|"))))
+            parts.append(_paragraph(block))
+    return "\n\n".join(parts)
+
+
+def _taken(lines: list[str], fits) -> Iterator[str]:
+    while lines and fits(lines[0]):
+        yield lines.pop(0)
+
+
+def _paragraph(block: list[str]) -> str:
+    if not any(line.startswith("- ") for line in block):
+        return prose(" ".join(block))
+    items, text = [], []
+    for line in block:
+        if line.startswith("- "):
+            items.append([line[2:]])
+        else:
+            (items[-1] if items else text).append(line)
+    return "\n\n".join(
+        part for part in (prose(" ".join(text)), "\n".join(f"- {prose(' '.join(item))}" for item in items)) if part
+    )
+
+
+def _listed(block: list[str]) -> str:
+    """`name: what it is`, deeper lines going on with the one before."""
+    items: list[list[str]] = []
+    for line in inspect.cleandoc("\n".join(["", *block])).splitlines():
+        if line.strip() and (not line.startswith(" ") or not items):
+            items.append([line.strip()])
+        elif line.strip():
+            items[-1].append(line.strip())
+    return "\n".join(f"- {_named(' '.join(item))}" for item in items)
+
+
+def _named(text: str) -> str:
+    match = re.match(r"^([\w., *]+?): (.*)$", text)
+    return f"`{match[1]}`: {prose(match[2])}" if match else prose(text)
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = list(head)
+    lines = [f"| {' | '.join(head)} |", "|" + " --- |" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _range(one: Mapping[str, object]) -> str:
+    low, high = one["low"], one["high"]
+    words = [f"{'above' if one['open_low'] else 'from'} {low:g}"] if low not in (None, -float("inf")) else []
+    return " ".join([*words, *([f"to {high:g}"] if high not in (None, float("inf")) else [])])
+
+
+def effects() -> str:
+    """What acts, and how it is stepped and solved."""
+    made = MADE.format(what="the docstrings")
+    parts = [
+        f"# Effects and schemes\n\n{made} Keys, units and ranges of the effects stand in [every key of a "
+        "scene](reference.md), derivations in [the physics](physics.md), how to add one in [How to add an effect]"
+        "(add-an-effect.md).",
+        "## Effects\n\n`[effects.NAME]` in a scene; what is not named is not computed.",
+    ]
+    for name, cls in EFFECTS.items():
+        parts += [f"### effects.{name}", docstring(cls.__doc__)]
+        keys = [key for section in sections() if section.path == f"effects.{name}" for key in section.keys]
+        if keys:
+            parts.append("Keys: " + ", ".join(f"`{key.name}`" for key in keys) + ".")
+    parts.append("## Integrators\n\n`integrator` of `[run]`, `--integrator`; which to take: [accuracy](accuracy.md).")
+    for name, cls in INTEGRATORS.items():
+        parts += [f"### {name}", docstring(_module(cls)), docstring(cls.__doc__)]
+        if options := cls.options():
+            rows = ((f"`{key}`", prose(one["meaning"], True), _range(one)) for key, one in options.items())
+            parts.append(_table(("option", "meaning", "allowed"), rows))
+    parts.append("## Axial laws\n\n`kind` of `[line.axial]`: how the length of a link and its tension belong together.")
+    for name, cls in LAWS.items():
+        parts += [f"### axial: {name}", docstring(_module(cls)), docstring(cls.__doc__)]
+    parts.append("## Linear solvers\n\n`solver` of `[run]`, `--solver`; `auto` takes the one that fits.")
+    for name, solver in SOLVERS.items():
+        parts += [f"### solver: {name}", docstring(_module(type(solver))), docstring(type(solver).__doc__)]
+    return _page(parts)
+
+
+def _module(cls: type) -> str | None:
+    return inspect.getdoc(sys.modules[cls.__module__])
+
+
+def commands() -> str:
+    """What `dropper` does."""
+    made = MADE.format(what="the parsers")
+    loaded = {entry.name: _load(entry) for entry in found()}
+    parts = [
+        f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 input to mend, 3 a run "
+        "that failed, 130 one that was interrupted.",
+        _table(
+            ("command", "does"), ((f"[`{name}`](#dropper-{name})", prose(c.help, True)) for name, c in loaded.items())
+        ),
+    ]
+    for name, command in loaded.items():
+        parser = _Parser(prog=f"dropper {name}")
+        command.add_arguments(parser)
+        hidden = argparse.SUPPRESS
+        actions = [a for a in parser._actions if not isinstance(a, argparse._HelpAction) and a.help is not hidden]
+        parts += [f"## dropper {name}", prose(_sentence(command.help)), f"```text\n{_usage(name, actions)}\n```"]
+        rows = [(_option(action), _meaning(action, parser), _default(action)) for action in actions]
+        if rows:
+            parts.append(_table(("argument", "meaning", "default"), rows))
+    return _page(parts)
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
+
+
+def _usage(name: str, actions: list[argparse.Action]) -> str:
+    words = [f"dropper {name}"]
+    for action in actions:
+        if not action.option_strings:
+            word = action.metavar or action.dest
+            words.append({"?": f"[{word}]", "*": f"[{word} ...]", "+": f"{word} [...]"}.get(action.nargs, word))
+    return " ".join([*words, "[options]"])
+
+
+def _value(action: argparse.Action) -> str:
+    if action.nargs == 0:
+        return ""
+    if isinstance(action.metavar, tuple):
+        return " ".join(action.metavar)
+    word = action.metavar or ("{" + ",".join(map(str, action.choices)) + "}" if action.choices else action.dest.upper())
+    return f"{word} ..." if action.nargs in ("+", "*") else word
+
+
+def _option(action: argparse.Action) -> str:
+    if not action.option_strings:
+        return f"`{action.metavar or action.dest}`"
+    return f"`{', '.join(action.option_strings)} {_value(action)}".strip() + "`"
+
+
+def _meaning(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
+    text = "" if action.help is None else action.help % {**vars(action), "prog": parser.prog}
+    if action.choices and str(next(iter(action.choices))) not in text:
+        text += f" (one of {', '.join(map(str, action.choices))})"
+    return prose(text, True)
+
+
+def _default(action: argparse.Action) -> str:
+    if action.default in (None, False, [], argparse.SUPPRESS) or not action.option_strings:
+        return ""
+    return f"`{action.default}`"
+
+
+def python() -> str:
+    """What can be imported."""
+    made = MADE.format(what="signatures and docstrings")
+    parts = [f"# Python\n\n{made} Shapes stand in parentheses, units in brackets."]
+    parts.append(
+        _table(
+            ("from", "names"),
+            ((f"`{room}`", ", ".join(f"[`{n}`](#{_anchor(room, n)})" for n in _names(room))) for room in ROOMS),
+        )
+    )
+    for room in ROOMS:
+        parts += [f"## {room}", docstring(import_module(room).__doc__)]
+        for name in _names(room):
+            parts += [f"### {_heading(room, name)}", *_described(name, getattr(import_module(room), name))]
+    return _page(parts)
+
+
+def _names(room: str) -> list[str]:
+    return sorted(import_module(room).__all__, key=lambda name: (name.isupper(), name.lower()))
+
+
+def _heading(room: str, name: str) -> str:
+    """`class` in front tells `State` and `state` apart where links have no capitals."""
+    return f"{'class ' * inspect.isclass(getattr(import_module(room), name))}{room}.{name}"
+
+
+def _anchor(room: str, name: str) -> str:
+    return _heading(room, name).replace(".", "").replace(" ", "-").lower()
+
+
+def _described(name: str, thing: object) -> Iterator[str]:
+    if isinstance(thing, Mapping):
+        yield "Names: " + ", ".join(f"`{key}`" for key in thing) + "."
+    elif isinstance(thing, tuple):
+        yield "Values: " + ", ".join(f"`{one}`" for one in thing) + "."
+    elif inspect.isclass(thing):
+        if not issubclass(thing, Exception):
+            yield _signature(name, thing)
+        yield docstring(thing.__doc__)
+        yield "\n".join(_members(thing))
+    elif callable(thing):
+        yield _signature(name, thing)
+        yield docstring(inspect.getdoc(thing))
+
+
+def _members(cls: type) -> Iterator[str]:
+    for name, member in vars(cls).items():
+        function = getattr(member, "fget", getattr(member, "__func__", member))
+        if name.startswith("_") or not inspect.isfunction(function) or not function.__doc__:
+            continue
+        first = inspect.cleandoc(function.__doc__).split("\n\n")[0]
+        called = name if isinstance(member, property) else f"{name}{_arguments(function, skip=1)}"
+        yield f"- `{called}`: {prose(first)}"
+
+
+def _arguments(function: object, skip: int = 0) -> str:
+    signature = inspect.signature(function)
+    kept = list(signature.parameters.values())[skip:]
+    text = str(signature.replace(parameters=kept))
+    return re.sub(r"ForwardRef\('([^']*)'\)", r"\1", text).replace("'", "").replace(" -> None", "")
+
+
+def _signature(name: str, thing: object) -> str:
+    text = f"{name}{_arguments(thing)}"
+    if len(text) > 100:  # one argument a line
+        inside, _, back = text[len(name) + 1 :].rpartition(")")
+        text = f"{name}(\n    " + ",\n    ".join(_split(inside)) + f",\n){back}"
+    return f"```text\n{text}\n```"
+
+
+def _split(text: str) -> list[str]:
+    """At the commas that stand in no brackets."""
+    parts, depth = [""], 0
+    for letter in text:
+        depth += (letter in "([{") - (letter in ")]}")
+        if letter == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return [part.strip() for part in parts]
+
+
+def _page(parts: Iterable[str]) -> str:
+    return "\n\n".join(part.strip() for part in parts if part and part.strip()) + "\n"
+
+
+def pages() -> dict[str, str]:
+    """Names and texts of all generated pages."""
+    return {
+        "reference.md": as_markdown(sections()),
+        "reference-effects.md": effects(),
+        "reference-commands.md": commands(),
+        "reference-python.md": python(),
+    }
+
+
+if __name__ == "__main__":
+    for file, text in pages().items():
+        (FOLDER / file).write_text(text, encoding="utf-8")
+        print(f"docs/{file}: {len(text.splitlines())} lines")

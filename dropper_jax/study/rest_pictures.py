@@ -1,0 +1,161 @@
+"""Pictures of what a scene does at rest and next to it: its pose, its modes, its answer to waves, its mussels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from dropper_jax import plots
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from dropper_jax.plots import style, view
+from dropper_jax.scene import line_slices
+from dropper_jax.statics import Equilibrium
+from dropper_jax.statics.modes import Modes
+from dropper_jax.study.pictures import marks, title
+
+#: Modes that are drawn, the slowest, and the largest move in a picture as a part of the pose's size.
+DRAWN, REACH = 9, 0.12
+#: A pose that is this low for its length has its modes below one another.
+LOW = 0.25
+
+
+def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
+    """The pose at rest, links coloured by tension [N]."""
+    once = np.zeros(1)
+    solution = SimpleNamespace(
+        scene=scene,
+        settings={"integrator": "static pose", "dt": 0.0},
+        status=found.status,
+        t=once,
+        positions=np.asarray(found.positions)[None],
+        velocities=np.zeros((1, *np.shape(found.positions))),
+        tension=np.asarray(found.tension)[None],
+        t_tension=once,
+        kinetic=once,
+        potential=once,
+        work=np.zeros((1, 0)),
+        work_names=(),
+        lines=line_slices(scene),
+        body_position=None,
+    )
+    return plots.snapshot(solution, path)
+
+
+@style.look()
+def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
+    """The slowest modes: the pose at rest and both ends of the swing, seen from where most of it shows."""
+    count = min(len(modes.period), DRAWN)
+    r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
+    rest = np.asarray(found.positions)
+    size = view.size(rest)
+    low = np.ptp(rest[:, 2]) < LOW * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
+    columns = 1 if low else min(count, 3)
+    figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
+    grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()
+    for axes in grid[count:]:
+        axes.axis("off")
+    for i, axes in enumerate(grid[:count]):
+        shape = np.asarray(modes.shape[i])
+        shape = shape * REACH * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
+        across = _across(rest, ends[0] - rest)
+        for line in line_slices(scene):
+            for nodes, colour in zip(ends, (style.FIRST, style.SECOND), strict=True):
+                _line(axes, nodes[line.nodes], across, color=colour, lw=1.3)
+            _line(axes, rest[line.nodes], across, color=style.DARK, lw=0.9, ls=(0, (3, 3)))
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(f"{i + 1}: {modes.period[i]:.3g} s", loc="left", fontsize=9)
+        axes.set(xlabel=f"{'xy'[across]} [m]", ylabel="z [m]")
+    title(figure, f"{scene.name}: slowest modes (dashed: at rest; moves are enlarged)")
+    return style.save(figure, path)
+
+
+def _across(rest: np.ndarray, moved: np.ndarray) -> int:
+    """The horizontal axis from whose side the move shows best: the pose's longer one where it matters little."""
+    along = [float(np.sum(moved[:, [axis, 2]] ** 2)) for axis in (0, 1)]
+    longer = int(np.ptp(rest[:, 1]) > np.ptp(rest[:, 0]))
+    return int(np.argmax(along)) if max(along) > 2.0 * along[longer] else longer
+
+
+def _line(axes: Axes, nodes: np.ndarray, across: int, **look: Any) -> None:
+    axes.plot(nodes[:, across], nodes[:, 2], **look)
+
+
+@style.look()
+def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves higher by a tenth."""
+    figure = style.new_figure(7.5, 6.2)
+    panels = figure.subplots(3, 1, sharex=True)
+    period = [row["period_s"] for row in rows]
+    for axes, key, label in zip(
+        panels,
+        ("amplitude_rad", "mean_rad", "phase_rad"),
+        ("amplitude [rad]", "mean [rad]", "phase [rad]"),
+        strict=True,
+    ):
+        values = np.array([row[key] for row in rows], float)
+        axes.plot(period, np.unwrap(values) if key == "phase_rad" else values, label="as in the scene", **marks(0))
+        axes.set_ylabel(label)
+    more = [row.get("amplitude_10_percent_more") for row in rows]
+    if all(value is not None for value in more):
+        higher = [row["amplitude_rad"] * (1.0 + value) for row, value in zip(rows, more, strict=True)]
+        panels[0].plot(period, higher, label="waves higher by a tenth", **marks(1))
+        panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    panels[-1].set_xlabel("period of the waves [s]")
+    figure.align_ylabels()
+    title(figure, f"{name}: first link in regular waves")
+    return style.save(figure, path)
+
+
+@style.look()
+def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Layer and wet weight over depth, a curve for each month, a column for each rope."""
+    ropes = list(dict.fromkeys(tuple(row["lines"]) for row in rows))
+    months = list(dict.fromkeys(row["month"] for row in rows))
+    figure = style.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
+    grid = figure.subplots(2, len(ropes), sharey=True, squeeze=False)
+    for column, lines in zip(grid.T, ropes, strict=True):
+        for i, month in enumerate(months):
+            shown = [row for row in rows if tuple(row["lines"]) == lines and row["month"] == month]
+            depth = [row["depth_m"] for row in shown]
+            colour = style.tension_map()(0.9 * i / max(len(months) - 1, 1))
+            for axes, key, size in zip(column, ("thickness_m", "wet_weight_n_per_m"), (1e3, 1.0), strict=True):
+                axes.plot([size * row[key] for row in shown], depth, "o-", color=colour, ms=3.5, label=f"{month:g}")
+        column[0].set_title(
+            lines[0] + (f" and {len(lines) - 1} more" if len(lines) > 1 else ""), loc="left", fontsize=9
+        )
+        column[0].set_xlabel("layer [mm]")
+        column[1].set_xlabel("wet weight [N/m]")
+    grid[0, 0].invert_yaxis()
+    for axes in grid[:, 0]:
+        axes.set_ylabel("depth [m]")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, title="month", loc="outside right upper")
+    title(figure, f"{name}: mussels by depth and month")
+    return style.save(figure, path)
+
+
+@style.look()
+def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+    """Current, level, excursion and pull on the held points through a cycle."""
+    figure = style.new_figure(7.5, 6.2)
+    water, moved, pull = figure.subplots(3, 1, sharex=True)
+    hours = [row["t_s"] / 3600.0 for row in rows]
+    water.plot(hours, [row["speed_m_per_s"] for row in rows], label="current [m/s]", **marks(0))
+    water.plot(hours, [row["level_m"] for row in rows], label="level [m]", **marks(1))
+    moved.plot(hours, [row["moved_m"] for row in rows], **marks(0))
+    moved.set_ylabel("moved [m]")
+    for i, point in enumerate(rows[0]["held_load_n"]):
+        pull.plot(hours, [np.linalg.norm(row["held_load_n"][point]) / 1e3 for row in rows], label=point, **marks(i))
+    pull.set(xlabel="time [h]", ylabel="pull [kN]")
+    for axes in (water, pull):
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, fontsize=8)
+    figure.align_ylabels()
+    title(figure, f"{name}: through the tide")
+    return style.save(figure, path)

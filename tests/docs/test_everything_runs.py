@@ -1,0 +1,161 @@
+"""Every command and every piece of Python of the documentation runs, in a folder with the files that the pages name.
+
+Commands keep all their words; what makes them long (durations, numbers of cases) is cut short by words after them, of
+which the last counts.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.cli import main
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+#: Words after a command's own that cut it short.
+SHORTER = {
+    "accuracy": "--quick --integrators energy_momentum rattle --dts 0.02 0.01 --span 0.2 --quiet",
+    "demo": "",
+    "fit": "--method windows --until 2.0 --quiet",
+    "plan": "--duration 1 --quiet",
+    "response": "--no-more --quiet",
+    "run": "--duration 0.3 --quiet",
+    "sensitivity": "--duration 0.2 --samples 4 --quiet",
+    "stability": "--short --quiet --cases hanging-kicked",
+    "sweep": "--duration 0.1 --quiet",
+}
+#: Commands that are run by tests of their own, on smaller input: what they begin with, and the file of those tests.
+ELSEWHERE = {
+    "cases SITE.toml --out": "tests/fitting/cases/test_cases.py",
+    "fit mooring.toml": "tests/fitting/channels/test_fit_channels.py",
+    "fit releases.toml": "tests/fitting/channels/test_between.py",
+    "fit RUN.csv --scene measured-single-pendulum": "tests/fitting/calibration/test_measured.py",
+    "optimise": "tests/fitting/optimise/test_optimise.py",
+    "season": "tests/fitting/season/test_season.py",
+    "figure paper": "tests/cli/test_outputs.py",
+    "figure thesis": "tests/cli/test_outputs.py",
+}
+#: Pages whose Python runs in tests of their own, or asks for data that only a user has.
+PYTHON_ELSEWHERE = {
+    "add-an-effect.md": "tests/docs/test_docs.py",
+    "quick-start.md": "tests/docs/test_docs.py",
+    "physics.md": "tests/docs/test_reference_step.py",
+    "fit-any-channel.md": "tests/fitting/channels/test_fit_channels.py",
+    "reference-python.md": "tests/run/test_coupled.py",
+}
+
+
+def blocks(page: Path, *kinds: str) -> list[str]:
+    return [text for kind, text in BLOCK.findall(page.read_text()) if kind in kinds]
+
+
+def commands() -> list[str]:
+    """All commands of all pages, each once, as they are written."""
+    found = {}
+    for page in PAGES:
+        texts = [
+            *blocks(page, "", "sh", "bash"),
+            *re.findall(r"^    (dropper .*\n(?:     .*\n)*)", page.read_text(), re.M),
+        ]
+        for text in texts:
+            for line in re.sub(r"\\\n\s*", " ", text).splitlines():
+                # lines of usage on the generated page are no commands
+                if line.startswith("dropper ") and "[options]" not in line:
+                    found |= dict.fromkeys(part.split("  #")[0].strip() for part in line.split(" && "))
+    return list(found)
+
+
+def told_elsewhere(line: str) -> str | None:
+    return next((file for start, file in ELSEWHERE.items() if line.startswith(f"dropper {start}")), None)
+
+
+def words(line: str) -> list[str]:
+    """The words of a command cut short, with files that are there for names that stand for any."""
+    line = line.replace("RUN.csv...", "RUN.csv").replace("SCENE", "double-pendulum-chaotic")
+    argv = shlex.split(line)[1:]
+    argv = [re.sub(r"^([\w.]+=[^:]+:[^:]+):\d+(:log)?$", r"\1:2\2", word) for word in argv]
+    argv = [re.sub(r"^(\d[\d.]*:\d[\d.]*):\d+$", r"\1:2", word) for word in argv]
+    argv = [name for word in argv for name in (sorted(glob.glob(word)) if "*" in word else [word])]
+    return argv + shlex.split(SHORTER.get(argv[0], ""))
+
+
+def test_what_is_run_elsewhere_is_there():
+    for start, file in {**ELSEWHERE, **PYTHON_ELSEWHERE}.items():
+        assert (ROOT / file).is_file(), (start, file)
+    written = commands()
+    assert [start for start in ELSEWHERE if not any(line.startswith(f"dropper {start}") for line in written)] == []
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory):
+    """A folder with the files that the pages name."""
+    from fitting.site import site_text
+    from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
+    from fitting.traces.trace import write_trace
+    from fitting.tracking.render import View, chessboards, film
+    from fitting.tracking.video import opencv, write_video
+
+    folder = tmp_path_factory.mktemp("workshop")
+    lab = dj.load_scene("dropper-release-a")
+    trace = observe(simulate_truth(lab, 2.5, 60.0), Camera(rate=60.0, angle_noise=0.005), seed=0)
+    for name in ("RUN.csv", "run.csv", "traces.csv", "measured.csv"):
+        write_trace(folder / name, trace)
+    solution = dj.simulate(lab, duration=0.5, dt=1 / 480, integrator="rattle")
+    view = View(centre=(0.14, -0.14), distance=1.1, noise=4.0)
+    for name in ("my-video.mp4", "swing.mp4"):
+        write_video(folder / name, film(Motion(solution.t, solution.positions), view, fps=60.0), 60.0)
+    for i, image in enumerate(chessboards(view, count=4), 1):
+        opencv().imwrite(str(folder / f"board-{i}.png"), image)
+    (folder / "loop.toml").write_text(blocks(ROOT / "docs" / "quick-start.md", "toml")[0])
+    (folder / "my_scene.toml").write_text((ROOT / "dropper_jax/data/scenes/dropper-release-a.toml").read_text())
+    (folder / "SITE.toml").write_bytes(site_text("exposed-bay"))
+    long = dj.simulate("paper-case-1", duration=80.0, dt=0.05)
+    short = dj.simulate("paper-case-1", duration=1.0, dt=0.05)
+    for name in ("run.nc", "calm.nc", "storm.nc", "first.npz"):
+        short.save(folder / name)
+    for name in ("seed-1.npz", "seed-2.npz", "seed-3.npz", "case-1.npz"):
+        long.save(folder / name)
+    assert main(["scenes", "paper-case-4", "--moordyn", str(folder / "mooring.txt"), "--dt", "0.001"]) == 0
+    return folder
+
+
+@pytest.fixture
+def place(workshop, tmp_path, monkeypatch):
+    """A copy of the workshop, in which a test works."""
+    shutil.copytree(workshop, tmp_path / "here")
+    monkeypatch.chdir(tmp_path / "here")
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("line", [line for line in commands() if told_elsewhere(line) is None])
+def test_command_runs(line, place, capsys):
+    argv = words(line)
+    if "seed-*.npz" in line:  # the example counts its start from 300 s on
+        argv[argv.index("300")] = "20"
+    assert main(argv) == 0, capsys.readouterr().err[-2000:]
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("page", [p for p in PAGES if p.name not in PYTHON_ELSEWHERE and blocks(p, "python")], ids=str)
+def test_python_of_a_page_runs(page, place):
+    names = {"__name__": page.stem}
+    for text in blocks(page, "python"):
+        exec(compile(text, page.name, "exec"), names)
+    if page.stem == "coupling":
+        assert names["lines"].status == "ok"
+        assert np.all(np.isfinite(names["track"]))
+
+
+def test_python_of_every_page_is_run_somewhere():
+    for page in PAGES:
+        for text in blocks(page, "python"):
+            compile(text, page.name, "exec")

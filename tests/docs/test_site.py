@@ -1,0 +1,132 @@
+"""Generated pages are those of the code, and the site holds together: links, headings, nothing fetched."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+import dropper_jax as dj
+import fitting
+from dropper_jax.base.markdown import prose
+from dropper_jax.cli.commands import found
+from dropper_jax.effects import EFFECTS
+from dropper_jax.integrators import INTEGRATORS
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def generator():
+    spec = importlib.util.spec_from_file_location("pages", ROOT / "docs" / "site" / "pages.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def pages(generator):
+    return generator.pages()
+
+
+@pytest.mark.parametrize(
+    "name", ["reference.md", "reference-effects.md", "reference-commands.md", "reference-python.md"]
+)
+def test_the_stored_page_is_that_of_the_code(name, pages):
+    assert (ROOT / "docs" / name).read_text() == pages[name], "make it again: python docs/site/pages.py"
+
+
+def test_everything_public_is_on_its_page(pages):
+    commands, effects, python = (pages[f"reference-{part}.md"] for part in ("commands", "effects", "python"))
+    assert [e.name for e in found() if f"\n## dropper {e.name}\n" not in commands] == []
+    assert [name for name in EFFECTS if f"\n### effects.{name}\n" not in effects] == []
+    assert [name for name in INTEGRATORS if f"\n### {name}\n" not in effects] == []
+    for package in (dj, fitting):
+        headings = re.findall(rf"^### (?:class )?{package.__name__}\.(\w+)$", python, re.M)
+        assert sorted(headings) == sorted(package.__all__)
+
+
+def test_everything_public_is_described(generator):
+    for package in (dj, fitting):
+        for name in package.__all__:
+            if name != "INTEGRATORS":
+                assert "\n".join(generator._described(name, getattr(package, name))).count("`") > 0, name
+                assert (getattr(package, name).__doc__ or "").strip(), name
+
+
+def test_prose_keeps_code_and_shows_the_rest_as_it_is():
+    assert prose("`a*b` and a*b") == r"`a*b` and a\*b"
+    assert prose("`|z| <= 1` in <x>", table=True) == "<code>&#124;z&#124; &lt;= 1</code> in &lt;x&gt;"
+    assert prose("`|z|`") == "`|z|`"
+    assert prose("a ` alone") == r"a \` alone"
+
+
+class Parts(HTMLParser):
+    """Names, links and fetched things of a page."""
+
+    def __init__(self):
+        super().__init__()
+        self.ids, self.links, self.fetched, self.scripts = set(), [], [], 0
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        self.ids |= {values[key] for key in ("id", "name") if key in values}
+        self.scripts += tag == "script"
+        if tag == "a" and "href" in values:
+            self.links.append(values["href"])
+        self.fetched += [values[key] for key in ("src", "srcset", "data") if key in values]
+        if tag == "link":
+            self.fetched.append(values["href"])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    pytest.importorskip("mkdocs", reason="the extra `docs` is not installed")
+    folder = tmp_path_factory.mktemp("site")
+    call = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.mark.check
+def test_the_site_builds_and_no_internal_link_is_broken(site):
+    pages = {path: Parts() for path in sorted(site.rglob("*.html"))}
+    for path, parts in pages.items():
+        parts.feed(path.read_text(encoding="utf-8"))
+    assert len(pages) >= 30
+    for path, parts in pages.items():
+        assert len(parts.links) > 20
+        for target in parts.links + parts.fetched:
+            if re.match(r"[a-z]+:", target):
+                continue
+            file, _, heading = unquote(target).partition("#")
+            there = (path.parent / file).resolve() if file else path
+            assert there.is_file(), f"{path.name}: {target}"
+            if heading:
+                assert heading in pages[there].ids, f"{path.name}: {target}"
+
+
+@pytest.mark.check
+def test_the_site_fetches_nothing_from_elsewhere(site):
+    for path in site.rglob("*.html"):
+        parts = Parts()
+        parts.feed(path.read_text(encoding="utf-8"))
+        assert parts.scripts == 0
+        assert [target for target in parts.fetched if re.match(r"([a-z]+:)?//", target)] == []
+    for path in site.rglob("*.css"):
+        assert not re.search(r"@font-face|@import|url\(", path.read_text(encoding="utf-8")), path.name
+    assert [p.name for p in site.rglob("*") if p.suffix in (".woff", ".woff2", ".ttf", ".otf", ".eot", ".js")] == []
+
+
+@pytest.mark.check
+def test_every_page_of_the_documentation_is_in_the_site(site):
+    for page in (ROOT / "docs").glob("*.md"):
+        name = "index.html" if page.stem == "README" else f"{page.stem}.html"
+        assert (site / name).is_file(), name

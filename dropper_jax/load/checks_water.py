@@ -34,6 +34,8 @@ def check_water(effect: str, scene: SceneData) -> None:
     line = scene.line
     if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
         raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")
+    if scene.effects.get("seabed", {}).get("bed_x") is not None:
+        return  # a bed that is not level has its own depth everywhere, see `check_bed`
     for i, point in enumerate(scene.points):
         if point.kind == "fixed" and point.position[2] < -scene.sea.depth:
             raise SceneError(

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.model import Graph, Model
 from dropper_jax.run.build import build_model
+from dropper_jax.run.rows import every_so_often
 from dropper_jax.run.solution import Solution
 
 #: Kinematic viscosity of sea water at 10 degrees [m^2/s].
@@ -30,7 +31,8 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
         raise ValueError("solution: its scene has no [sea] or no diameter; allowed: a scene with both")
     every = max(1, len(solution.t) // LOOKS)
     free, links = _far_ends(solution, model)
-    looked = (solution.positions[::every], solution.velocities[::every, free], solution.t[::every])
+    at = [every_so_often(a, every) for a in (solution.positions, solution.velocities, solution.t)]
+    looked = (at[0], at[1][:, free], at[2])
 
     def across(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         r = nodes[free]

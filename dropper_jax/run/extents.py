@@ -25,7 +25,8 @@ def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[s
 def largest_size(vectors: np.ndarray) -> float:
     """Largest length of vectors (k, n, 3), which may be mapped from a file; a run that failed may hold anything."""
     with np.errstate(over="ignore", invalid="ignore"):
-        blocks = (vectors[i : i + BLOCK] for i in range(0, len(vectors), BLOCK))
-        found = float(np.max([np.max(np.linalg.norm(block, axis=-1)) for block in blocks]))
-    let_go([vectors])
-    return found
+        found = []
+        for first in range(0, len(vectors), BLOCK):
+            found.append(np.max(np.linalg.norm(vectors[first : first + BLOCK], axis=-1)))
+            let_go([vectors])
+        return float(np.max(found))

@@ -22,6 +22,8 @@ import numpy as np
 COUNT, ABOUT = "count", "run.json"
 #: States that are taken at once where all would be too many.
 BLOCK = 4096
+#: Rows that are far apart taken at once.
+ROWS = 50
 
 
 def let_go(arrays: Iterable[Any]) -> None:
@@ -30,6 +32,15 @@ def let_go(arrays: Iterable[Any]) -> None:
         mapped = getattr(array, "_mmap", None)
         if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
             mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def every_so_often(array: np.ndarray, every: int) -> np.ndarray:
+    """Every so many rows, in memory: of a mapped file the system maps whole stretches around each row."""
+    found = np.empty_like(array[::every], subok=False)
+    for begin in range(0, len(found), ROWS):
+        found[begin : begin + ROWS] = array[begin * every : (begin + ROWS) * every : every]
+        let_go([array])
+    return found
 
 
 class InMemory:
@@ -106,6 +117,7 @@ class OnDisk(InMemory):
         found[0] = first
         for begin in range(0, len(rest), BLOCK):
             found[begin + 1 : begin + 1 + BLOCK] = rest[begin : begin + BLOCK]
+            let_go((found, rest))  # else both stand in memory whole
         return found
 
     def empty(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:

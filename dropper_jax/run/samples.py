@@ -16,6 +16,7 @@ from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature
 from dropper_jax.run.extents import body_extents, extent, largest_size
+from dropper_jax.run.rows import let_go
 from dropper_jax.run.twists import torque
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
@@ -139,7 +140,10 @@ class Samples:
     @cached_property
     def angles(self) -> tuple[np.ndarray, np.ndarray]:
         """Polar angle from the horizontal and azimuth of each link, (k, n) [rad] each, continuous in time."""
-        parts = [link_angles(self.positions[:, line.nodes], zero="horizontal") for line in self.lines]
+        parts = []
+        for line in self.lines:
+            parts.append(link_angles(self.positions[:, line.nodes], zero="horizontal"))
+            let_go([self.positions])
         return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
     @property

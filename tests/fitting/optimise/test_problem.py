@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from dropper_jax.base.errors import SceneError
-from fitting.optimise.design import Values
 from fitting.optimise.models import still, still_model
 from fitting.optimise.rest import near_rest, rest
 from fitting.optimise.run import _left_out, read_problem
 from fitting.optimise.search import programme
+from fitting.optimise.values import Values
 from fitting.optimise.variables import read_variables
 from fitting.site import read_site
 

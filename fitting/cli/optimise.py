@@ -84,6 +84,7 @@ def text(found: Optimum) -> str:
     end = (
         f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; windows and "
         f"whole runs differed by up to {found.residual:.1%} of a limit before they were renewed; constraints and "
-        f"bounds hold {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, {found.runs} evaluations"
+        f"bounds hold {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
+        f"{found.runs} evaluations"
     )
     return "\n\n".join([table([*head, *rows]), table(limits), table(assumed), end])

@@ -47,13 +47,6 @@ class Still:
     slopes: dict[int, np.ndarray]
     assumed: bool = False
 
-    def moved(self, shift: jax.Array) -> Model:
-        """The model with the variables moved by shift (p,), to first order; differentiable."""
-        leaves, tree = jax.tree.flatten(self.model)
-        for i, slope in self.slopes.items():
-            leaves[i] = leaves[i] + jnp.tensordot(shift, slope, axes=1)
-        return jax.tree.unflatten(tree, leaves)
-
 
 def calmed(scene: Scene) -> Scene:
     """The scene with ropes whose damper works on in slack links (`damped_rope`), at least critically damped.

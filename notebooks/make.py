@@ -34,7 +34,7 @@ WIDEST, COLOURS = 860, 255
 
 def scripts() -> list[Path]:
     """All notebooks' scripts in order."""
-    return sorted(HERE.glob("[0-9]-*.py"))
+    return sorted(HERE.glob("[0-9]*-*.py"), key=lambda script: int(script.name.partition("-")[0]))
 
 
 def execute(script: Path, fast: bool) -> Any:

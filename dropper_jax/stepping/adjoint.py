@@ -35,6 +35,7 @@ class Record(NamedTuple):
         r: free nodes (k, nodes, 3) [m] after each step.
         tension: links (k, n) [N].
         residual: largest scaled row of all steps; NaN where one is.
+        last: the state after them.
     """
 
     before: State
@@ -42,6 +43,7 @@ class Record(NamedTuple):
     r: jax.Array
     tension: jax.Array
     residual: jax.Array
+    last: State
 
 
 def check_recordable(stepper: Stepper, model: Model) -> None:
@@ -73,7 +75,7 @@ def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -
 
     last, (before, unknowns, residual) = jax.lax.scan(one, s, None, length=steps)
     r, tension = (jnp.concatenate([a[1:], b[None]]) for a, b in ((before.r, last.r), (before.tension, last.tension)))
-    return Record(before, unknowns, r, tension, jnp.max(residual))
+    return Record(before, unknowns, r, tension, jnp.max(residual), last)
 
 
 def way_back(
@@ -84,12 +86,14 @@ def way_back(
     h: jax.Array,
     by_place: jax.Array,
     by_tension: jax.Array,
+    by_end: State | None = None,
 ) -> tuple[list[jax.Array], State]:
     """Derivatives of q quantities by leaves of the model and by the start.
 
     Args:
         moving: numbers of the leaves of the model that count; static.
         by_place: df/dr_k (k, q, nodes, 3); by_tension: df/dT_k (k, q, n).
+        by_end: derivatives by the last state, every leaf (q, ...), of what comes after this run; none where left out.
 
     Returns:
         By the leaves, each (q, ...), and by the state that the run starts from, every leaf (q, ...).
@@ -113,7 +117,7 @@ def way_back(
         return (found.s, [a + b for a, b in zip(total, found.model, strict=True)]), None
 
     first = jax.tree.map(lambda a: a[0], run.before)
-    ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first)
+    ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first) if by_end is None else by_end
     total = [jnp.zeros((many, *a.shape), a.dtype) for a in chosen]
     rows = run.before, run.unknowns, by_place, by_tension
     (ct, total), _ = jax.lax.scan(one, (ct, total), rows, reverse=True)

@@ -85,7 +85,9 @@ def text(found: Optimum) -> str:
         limits.append((label, f"{a:.3f}", f"{b:.3f}", told))
     assumed = [("1 % more of", "objective")] + [(n, f"{c:+.3g}") for n, c in found.assumptions.items()]
     end = (
-        f"constraints of whole runs, mean of the seeds' maxima; derivatives checked to {found.check:.1e}; windows and "
-        f"whole runs differ by up to {found.residual:.2f}; {found.rounds} rounds, {found.runs} evaluations"
+        f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; windows and "
+        f"whole runs differed by up to {found.residual:.1%} of a limit before they were renewed; constraints and "
+        f"bounds hold {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
+        f"{found.runs} evaluations"
     )
     return "\n\n".join([table([*head, *rows]), table(limits), table(assumed), end])

@@ -1,14 +1,15 @@
 """A design problem: objective and constraints of a design, with their derivatives, over all cases and seeds.
 
-A constraint on a storm is that of the characteristic load: the mean over the seeds of the peaks, each a window's soft
-peak times the factor between the whole run's hard peak and it (frozen until windows are chosen anew).
+A constraint on a storm is that of the characteristic load: the mean over the seeds of the peaks, or the most probable
+largest value (`over_seeds`), each a window's soft peak times the factor between the whole run's hard peak and it
+(frozen until windows are chosen anew). Cases in which a line breaks have loads of parts and anchors as constraints.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,62 +17,33 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
+from fitting.optimise.abreast import abreast
+from fitting.optimise.broken import link_of, masked_still
 from fitting.optimise.goals import Goals
 from fitting.optimise.models import STEP, Still, idle, in_assumed, sea_of, still
+from fitting.optimise.over_seeds import check_seeds, weights
 from fitting.optimise.quantities import Quantity
-from fitting.optimise.rest import Rest, rest
+from fitting.optimise.rest import rest
 from fitting.optimise.settings import Settings
 from fitting.optimise.storm import RAMP, Peaks, peaks
 from fitting.optimise.storms import Storms, full_storm
+from fitting.optimise.values import Stand, Values, Window
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Part, Site
 
 Say = Callable[[float, str], None]
 
 
-@dataclasses.dataclass(frozen=True)
-class Window:
-    """Where in a case the optimiser looks: its begin [s], the factors (q,) from its soft peaks to the whole run's hard
-    ones, and the heights (q,) that size the soft peaks."""
-
-    case: Case
-    begin: float
-    factor: np.ndarray
-    height: np.ndarray
-
-
-@dataclasses.dataclass(frozen=True)
-class Values:
-    """Objective and constraints of a design; a constraint is met where it is at most 1.
-
-    Attributes:
-        objective, slope: and its derivative by variables and assumptions (p + a,).
-        names: of the constraints; `value` (m,), `slopes` (m, p + a).
-        solved: whether all runs were.
-    """
-
-    objective: float
-    slope: np.ndarray
-    names: tuple[str, ...]
-    value: np.ndarray
-    slopes: np.ndarray
-    solved: bool = True
-
-    @property
-    def worst(self) -> float:
-        return float(np.max(self.value, initial=-np.inf))
-
-
 class Design:
     """The problem; keeps the last poses at rest, from which the next are sought."""
 
     def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: Settings) -> None:
-        self.site = replace(site, states=(None,))  # lines that break are for `dropper cases`
-        self.broken = [one.name for one in site.states if one is not None]
+        check_seeds(site.run)
+        self.site, self.calm = site, replace(site, states=(None,))  # windows part their lines themselves
         self.variables, self.goals, self.settings = tuple(variables), goals, settings
         self.cases = self.site.cases
         self._near: dict[object, State] = {}
-        self._quantities: tuple[Quantity, ...] | None = None
+        self._quantities: dict[str, tuple[Quantity, ...]] = {}
         self._strength = [strength_of(part, self.site.scene) for part in self.site.parts]
         self._told: tuple[bytes, tuple[np.ndarray, np.ndarray]] = b"", (np.zeros(0), np.zeros(0))
 
@@ -83,22 +55,44 @@ class Design:
     def dt(self) -> float:
         return self.site.run.dt or self.site.scene.run.dt
 
-    def still(self, x: np.ndarray, case: Case) -> tuple[Still, Rest]:
-        """Calm model and pose at rest of a design in the current and level of a case."""
-        found = in_assumed(still(self.site, self.variables, x, case.storm))
+    def still(self, x: np.ndarray, case: Case) -> Stand:
+        """Calm model and pose at rest of a design in the current and level of a case, all lines whole."""
+        found = in_assumed(still(self.calm, self.variables, x, case.storm))
         own = rest(found, self._near.get(case.storm.still))
         self._near[case.storm.still] = own.state
-        return found, own
+        return Stand(found, own)
 
-    def quantities(self, found: Still) -> tuple[Quantity, ...]:
-        if self._quantities is None:
-            self._quantities = self.goals.quantities(self.site, found.model)
-        return self._quantities
+    def stand(self, x: np.ndarray, case: Case, known: dict[object, Stand], settled: bool = False) -> Stand:
+        """The same for a case, with what its window goes on with; `known` keeps what cases share."""
+        whole = case.storm.still
+        if whole not in known:
+            known[whole] = self.still(x, case)
+        broken = case.storm.broken
+        if broken is None:
+            return known[whole]
+        key = (*whole, broken.name, settled)
+        if key not in known:
+            found, link = known[whole].still, link_of(known[whole].still.model, broken)
+            gone = masked_still(found, link)
+            if settled:
+                own = rest(gone, self._near.get(key))
+                self._near[key] = own.state
+                known[key] = Stand(gone, own, gone)
+            else:
+                known[key] = Stand(masked_still(found, None), known[whole].rest, gone)
+        return known[key]
 
-    @property
-    def limited(self) -> int:
+    def quantities(self, case: Case, found: Still) -> tuple[Quantity, ...]:
+        """What a case is judged by."""
+        kind = case.storm.kind
+        if kind not in self._quantities:
+            self._quantities[kind] = self.goals.quantities(self.site, found.model, kind)
+        return self._quantities[kind]
+
+    def limited(self, case: Case) -> int:
         """How many of the quantities have a limit: all but the motion that is an objective."""
-        return len(self._quantities) - (1 if self.goals.objective.of == "motion" else 0)
+        own = self._quantities[case.storm.kind]
+        return len(own) - (1 if self.goals.objective.of == "motion" and case.storm.broken is None else 0)
 
     def told(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the scene itself says of a design: material, then the strength of each part over that at the start.
@@ -129,7 +123,7 @@ class Design:
         Raises:
             SceneError: their names.
         """
-        found = still(self.site, self.variables, self.start, self.cases[0].storm)
+        found = still(self.calm, self.variables, self.start, self.cases[0].storm)
         moves_cost = np.any(self.told(self.start)[1] != 0, axis=0)
         named = [name for name in idle(found, self.variables) if not moves_cost[self._number(name)]]
         if named:
@@ -138,14 +132,13 @@ class Design:
     def _number(self, name: str) -> int:
         return [v.name for v in self.variables].index(name)
 
-    def window(self, x: np.ndarray, window: Window, slopes: bool = True, given: tuple | None = None) -> Peaks:
+    def window(self, x: np.ndarray, window: Window, stand: Stand, slopes: bool = True) -> Peaks:
         """Peaks of a window of a design."""
-        found, own = given or self.still(x, window.case)
-        scene = with_design(self.site.scene, self.variables, x)
-        sea = sea_of(self.site, scene, window.case, RAMP, window.begin)
-        quantities = self.quantities(found)
-        heights = None if window.height is None else window.height
-        return peaks(found, own, sea, quantities, self.dt, self.settings.window, slopes, heights)
+        scene = with_design(self.calm.scene, self.variables, x)
+        sea = sea_of(self.calm, scene, window.case, RAMP, window.begin)
+        quantities = self.quantities(window.case, stand.still)
+        own = stand.still, stand.rest, sea, quantities, self.dt, self.settings.window
+        return peaks(*own, slopes, window.height, stand.after)
 
     def renewed(self, x: np.ndarray, say: Say) -> tuple[tuple[Window, ...], list[Storms]]:
         """Windows around the largest loads of the whole runs of a design, and these runs' hard peaks.
@@ -153,67 +146,88 @@ class Design:
         Raises:
             SceneError: a run that failed.
         """
-        scene, windows, full = with_design(self.site.scene, self.variables, x), [], []
-        stills: dict[object, tuple[Still, Rest]] = {}
-        for i, case in enumerate(self.cases):
-            say(i / len(self.cases), f"whole run of {case.storm.name}, seed {case.seed}")
-            if case.storm.still not in stills:
-                stills[case.storm.still] = self.still(x, case)
-            found = stills[case.storm.still]
-            quantities = self.quantities(found[0])
-            storm = full_storm(self.site, scene, case, quantities, found[1].state)
+        scene, known = with_design(self.site.scene, self.variables, x), {}
+        stands = [self.stand(x, case, known) for case in self.cases]
+        for case, stand in zip(self.cases, stands, strict=True):
+            self.quantities(case, stand.still)
+
+        def whole(i: int) -> Storms:
+            case, stand = self.cases[i], stands[i]
+            return full_storm(self.site, scene, case, self.quantities(case, stand.still), stand.rest.state)
+
+        full = self._abreast(whole, "whole runs", say)
+        for storm in full:
             if storm.message:
                 raise SceneError(f"design: {storm.message}; allowed: a smaller run.dt, or bounds nearer to the start")
-            # the window is around the load that is nearest to its limit
-            when = storm.when[int(np.argmax(storm.hard[: self.limited]))]
-            begin = float(np.clip(when - self.settings.before, 0.0, self._last(self.site.run.duration)))
-            window = Window(case, begin, np.ones(len(quantities)), None)
-            soft = self.window(x, window, slopes=False, given=found)
+        windows = [self._around(case, storm) for case, storm in zip(self.cases, full, strict=True)]
+        stands = [self.stand(x, window.case, known, window.settled) for window in windows]
+
+        def look(i: int) -> Window:
+            soft = self.window(x, windows[i], stands[i], slopes=False)
             if not soft.solved:
-                raise SceneError(
-                    f"design: a window of {case.storm.name} has steps that resist; allowed: smaller run.dt"
-                )
-            windows.append(replace(window, factor=storm.hard / soft.soft, height=soft.hard))
-            full.append(storm)
-        return tuple(windows), full
+                name = windows[i].case.storm.name
+                raise SceneError(f"design: a window of {name} has steps that resist; allowed: smaller run.dt")
+            return replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
+
+        return tuple(self._abreast(look, "windows", say)), full
+
+    def _around(self, case: Case, storm: Storms) -> Window:
+        """The window around the load of a whole run that is nearest to its limit; what it is scaled by comes later."""
+        when = storm.when[int(np.argmax(storm.hard[: self.limited(case)]))]
+        begin = float(np.clip(when - self.settings.before, 0.0, self._last(self.site.run.duration)))
+        window = Window(case, begin, np.ones(len(storm.hard)), None)
+        if case.storm.broken is None:
+            return window
+        # the first third is intact, so the blow of the break is in the window where the load comes soon enough
+        broke = self.site.break_time - self.settings.window / 3
+        if when <= broke + self.settings.window:
+            return replace(window, begin=max(broke, 0.0))
+        return replace(window, settled=True)
+
+    def _abreast(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
+        """`one` of every case, of each kind of program the first one alone."""
+        count, found = len(self.cases), {}
+        for kind in dict.fromkeys(case.storm.kind for case in self.cases):
+            own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
+            done = len(found)
+            tell = lambda k, done=done: say((done + k) / count, f"{what}: {done + k} of {count}")  # noqa: E731
+            found |= dict(zip(own, abreast(one, own, tell), strict=True))
+        return [found[i] for i in range(count)]
 
     def _last(self, duration: float) -> float:
         return max(duration - self.settings.window, 0.0)
 
     def values(self, x: np.ndarray, windows: Sequence[Window], say: Say, slopes: bool = True) -> Values:
         """Objective and constraints of a design by its windows."""
-        runs: list[Peaks] = []
-        stills: dict[object, tuple[Still, Rest]] = {}
-        for i, window in enumerate(windows):
-            key = window.case.storm.still
-            if key not in stills:
-                stills[key] = self.still(x, window.case)
-            say(i / len(windows), f"window of {window.case.storm.name}, seed {window.case.seed}")
-            runs.append(self.window(x, window, slopes, stills[key]))
-        size = next(iter(stills.values()))[1].dr.shape[0]
+        known: dict[object, Stand] = {}
+        stands = [self.stand(x, window.case, known, window.settled) for window in windows]
+        if len(windows) == len(self.cases):
+            runs = self._abreast(lambda i: self.window(x, windows[i], stands[i], slopes), "windows", say)
+        else:
+            runs = [self.window(x, window, stand, slopes) for window, stand in zip(windows, stands, strict=True)]
+        size = next(iter(known.values())).rest.dr.shape[0]
         hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
         slope = [
             run.slope * window.factor[:, None] if slopes else np.zeros((len(run.soft), size))
             for run, window in zip(runs, windows, strict=True)
         ]
-        return self._together(x, hard, slope, stills, all(run.solved for run in runs))
+        return self._together(x, hard, slope, known, all(run.solved for run in runs))
 
     def measured(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
         """The same by the hard peaks of whole runs, without derivatives of what storms decide."""
-        stills: dict[object, tuple[Still, Rest]] = {}
+        known: dict[object, Stand] = {}
         for case in self.cases:
-            if case.storm.still not in stills:
-                stills[case.storm.still] = self.still(x, case)
-        size = next(iter(stills.values()))[1].dr.shape[0]
+            self.stand(x, case, known)
+        size = next(iter(known.values())).rest.dr.shape[0]
         hard = [storm.hard for storm in full]
-        return self._together(x, hard, [np.zeros((len(h), size)) for h in hard], stills, True)
+        return self._together(x, hard, [np.zeros((len(h), size)) for h in hard], known, True)
 
     def _together(
         self,
         x: np.ndarray,
         hard: Sequence[np.ndarray],
         slope: Sequence[np.ndarray],
-        stills: dict[object, tuple[Still, Rest]],
+        known: dict[object, Stand],
         solved: bool,
     ) -> Values:
         names: list[str] = []
@@ -228,17 +242,20 @@ class Design:
         numbers = sorted({case.storm.number for case in self.cases})
         for number in numbers:
             own = [i for i, case in enumerate(self.cases) if case.storm.number == number]
-            mean = np.mean([hard[i] for i in own], axis=0)
-            way = np.mean([slope[i] for i in own], axis=0)
-            storm = self.cases[own[0]].storm
-            for q in range(self.limited):
-                names.append(f"{self._quantities[q].name}: {storm.name}")
+            share = weights(np.array([hard[i] for i in own]), self.site.run)
+            mean = np.sum([w * hard[i] for w, i in zip(share, own, strict=True)], axis=0)
+            way = np.sum([w[:, None] * slope[i] for w, i in zip(share, own, strict=True)], axis=0)
+            case = self.cases[own[0]]
+            for q in range(self.limited(case)):
+                names.append(f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}")
                 value.append(float(mean[q]))
                 slopes.append(way[q])
-        for key, (found, own) in stills.items():
+        stills = {case.storm.still: known[case.storm.still] for case in self.cases if case.storm.still in known}
+        for key, stand in stills.items():
             level = float(key[2])
             for depth in self.goals.depths:
-                for name, near, by in depth.over(found.model, np.asarray(own.state.r), own.dr, level):
+                pose = np.asarray(stand.rest.state.r), stand.rest.dr
+                for name, near, by in depth.over(stand.still.model, *pose, level):
                     label = "" if len(stills) == 1 else f": {key[0] or ''} level {level:+g} m"
                     names.append(f"{name}{label}")
                     value.append(near)
@@ -248,9 +265,11 @@ class Design:
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective where it is of storms: the largest of all cases."""
-        of, names = self.goals.objective, [q.name for q in self._quantities]
+        of = self.goals.objective
+        intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
+        names = [q.name for q in self._quantities[self.cases[intact[0]].storm.kind]]
         q = len(names) - 1 if of.of == "motion" else names.index(of.part)
-        worst = int(np.argmax([h[q] for h in hard]))
+        worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]
 
 

@@ -100,10 +100,15 @@ class Goals:
     clearances: tuple[tuple[tuple[str, ...], float], ...]
     motions: tuple[tuple[tuple[str, ...], float], ...]
 
-    def quantities(self, site: Site, model: Model) -> tuple[Quantity, ...]:
-        """What storms are judged by: all that has a limit of 1, and the objective where it is of storms, last."""
-        found: list[Quantity] = [part_load(model, part) for part in site.parts]
-        found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor)]
+    def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[Quantity, ...]:
+        """What storms are judged by: all that has a limit of 1, and the objective where it is of storms, last.
+
+        Where a line breaks (`kind` "broken") these are the loads of parts and anchors, with their own factors.
+        """
+        found: list[Quantity] = [part_load(model, part, kind) for part in site.parts]
+        found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor, kind)]
+        if kind != "intact":
+            return tuple(found)
         for i, (lines, least) in enumerate(self.clearances):
             found.append(Clearance(f"clearance {i + 1}", _pairs(model, lines), least))
         for i, (lines, most) in enumerate(self.motions):

@@ -47,13 +47,6 @@ class Still:
     slopes: dict[int, np.ndarray]
     assumed: bool = False
 
-    def moved(self, shift: jax.Array) -> Model:
-        """The model with the variables moved by shift (p,), to first order; differentiable."""
-        leaves, tree = jax.tree.flatten(self.model)
-        for i, slope in self.slopes.items():
-            leaves[i] = leaves[i] + jnp.tensordot(shift, slope, axes=1)
-        return jax.tree.unflatten(tree, leaves)
-
 
 def calmed(scene: Scene) -> Scene:
     """The scene with ropes whose damper works on in slack links (`damped_rope`), at least critically damped.
@@ -75,7 +68,7 @@ def calmed(scene: Scene) -> Scene:
 
 def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
     """The scene of a load case without its waves; with `calm` as windows have it."""
-    base = site.prepared(scene).with_values(site.still_changes(storm))
+    base = site.prepared(scene).with_values({**site.still_changes(storm), **site.break_changes(storm)})
     table = base.as_written()
     table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
     base = Scene.from_dict(table, base.name)

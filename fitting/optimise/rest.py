@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics.relaxation import stiffness
 from dropper_jax.statics.static_pose import equilibrium
@@ -59,7 +60,9 @@ def rest(still: Still, near: State | None = None) -> Rest:
     s = near_rest(still.model, near)
     loads = jnp.zeros_like(s.r)
     count = next(iter(still.slopes.values())).shape[0]
-    rows, pull = (np.asarray(a) for a in _by_variables(still, s, loads, count))
+    table = tuple(still.slopes)
+    slopes = [jnp.asarray(still.slopes[i]) for i in table]
+    rows, pull = (np.asarray(a) for a in _by_variables(table, still.model, slopes, s, loads))
     try:
         matrix = splu(stiffness(still.model, s, loads).tocsc())
     except RuntimeError:
@@ -67,18 +70,30 @@ def rest(still: Still, near: State | None = None) -> Rest:
             "design: parts of it hang on nothing, and its pose at rest is not one; allowed: others"
         ) from None
     dr = -matrix.solve(rows.reshape(count, -1).T).T.reshape(count, *s.r.shape)
-    _, along = jax.vmap(
-        lambda d: jax.jvp(lambda r: unbalanced(still.model, state(still.model, r, t=s.t), loads)[1], (s.r,), (d,))
-    )(jnp.asarray(dr))
+    along = _along(still.model, s, loads, jnp.asarray(dr))
     return Rest(s, dr, pull + np.asarray(along))
 
 
-def _by_variables(still: Still, s: State, loads: jax.Array, count: int) -> tuple[jax.Array, jax.Array]:
+@kept(static=("moving",))
+def _by_variables(
+    moving: tuple[int, ...], model: Model, slopes: list[jax.Array], s: State, loads: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at places that are held."""
+    leaves, tree = jax.tree.flatten(model)
 
     def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
-        model = still.moved(shift)
-        return unbalanced(model, state(model, s.r, t=s.t), loads)
+        moved = list(leaves)
+        for i, slope in zip(moving, slopes, strict=True):
+            moved[i] = leaves[i] + jnp.tensordot(shift, slope, axes=1)
+        own = jax.tree.unflatten(tree, moved)
+        return unbalanced(own, state(own, s.r, t=s.t), loads)
 
-    zero = jnp.zeros(count)
-    return jax.vmap(lambda way: jax.jvp(rows, (zero,), (way,))[1])(jnp.eye(count))
+    zero = jnp.zeros(len(slopes[0]), s.r.dtype)
+    return jax.vmap(lambda way: jax.jvp(rows, (zero,), (way,))[1])(jnp.eye(len(zero), dtype=s.r.dtype))
+
+
+@kept()
+def _along(model: Model, s: State, loads: jax.Array, ways: jax.Array) -> jax.Array:
+    """Derivatives of the tensions (p, n) along ways of the places (p, free, 3)."""
+    tension = lambda r: unbalanced(model, state(model, r, t=s.t), loads)[1]  # noqa: E731
+    return jax.vmap(lambda way: jax.jvp(tension, (s.r,), (way,))[1])(ways)

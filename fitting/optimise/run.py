@@ -15,11 +15,14 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.base.progress import silent
-from fitting.optimise.design import Design, Say, Values, Window
+from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import Goals, read_goals
 from fitting.optimise.models import ASSUMPTIONS
-from fitting.optimise.search import Search, listed, measure, programme, sought
+from fitting.optimise.prices import prices
+from fitting.optimise.search import RESIDUAL, Search, listed, measure, programme, sought
 from fitting.optimise.settings import Settings
+from fitting.optimise.storm import Peaks
+from fitting.optimise.values import Values, Window
 from fitting.optimise.variables import Variable, read_variables
 from fitting.site import Site
 
@@ -30,6 +33,13 @@ CHECK_STEPS, CHECK = (1e-6, 1e-7), 1e-2
 DIRECTIONS = 2
 #: A constraint is called active from here on.
 ACTIVE = 0.97
+#: What `run.characteristic` makes of the seeds' maxima, in words.
+CHARACTERISTIC = {
+    "mean": "mean of the seeds' maxima",
+    "most_probable": "most probable largest value of a storm by the seeds' maxima",
+}
+#: Share of the objective's slope that an optimum's constraints hold, at least.
+HELD = 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,8 +52,11 @@ class Optimum:
         objective: before and after.
         constraints: by name, before and after (whole runs).
         prices: by name of an active constraint, change of the objective for 1 % more of its limit.
-        assumptions: by name, change of the objective for 1 % more.
-        residual: largest relative difference of soft peaks times factor from hard ones over the last windows.
+        assumptions: by name, change of the objective for 1 % more, the design following.
+        characteristic: what of the seeds' maxima the constraints are of.
+        residual: largest difference, in limits, of constraints by windows (soft peaks times factors) from those of
+            whole runs at `after`, before windows and factors were found anew there; NaN where the start was the best.
+        held: share of the objective's slope at `after` that active constraints and bounds hold: 1 at an optimum.
         check: differences of the derivatives before the search, over the largest one.
         warnings: what of the site the search did not look at.
     """
@@ -58,11 +71,13 @@ class Optimum:
     assumptions: dict[str, float]
     feasible: bool
     residual: float
+    held: float
     check: float
     rounds: int
     runs: int
     history: list[dict[str, Any]]
     warnings: tuple[str, ...] = ()
+    characteristic: str = "mean of the seeds' maxima"
 
     @property
     def gain(self) -> float:
@@ -98,18 +113,21 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
         SceneError: it is beyond `CHECK`.
     """
     rng, x = np.random.default_rng(0), design.start
-    span = np.array([v.span for v in design.variables])
-    window = windows[0]
-    slope = design.window(x, window).slope[:, : len(x)]
-    worst = 0.0
-    for _ in range(DIRECTIONS):
-        way = rng.choice([-1.0, 1.0], len(x)) * span
+    span, worst = np.array([v.span for v in design.variables]), 0.0
+
+    def window(x: np.ndarray, window: Window, slopes: bool) -> Peaks:
+        return design.window(x, window, design.stand(x, window.case, {}, window.settled), slopes)
+
+    for own in windows:
+        slope = window(x, own, True).slope[:, : len(x)]
         size = np.maximum(np.max(np.abs(slope * span), axis=1), 1e-6)
-        off = []
-        for step in CHECK_STEPS:
-            ends = [design.window(x + sign * step * way, window, slopes=False).soft for sign in (1.0, -1.0)]
-            off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
-        worst = max(worst, float(np.max(np.min(off, axis=0))))
+        for _ in range(DIRECTIONS):
+            way = rng.choice([-1.0, 1.0], len(x)) * span
+            off = []
+            for step in CHECK_STEPS:
+                ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
+                off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
+            worst = max(worst, float(np.max(np.min(off, axis=0))))
     if not worst <= CHECK:
         raise SceneError(
             f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
@@ -150,7 +168,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
 def _possible(design: Design) -> None:
     """Refuse depths at rest that no design within the bounds meets to first order, before any storm is run."""
     for case in {c.storm.still: c for c in design.cases}.values():
-        found, own = design.still(design.start, case)
+        found, own, _ = design.still(design.start, case)
         rows = [
             row
             for depth in design.goals.depths
@@ -211,21 +229,18 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     if feasible:
         search.x = search.best
     say(0.95, "the end: whole runs and prices")
-    windows, found, _ = measure(search, design, say)
+    windows, found, _ = measure(dataclasses.replace(search, history=[]), design, say)
     here = design.values(search.x, windows, say)
     p = len(design.variables)
-    span = np.array([v.span for v in design.variables])
     low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
-    room = 0.02 * span
-    limit = 1.0 - design.settings.margin
-    step = programme(
-        here, np.maximum(low - search.x, -room), np.minimum(high - search.x, room), search.scale, max(limit, here.worst)
-    )
-    prices = {n: -0.01 * float(price) for n, price in zip(here.names, step.prices, strict=True) if price > 0}
-    costs = here.slope[p:] + step.prices @ here.slopes[:, p:]
+    fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
+    price = prices(here, search.x, low, high, fixed, 1.0 - design.settings.margin)
+    known = {n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0}
+    costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     before = search.before
     names = found.names
     after = listed(found)
+    residual = float("nan") if search.best_residual is None else float(search.best_residual)
     return Optimum(
         variables=design.variables,
         before=np.array(before["x"]),
@@ -233,36 +248,46 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         of=design.goals.objective.of,
         objective=(before["objective"], found.objective),
         constraints={n: (before["constraints"][n], after[n]) for n in names},
-        prices=prices,
+        prices=known,
         assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
         feasible=feasible,
-        residual=float(np.max(np.abs(here.value - found.value))),
+        residual=residual,
+        held=1.0 - price.left,
         check=off,
         rounds=search.round,
         runs=len(search.history),
         history=search.history,
-        warnings=tuple(_left_out(design)),
+        characteristic=CHARACTERISTIC[design.site.run.characteristic],
+        warnings=tuple(told(residual, 1.0 - price.left)),
     )
 
 
-def _left_out(design: Design) -> list[str]:
-    """What of a site is not designed against, one line each."""
+def told(residual: float, held: float) -> list[str]:
+    """What makes a design's numbers doubtful, one line each."""
     found = []
-    if design.broken:
+    if residual > RESIDUAL:
         found.append(
-            f"cases.states: {', '.join(design.broken)} broken: not designed against, only intact cases are; "
-            "`dropper cases` with the new values tells how those fare"
+            f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (up to "
+            f"{RESIDUAL:.0%} is well); its constraints are those of whole runs, but the search saw others: a longer "
+            "optimise.window, a smaller optimise.renew or more seeds bring them nearer"
         )
-    if design.site.run.characteristic != "mean":
-        found.append(f"run.characteristic: {design.site.run.characteristic!r} is not designed for, the seeds' mean is")
+    if held < HELD:
+        found.append(
+            f"active constraints and bounds hold {max(held, 0.0):.0%} of the objective's slope ({HELD:.0%} or more is "
+            "an optimum): what 1 % more of anything gives says little here; more optimise.rounds go on"
+        )
     return found
 
 
 def checked(design: Design, say: Say = silent) -> float:
     """The check of a design's derivatives at its start: see `check_slopes`."""
     say(0.0, "checking derivatives")
-    found = design.still(design.start, design.cases[0])
-    count = len(design.quantities(found[0]))
-    begin = Window(design.cases[0], 0.0, np.ones(count), None)
-    heights = design.window(design.start, begin, slopes=False, given=found).hard
-    return check_slopes(design, [dataclasses.replace(begin, height=heights)])
+    windows, known = [], {}
+    for kind in design.site.kinds:
+        case = next(case for case in design.cases if case.storm.kind == kind)
+        stand = design.stand(design.start, case, known)
+        count = len(design.quantities(case, stand.still))
+        begin = Window(case, 0.0, np.ones(count), None)
+        heights = design.window(design.start, begin, stand, slopes=False).hard
+        windows.append(dataclasses.replace(begin, height=heights))
+    return check_slopes(design, windows)

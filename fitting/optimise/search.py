@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.optimise.design import Design, Say, Values, Window
+from fitting.optimise.design import Design, Say
 from fitting.optimise.storms import Storms
+from fitting.optimise.values import Values, Window
 
 #: Price of a violation, in objectives at the start.
 PRICE = 10.0
@@ -26,6 +27,8 @@ LEAST, POOR, GOOD = 0.05, 0.25, 0.6
 SHRINK, GROW, SMALLEST, LARGEST = 0.4, 1.6, 2e-3, 0.5
 #: How far constraints of the best design may lie above 1: rounding.
 ROUNDING = 1e-9
+#: Difference of windows from whole runs, in limits, above which windows are found anew after every step.
+RESIDUAL = 0.02
 
 
 @dataclasses.dataclass
@@ -38,6 +41,8 @@ class Search:
         best: the best design whose whole runs meet all constraints, its objective; None while there is none.
         fixed: variables that have been set to a size of their catalogue (p,).
         history: one row per evaluation.
+        residual: largest difference of the last windows' constraints from those of whole runs, in limits, measured
+            before windows and factors were found anew; None before the first time. `best_residual`: of the best design.
     """
 
     x: np.ndarray
@@ -50,6 +55,8 @@ class Search:
     fixed: np.ndarray | None = None
     history: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     done: bool = False
+    residual: float | None = None
+    best_residual: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +108,8 @@ def run_round(
     here = design.values(search.x, windows, say)
     merit = lambda v: v.objective / search.scale + PRICE * violation(v, limit)  # noqa: E731
     taken = tried = 0
-    while taken < settings.renew and tried < 3 * settings.renew and search.reach > SMALLEST:
+    renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
+    while taken < renew and tried < 3 * settings.renew and search.reach > SMALLEST:
         tried += 1
         room = np.where(fixed, 0.0, search.reach * span)
         step = programme(
@@ -140,14 +148,23 @@ def _tried(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say)
     return (found, "") if found.solved else (None, "steps of a window fail")
 
 
-def measure(search: Search, design: Design, say: Say) -> tuple[tuple[Window, ...], Values, list[Storms]]:
-    """Windows anew and the constraints by whole runs; the best design so far is kept."""
+def measure(
+    search: Search, design: Design, say: Say, foretold: Values | None = None
+) -> tuple[tuple[Window, ...], Values, list[Storms]]:
+    """Windows anew and the constraints by whole runs; the best design so far is kept.
+
+    Args:
+        foretold: values of this design by the windows and factors as they were, for the residual.
+    """
     windows, full = design.renewed(search.x, say)
     found = design.measured(search.x, full)
+    search.residual = None if foretold is None else float(np.max(np.abs(foretold.value - found.value), initial=0.0))
     row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
+    row |= {"residual": search.residual}
     search.history.append({**row, "values": search.x.tolist()})
     if found.worst <= 1.0 + ROUNDING and found.objective < search.best_objective:
         search.best, search.best_objective = search.x.copy(), found.objective
+        search.best_residual = search.residual
     return windows, found, full
 
 
@@ -185,7 +202,7 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
     while search.round < settings.rounds and still_better:
         here = run_round(search, design, windows, save, say)
         search.round += 1
-        windows, found, _ = measure(search, design, say)
+        windows, found, _ = measure(search, design, say, here)
         save()
         gained = last - search.best_objective if np.isfinite(last) else np.inf
         still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and search.reach > SMALLEST)
@@ -200,7 +217,8 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
             search.x, search.reach, still_better = x, settings.reach, True
             search.best, search.best_objective, last = None, np.inf, np.inf
-            windows, found, _ = measure(search, design, say)
+            there, _ = _tried(design, search.x, windows, say)
+            windows, found, _ = measure(search, design, say, there)
             last = search.best_objective
             save()
     search.done = True

@@ -52,6 +52,15 @@ class Peaks:
     solved: bool
 
 
+@dataclasses.dataclass(frozen=True)
+class Phase:
+    """Steps of a window that follow each other on one model, with what the way back needs."""
+
+    model: Model
+    still: Still
+    run: Record
+
+
 def storm_stepper(model: Model) -> Stepper:
     """The stepper of windows: energy-momentum, without means for steps that resist.
 
@@ -72,57 +81,76 @@ def peaks(
     duration: float,
     slopes: bool = True,
     heights: np.ndarray | None = None,
+    after: Still | None = None,
 ) -> Peaks:
     """Peaks of a window of `duration` [s] in a sea whose waves rise at its begin.
 
     Args:
+        after: what the second and last third of the window go on with, a link of it gone, and what then counts (see
+            `broken`); in place of `still` where left out.
         heights: of the peaks about (q,), which size the width of soft ones; the hard peaks where left out. They are
             held: between two calls that are compared they must be the same.
     """
-    model = in_waves(still.model, sea)
-    stepper = storm_stepper(model)
+    stills = [still] if after is None else [still, after, after]
+    models = [in_waves(one.model, sea) for one in stills]
+    stepper = storm_stepper(models[0])
     for halving in range(HALVINGS + 1):
         h = dt / 2**halving
-        steps = int(round(duration / h))
-        run = _record(stepper, model, rest.state, jnp.asarray(h, model.dtype), steps=steps)
-        if float(run.residual) <= stepper.limit(model):
-            return _peaks(stepper, model, still, rest, run, tuple(quantities), h, slopes, heights)
+        steps = int(round(duration / h / len(stills)))
+        # no work is booked in windows: every phase has the same kind of state, and so one program
+        phases, s, solved = [], dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype)), True
+        for one, model in zip(stills, models, strict=True):
+            run = _record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps)
+            phases.append(Phase(model, one, run))
+            s, solved = run.last, solved and float(run.residual) <= stepper.limit(model)
+        if solved:
+            return _peaks(stepper, phases, rest, tuple(quantities), h, slopes, heights)
     none = np.full(len(quantities), np.nan)
     return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)
 
 
 def _peaks(
     stepper: Stepper,
-    model: Model,
-    still: Still,
+    phases: list[Phase],
     rest: Rest,
-    run: Record,
     quantities: tuple[Quantity, ...],
     h: float,
     slopes: bool,
     heights: np.ndarray | None,
 ) -> Peaks:
-    count = max(0, min(int(round(RAMP / h)), len(run.tension) - 1))  # what the ramp leaves out
-    hard, when = (np.asarray(a) for a in _hard(quantities, model, run.r[count:], run.tension[count:]))
-    when = (when + count + 1) * h
+    model, still = phases[-1].model, phases[-1].still
+    counted = phases if len(phases) == 1 else phases[1:]
+    r, tension = (jnp.concatenate([getattr(p.run, key) for p in counted]) for key in ("r", "tension"))
+    before = sum(len(p.run.tension) for p in phases) - len(tension)
+    count = max(0, min(int(round(RAMP / h)), len(tension) - 1)) if len(phases) == 1 else 0  # what the ramp leaves out
+    hard, when = (np.asarray(a) for a in _hard(quantities, model, r[count:], tension[count:]))
+    when = (when + before + count + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)
     if not slopes:
-        soft = np.asarray(_soft(quantities, model, heights, run.r[count:], run.tension[count:]))
+        soft = np.asarray(_soft(quantities, model, heights, r[count:], tension[count:]))
         return Peaks(hard, soft, None, when, True)
     numbers = leaf_numbers(model, still)
     table = tuple(numbers)
     soft, by_shift, by_r, by_t = _by_signals(
         *(quantities, table, model, [jnp.asarray(numbers[i]) for i in table], heights),
-        *(run.r[count:], run.tension[count:]),
+        *(r[count:], tension[count:]),
     )
-    ahead = ((count, 0), (0, 0), (0, 0))
+    ahead = ((before + count, 0), (0, 0), (0, 0))
     by_r, by_t = jnp.pad(by_r, (*ahead, (0, 0))), jnp.pad(by_t, ahead)
-    by_leaf, by_start = _way_back(stepper, model, table, run, jnp.asarray(h, model.dtype), by_r, by_t)
-    slope = np.array(by_shift)
-    for i, ct in zip(table, by_leaf, strict=True):
-        q = ct.shape[0]
-        slope += np.asarray(ct).reshape(q, -1) @ numbers[i].reshape(numbers[i].shape[0], -1).T
-    for ct, d in ((by_start.r, rest.dr), (by_start.tension, rest.dtension)):
+    slope, end = np.array(by_shift), None
+    for phase in reversed(phases):
+        first = len(by_t) - len(phase.run.tension)
+        if end is None:
+            zero = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), phase.run.last)
+        by_leaf, end = _way_back(
+            *(stepper, phase.model, table, phase.run, jnp.asarray(h, model.dtype), by_r[first:], by_t[first:]),
+            zero if end is None else end,
+        )
+        by_r, by_t = by_r[:first], by_t[:first]
+        for i, ct in zip(table, by_leaf, strict=True):
+            q = ct.shape[0]
+            slope += np.asarray(ct).reshape(q, -1) @ numbers[i].reshape(numbers[i].shape[0], -1).T
+    for ct, d in ((end.r, rest.dr), (end.tension, rest.dtension)):
         slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(d.shape[0], -1).T
     return Peaks(hard, np.asarray(soft), slope, when, True)
 

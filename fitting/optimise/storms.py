@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.pieces import compile_run, first_carry, go_through
 from fitting.optimise.models import in_waves, sea_of, still_scene
@@ -31,10 +31,15 @@ class Storms:
 def full_storm(
     site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None, dt: float | None = None
 ) -> Storms:
-    """The whole run of a case of a design, steps that resist halved; what comes before `skip` does not count."""
+    """The whole run of a case of a design, steps that resist halved.
+
+    What comes before `skip`, or before a line breaks, does not count.
+    """
     none = np.full(len(quantities), np.nan)
     own = still_scene(site, scene, case.storm, calm=False)
     model = build_model(own)
+    if near is not None:
+        near = state(model, near.r, tension=near.tension)
     start = near_rest(model, near)
     model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
     run = dataclasses.replace(own.run, save_every=1, **({} if dt is None else {"dt": dt}))
@@ -44,7 +49,9 @@ def full_storm(
     found = gone.trajectory
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
-    first = int(np.floor(site.run.skip / run.dt))
+    # of a case in which a line breaks only what comes after is its own
+    begin = site.run.skip if case.storm.broken is None else max(site.run.skip, site.break_time)
+    first = int(np.floor(begin / run.dt))
     hard, when = [], []
     for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
         peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))

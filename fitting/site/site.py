@@ -129,7 +129,7 @@ class Site:
     def moving_changes(self, case: Case) -> dict[str, Any]:
         """What of it the pose at rest does not depend on: waves, breaks."""
         storm = case.storm
-        return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self._break_changes(storm)}
+        return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self.break_changes(storm)}
 
     def still_changes(self, storm: Storm) -> dict[str, Any]:
         """What of it the pose at rest depends on: current, level, mussels."""
@@ -141,7 +141,8 @@ class Site:
             found |= {f"line.{name}.growth.{key}": value for key, value in table.items()}
         return found
 
-    def _break_changes(self, storm: Storm) -> dict[str, Any]:
+    def break_changes(self, storm: Storm) -> dict[str, Any]:
+        """When what breaks in any case breaks in this one."""
         return {
             f"failure.{state.entry}.time": self.break_time if state == storm.broken else NEVER
             for state in self.states

@@ -241,7 +241,7 @@ EXPECTED = {
 }
 EXPECTED |= {*(f"paper-case-{number}-pitching" for number in range(1, 4)), "ballasted-spar"}
 EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "string-in-current"}
-EXPECTED |= {"dropper-north-sea", "dropper-north-sea-thesis"}
+EXPECTED |= {"longline-200", "longline-rows", "dropper-north-sea", "dropper-north-sea-thesis"}
 EXPECTED |= {"measured-single-pendulum", "measured-double-pendulum"}
 for _name in (*"abcde", "3d", "a-compound"):
     EXPECTED |= {f"dropper-release-{_name}", f"dropper-release-{_name}-undamped"}

@@ -37,7 +37,9 @@ def quantities(r, tension):
     return jnp.stack([jnp.sum(tension**2) * 1e-8, jnp.sum(r[-5:, :, 2] ** 3) * 1e-3])
 
 
-def test_the_way_back_gives_what_differences_of_runs_give(farm):
+@pytest.fixture(scope="module")
+def way(farm):
+    """A way back by lengths and masses of links and by the start; the run as a function of these."""
     model, start, stepper = farm
     leaves, tree = jax.tree.flatten(model)
     moving = tuple(i for i, leaf in enumerate(leaves) if leaf is model.line.length or leaf is model.line.mass)
@@ -49,6 +51,9 @@ def test_the_way_back_gives_what_differences_of_runs_give(farm):
         by_r, by_t = (jnp.moveaxis(a, 0, 1) for a in jax.jacrev(quantities, argnums=(0, 1))(run.r, run.tension))
         return run, way_back(stepper, model, moving, run, H, by_r, by_t)
 
+    # from the midst of a motion: at rest slack links are at the length where they tauten
+    start = jax.tree.map(lambda a: a[-1], both_ways(start)[0].before)
+
     def values(chosen, r):
         changed = list(leaves)
         for i, leaf in zip(moving, chosen, strict=True):
@@ -56,10 +61,24 @@ def test_the_way_back_gives_what_differences_of_runs_give(farm):
         found = integrate(stepper, jax.tree.unflatten(tree, changed), replace(start, r=r), H, STEPS)[1]
         return quantities(found.r, found.tension)
 
-    # from the midst of a motion: at rest slack links are at the length where they tauten
-    start = jax.tree.map(lambda a: a[-1], both_ways(start)[0].before)
     run, (by_leaf, by_start) = both_ways(start)
-    chosen, values = [leaves[i] for i in moving], jax.jit(values)
+    return [leaves[i] for i in moving], start, run, by_leaf, by_start, values
+
+
+def test_the_way_back_is_that_of_automatic_differentiation(way):
+    chosen, start, run, by_leaf, by_start, values = way
+    found, (of_leaf, of_r) = jax.jit(lambda c, r: (values(c, r), jax.jacrev(values, argnums=(0, 1))(c, r)))(
+        chosen, start.r
+    )
+    np.testing.assert_allclose(quantities(run.r, run.tension), found, rtol=1e-10)
+    for one, other in ((by_leaf[0], of_leaf[0]), (by_leaf[1], of_leaf[1]), (by_start.r, of_r)):
+        np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.max(np.abs(other)))
+
+
+@pytest.mark.check
+def test_the_way_back_gives_what_differences_of_runs_give(way):
+    chosen, start, run, by_leaf, by_start, values = way
+    values = jax.jit(values)
     np.testing.assert_allclose(quantities(run.r, run.tension), values(chosen, start.r), rtol=1e-10)
     rng = np.random.default_rng(0)
     way, push = [jnp.asarray(rng.normal(size=a.shape) * a) for a in chosen], jnp.asarray(rng.normal(size=start.r.shape))
@@ -71,6 +90,22 @@ def test_the_way_back_gives_what_differences_of_runs_give(farm):
         high, low = (values(end, start.r + s * step * push) for end, s in zip(ends, (1.0, -1.0), strict=True))
         off.append(np.abs((high - low) / (2 * step) / along - 1.0))
     assert np.all(np.min(off, axis=0) < 1e-5), off
+
+
+@pytest.mark.check
+def test_a_way_back_in_two_parts_is_that_of_the_whole(farm, way):
+    model, _, stepper = farm
+    chosen, start, run, by_leaf, by_start, _ = way
+    leaves, half = jax.tree.leaves(model), STEPS // 2
+    moving = tuple(i for i, leaf in enumerate(leaves) if any(leaf is own for own in chosen))
+    by_r, by_t = (jnp.moveaxis(a, 0, 1) for a in jax.jacrev(quantities, argnums=(0, 1))(run.r, run.tension))
+    first = record(stepper, model, start, H, half)
+    second = record(stepper, model, first.last, H, STEPS - half)
+    late, between = way_back(stepper, model, moving, second, H, by_r[half:], by_t[half:])
+    early, begin = way_back(stepper, model, moving, first, H, by_r[:half], by_t[:half], between)
+    for one, other, whole in zip(late, early, by_leaf, strict=True):
+        np.testing.assert_allclose(one + other, whole, rtol=1e-9, atol=1e-11 * np.max(np.abs(whole)))
+    np.testing.assert_allclose(begin.r, by_start.r, rtol=1e-9, atol=1e-11 * np.max(np.abs(by_start.r)))
 
 
 def test_what_has_no_way_back_is_refused():

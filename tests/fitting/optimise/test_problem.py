@@ -1,17 +1,16 @@
 """Design problems: what is read and refused, slopes of models and of poses, the linear programme."""
 
 import copy
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dropper_jax.base.errors import SceneError
-from fitting.optimise.design import Values
 from fitting.optimise.models import still, still_model
 from fitting.optimise.rest import near_rest, rest
-from fitting.optimise.run import _left_out, read_problem
+from fitting.optimise.run import read_problem
 from fitting.optimise.search import programme
+from fitting.optimise.values import Values
 from fitting.optimise.variables import read_variables
 from fitting.site import read_site
 
@@ -72,6 +71,14 @@ REFUSED = {
     ),
     "a window that its ramp fills": ({"optimise": {"before": 5.0}}, "optimise.before: 5 s"),
     "no variable": ({"variable": []}, "variable: none is given"),
+    "a most probable load of one seed": (
+        {"run": {"duration": 60.0, "seeds": 1, "skip": 15.0, "characteristic": "most_probable"}},
+        "run.seeds: 1 for the most probable",
+    ),
+    "only broken states": (
+        {"cases": {"states": ["west-leg"]}, "factors": {"broken": 1.25}},
+        "cases.states: none is 'intact'",
+    ),
 }
 
 
@@ -120,11 +127,3 @@ def test_the_programme_finds_corner_and_prices():
     found = programme(values, np.full(2, -2.0), np.full(2, 2.0), scale=4.0, limit=1.0)
     np.testing.assert_allclose([*found.step, found.objective, found.violation], [-1.0, -1.0, 2.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(found.prices, [1 / 3, 1 / 3])
-
-
-def test_what_is_not_designed_against_is_said():
-    run = SimpleNamespace(characteristic="most_probable")
-    told = _left_out(SimpleNamespace(broken=["west-leg"], site=SimpleNamespace(run=run)))
-    assert len(told) == 2
-    assert "west-leg broken: not designed against" in told[0]
-    assert "'most_probable' is not designed for" in told[1]

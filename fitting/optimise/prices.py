@@ -1,0 +1,60 @@
+"""Prices of an optimum: what its active constraints cost, and how far the design is from one.
+
+At an optimum the slope of the objective is held by active constraints and by bounds:
+
+    c + sum_j lambda_j J_j - mu_low + mu_high = 0,    all >= 0
+
+found by non-negative least squares over the variables that may still move, in shares of their ranges. A linear
+programme within a reach has prices too, but those of its corner: with fewer active constraints than variables its
+reach holds what is left, and prices are whatever that corner has.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.optimise.values import Values
+
+#: A constraint is held to be active from so far below its limit on.
+NEAR = 0.03
+#: Share of a variable's range from a bound within which that bound holds it.
+AT_BOUND = 1e-3
+
+
+class Prices(NamedTuple):
+    """Fall of the objective for a limit that is higher by 1, by constraint (m,), and the share of the objective's slope
+    that nothing holds: 0 at an optimum."""
+
+    of: np.ndarray
+    left: float
+
+
+def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray, limit: float) -> Prices:
+    """Prices at a design.
+
+    Args:
+        low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
+        limit: that the constraints are kept below.
+    """
+    from scipy.optimize import nnls  # noqa: PLC0415
+
+    p, span, free = len(x), high - low, ~fixed
+    cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
+    active = np.flatnonzero(values.value >= limit - NEAR)
+    held = [(k, -1.0) for k in np.flatnonzero(x - low <= AT_BOUND * span)]
+    held += [(k, 1.0) for k in np.flatnonzero(high - x <= AT_BOUND * span)]
+    walls = np.zeros((p, len(held)))
+    for i, (k, sign) in enumerate(held):
+        walls[k, i] = sign
+    of = np.zeros(len(values.value))
+    size = float(np.linalg.norm(cost[free]))
+    if size == 0.0:
+        return Prices(of, 0.0)
+    matrix = np.hstack([rows[active].T, walls])[free]
+    if not matrix.shape[1]:
+        return Prices(of, 1.0)
+    found, left = nnls(matrix, -cost[free])
+    of[active] = found[: len(active)]
+    return Prices(of, float(left) / size)

@@ -1,0 +1,61 @@
+"""The search's bookkeeping on problems whose numbers are written down: residuals, runs abreast."""
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fitting.optimise.abreast import abreast
+from fitting.optimise.run import told
+from fitting.optimise.search import RESIDUAL, Search, measure
+from fitting.optimise.values import Values
+
+
+def values(*constraints):
+    count = len(constraints)
+    return Values(2.0, np.zeros(1), tuple("abc"[:count]), np.array(constraints), np.zeros((count, 1)))
+
+
+def test_the_residual_is_that_of_windows_before_they_are_renewed():
+    design = SimpleNamespace(renewed=lambda x, say: ((), []), measured=lambda x, full: values(0.90, 0.50))
+    search = Search(np.zeros(1), 0.1)
+    measure(search, design, None)
+    assert search.residual is None
+    assert search.best_residual is None
+    search.best_objective = np.inf
+    measure(search, design, None, foretold=values(0.87, 0.51))
+    assert search.residual == pytest.approx(0.03)
+    assert search.best_residual == pytest.approx(0.03)
+    assert search.history[-1]["residual"] == pytest.approx(0.03)
+
+
+def test_large_residuals_and_designs_that_are_no_optimum_are_told():
+    assert told(RESIDUAL, 0.95) == []
+    assert told(float("nan"), 1.0) == []
+    assert "differed by 3.0% of a limit" in told(0.03, 1.0)[0]
+    assert "hold 40% of the objective's slope" in told(0.0, 0.4)[0]
+
+
+def test_runs_abreast_keep_their_order_and_the_first_is_alone():
+    alone, seen = [], []
+
+    def one(i):
+        alone.append(threading.current_thread() is threading.main_thread())
+        return i * i
+
+    assert abreast(one, list(range(6)), seen.append, workers=3) == [i * i for i in range(6)]
+    assert alone[0]
+    assert not any(alone[1:])
+    assert seen == [1, 2, 3, 4, 5, 6]
+    assert abreast(one, [], seen.append) == []
+
+
+def test_what_a_run_abreast_raises_is_raised():
+    def one(i):
+        if i == 2:
+            raise ValueError("two")
+        return i
+
+    with pytest.raises(ValueError, match="two"):
+        abreast(one, list(range(5)), lambda _: None, workers=2)

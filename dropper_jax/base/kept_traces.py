@@ -41,7 +41,9 @@ PREFIX, FORMAT = "trace-", 1
 #: Settings of JAX that no program depends on, and that differ from one user to the next.
 ASIDE = ("jax_compilation_cache_dir",)
 #: What is raised where something has no plain form, or where this JAX cannot export a program; it is traced as ever.
-UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError)
+UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError, OSError)
+#: What is raised where a module is none.
+UNREADABLE = (*UNKEPT, RuntimeError, LookupError)
 
 
 class Trace(NamedTuple):
@@ -64,30 +66,34 @@ class Traces:
         self._entries = entries
         self._sources = _sources_digest()
 
-    def program(
+    def lowered(
         self,
         function: Callable[..., object],
         settings: Mapping[str, Hashable],
         values: Sequence[object],
         one: Callable[..., object],
-    ) -> Callable[..., object]:
-        """`one`, which is `function` with its settings, or a stand-in that calls what was traced before.
+    ) -> jax.stages.Lowered | None:
+        """The lowered program of a function, traced where it is not kept; None where it cannot be.
 
         Args:
-            function, settings: what the program is known by; static arguments by their names.
+            function, settings: what it is known by; static arguments by their names.
             values: arguments like those that it will take.
+            one: the function with its settings, of the values.
         """
         try:
             name, key = name_of(function), self._key(function, settings, values)
             trace = self._found(key)
-            if trace is None:
-                trace = _traced(one, values)
-                if self._sources != _sources_digest():  # somebody has edited them since this process began
-                    return one
-                self._keep(key, trace)
-            return _calling(name, trace, values)
+            if trace is not None:
+                with suppress(*UNREADABLE):
+                    return _lowered(name, trace, values)
+                self._entries.remove(PREFIX + key)
+            trace = _traced(one, values)
+            if self._sources != _sources_digest():  # somebody has edited them since this process began
+                return None
+            self._keep(key, trace)
+            return _lowered(name, trace, values)
         except UNKEPT:
-            return one
+            return None
 
     def _key(self, function: Callable[..., object], settings: Mapping[str, Hashable], values: Sequence[object]) -> str:
         leaves, tree = jax.tree.flatten(list(values))
@@ -131,7 +137,9 @@ def open_traces(place: Path | None) -> Traces | None:
 
     Elsewhere a process may replace parts of this project as it runs, which no digest of its sources tells.
     """
-    return None if place is None or os.environ.get(VARIABLE) != ON else Traces(Entries(place))
+    if place is None or os.environ.get(VARIABLE) != ON or not Path(__file__).is_file():
+        return None
+    return Traces(Entries(place))
 
 
 def _kind(leaf: object) -> Plain:
@@ -204,8 +212,8 @@ def _traced(one: Callable[..., object], values: Sequence[object]) -> Trace:
     return Trace(made.mlir_module_serialized, tuple(made.module_kept_var_idx), results, seen[0])
 
 
-def _calling(name: str, trace: Trace, values: Sequence[object]) -> Callable[..., object]:
-    """A function of values like these that calls a traced program."""
+def _lowered(name: str, trace: Trace, values: Sequence[object]) -> jax.stages.Lowered:
+    """A traced program, lowered for values like these."""
 
     def mould(*leaves: jax.Array) -> tuple[jax.Array, ...]:
         return tuple(jnp.zeros(shape, dtype) for shape, dtype in trace.results)
@@ -220,7 +228,7 @@ def _calling(name: str, trace: Trace, values: Sequence[object]) -> Callable[...,
         return jax.tree.unflatten(trace.tree, made.call(*jax.tree.leaves(values)))
 
     again.__name__ = fun_name
-    return again
+    return jax.jit(again).lower(*values)
 
 
 def _like(leaf: object) -> jax.ShapeDtypeStruct:

@@ -147,8 +147,8 @@ class Kept(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature has the static arguments
-        program = one if TRACES is None else TRACES.program(self._function, settings, values, one)
-        lowered = jax.jit(program).lower(*values)
+        lowered = None if TRACES is None else TRACES.lowered(self._function, settings, values, one)
+        lowered = lowered or jax.jit(one).lower(*values)
         options = BRIEFLY if self._brief and jax.default_backend() == "cpu" else None
         with suppress(jax.errors.JaxRuntimeError):  # a JAX whose compiler has other options
             return lowered.compile(options)

@@ -39,8 +39,8 @@ class Counted:
 
 def answer(folder, one, function=inverse_rows, settings=None, values=(MATRICES,)):
     """What a process that starts now computes: a new store over the same folder."""
-    program = Traces(Entries(folder)).program(function, settings or {}, values, one)
-    return jax.jit(program)(*values)
+    lowered = Traces(Entries(folder)).lowered(function, settings or {}, values, one) or jax.jit(one).lower(*values)
+    return lowered.compile()(*values)
 
 
 def files(folder):
@@ -140,8 +140,9 @@ def test_a_head_that_says_something_else_is_made_again(tmp_path):
     entries = Entries(tmp_path)
     head, _, module = entries.get(name).partition(b"\n")
     said = json.loads(head)
-    for broken in (b"{}", b"\xff", json.dumps(said | {"tree": ["node", "os:system", None]}).encode()):
-        entries.put(name, broken + b"\n" + module)
+    other = json.dumps(said | {"tree": ["node", "os:system", None]}).encode()
+    for broken, beside in ((b"{}", module), (b"\xff", module), (other, module), (head, b"no module"), (head, b"")):
+        entries.put(name, broken + b"\n" + beside)
         one = Counted(inverse_rows)
         np.testing.assert_array_equal(answer(tmp_path, one), expected)
         assert one.traced == 1

@@ -14,9 +14,9 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -55,6 +55,13 @@ class Trace(NamedTuple):
     tree: PyTreeDef
 
 
+@dataclass(frozen=True)
+class Constants:
+    """Arrays that a program holds as numbers of its own, such as the model of a fit, among its settings."""
+
+    tree: object
+
+
 class Traces:
     """Traced programs in a folder.
 
@@ -69,7 +76,7 @@ class Traces:
     def lowered(
         self,
         function: Callable[..., object],
-        settings: Mapping[str, Hashable],
+        settings: Mapping[str, object],
         values: Sequence[object],
         one: Callable[..., object],
     ) -> jax.stages.Lowered | None:
@@ -95,7 +102,7 @@ class Traces:
         except UNKEPT:
             return None
 
-    def _key(self, function: Callable[..., object], settings: Mapping[str, Hashable], values: Sequence[object]) -> str:
+    def _key(self, function: Callable[..., object], settings: Mapping[str, object], values: Sequence[object]) -> str:
         leaves, tree = jax.tree.flatten(list(values))
         about = {
             "format": FORMAT,
@@ -104,7 +111,7 @@ class Traces:
             "flags": os.environ.get("XLA_FLAGS", ""),
             "jax": _settings(),
             "function": name_of(function),
-            "settings": [[name, written(value)] for name, value in sorted(settings.items())],
+            "settings": [[name, _setting(value)] for name, value in sorted(settings.items())],
             "tree": tree_written(tree),
             "kinds": [_kind(leaf) for leaf in leaves],
         }
@@ -156,6 +163,16 @@ def _kind(leaf: object) -> Plain:
         raise NoPlainForm("an argument that does not lie on the first processor")
     kind = jax.typeof(leaf)
     return [list(kind.shape), str(kind.dtype), bool(kind.weak_type)]
+
+
+def _setting(value: object) -> Plain:
+    """A static argument, or the digests of arrays."""
+    if not isinstance(value, Constants):
+        return written(value)
+    leaves, tree = jax.tree.flatten(value.tree)
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    digests = [[str(a.dtype), list(a.shape), hashlib.sha256(a.tobytes()).hexdigest()] for a in arrays]
+    return ["constants", tree_written(tree), digests]
 
 
 def _memory(device: jax.Device) -> str:

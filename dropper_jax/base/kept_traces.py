@@ -14,9 +14,9 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,7 +41,9 @@ PREFIX, FORMAT = "trace-", 1
 #: Settings of JAX that no program depends on, and that differ from one user to the next.
 ASIDE = ("jax_compilation_cache_dir",)
 #: What is raised where something has no plain form, or where this JAX cannot export a program; it is traced as ever.
-UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError)
+UNKEPT = (NotImplementedError, ValueError, TypeError, AttributeError, OSError)
+#: What is raised where a module is none.
+UNREADABLE = (*UNKEPT, RuntimeError, LookupError)
 
 
 class Trace(NamedTuple):
@@ -51,6 +53,13 @@ class Trace(NamedTuple):
     takes: tuple[int, ...]
     results: tuple[tuple[tuple[int, ...], str], ...]
     tree: PyTreeDef
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Arrays that a program holds as numbers of its own, such as the model of a fit, among its settings."""
+
+    tree: object
 
 
 class Traces:
@@ -64,32 +73,36 @@ class Traces:
         self._entries = entries
         self._sources = _sources_digest()
 
-    def program(
+    def lowered(
         self,
         function: Callable[..., object],
-        settings: Mapping[str, Hashable],
+        settings: Mapping[str, object],
         values: Sequence[object],
         one: Callable[..., object],
-    ) -> Callable[..., object]:
-        """`one`, which is `function` with its settings, or a stand-in that calls what was traced before.
+    ) -> jax.stages.Lowered | None:
+        """The lowered program of a function, traced where it is not kept; None where it cannot be.
 
         Args:
-            function, settings: what the program is known by; static arguments by their names.
+            function, settings: what it is known by; static arguments by their names.
             values: arguments like those that it will take.
+            one: the function with its settings, of the values.
         """
         try:
             name, key = name_of(function), self._key(function, settings, values)
             trace = self._found(key)
-            if trace is None:
-                trace = _traced(one, values)
-                if self._sources != _sources_digest():  # somebody has edited them since this process began
-                    return one
-                self._keep(key, trace)
-            return _calling(name, trace, values)
+            if trace is not None:
+                with suppress(*UNREADABLE):
+                    return _lowered(name, trace, values)
+                self._entries.remove(PREFIX + key)
+            trace = _traced(one, values)
+            if self._sources != _sources_digest():  # somebody has edited them since this process began
+                return None
+            self._keep(key, trace)
+            return _lowered(name, trace, values)
         except UNKEPT:
-            return one
+            return None
 
-    def _key(self, function: Callable[..., object], settings: Mapping[str, Hashable], values: Sequence[object]) -> str:
+    def _key(self, function: Callable[..., object], settings: Mapping[str, object], values: Sequence[object]) -> str:
         leaves, tree = jax.tree.flatten(list(values))
         about = {
             "format": FORMAT,
@@ -98,7 +111,7 @@ class Traces:
             "flags": os.environ.get("XLA_FLAGS", ""),
             "jax": _settings(),
             "function": name_of(function),
-            "settings": [[name, written(value)] for name, value in sorted(settings.items())],
+            "settings": [[name, _setting(value)] for name, value in sorted(settings.items())],
             "tree": tree_written(tree),
             "kinds": [_kind(leaf) for leaf in leaves],
         }
@@ -131,7 +144,9 @@ def open_traces(place: Path | None) -> Traces | None:
 
     Elsewhere a process may replace parts of this project as it runs, which no digest of its sources tells.
     """
-    return None if place is None or os.environ.get(VARIABLE) != ON else Traces(Entries(place))
+    if place is None or os.environ.get(VARIABLE) != ON or not Path(__file__).is_file():
+        return None
+    return Traces(Entries(place))
 
 
 def _kind(leaf: object) -> Plain:
@@ -148,6 +163,16 @@ def _kind(leaf: object) -> Plain:
         raise NoPlainForm("an argument that does not lie on the first processor")
     kind = jax.typeof(leaf)
     return [list(kind.shape), str(kind.dtype), bool(kind.weak_type)]
+
+
+def _setting(value: object) -> Plain:
+    """A static argument, or the digests of arrays."""
+    if not isinstance(value, Constants):
+        return written(value)
+    leaves, tree = jax.tree.flatten(value.tree)
+    arrays = [np.asarray(leaf) for leaf in leaves]
+    digests = [[str(a.dtype), list(a.shape), hashlib.sha256(a.tobytes()).hexdigest()] for a in arrays]
+    return ["constants", tree_written(tree), digests]
 
 
 def _memory(device: jax.Device) -> str:
@@ -204,8 +229,8 @@ def _traced(one: Callable[..., object], values: Sequence[object]) -> Trace:
     return Trace(made.mlir_module_serialized, tuple(made.module_kept_var_idx), results, seen[0])
 
 
-def _calling(name: str, trace: Trace, values: Sequence[object]) -> Callable[..., object]:
-    """A function of values like these that calls a traced program."""
+def _lowered(name: str, trace: Trace, values: Sequence[object]) -> jax.stages.Lowered:
+    """A traced program, lowered for values like these."""
 
     def mould(*leaves: jax.Array) -> tuple[jax.Array, ...]:
         return tuple(jnp.zeros(shape, dtype) for shape, dtype in trace.results)
@@ -220,7 +245,7 @@ def _calling(name: str, trace: Trace, values: Sequence[object]) -> Callable[...,
         return jax.tree.unflatten(trace.tree, made.call(*jax.tree.leaves(values)))
 
     again.__name__ = fun_name
-    return again
+    return jax.jit(again).lower(*values)
 
 
 def _like(leaf: object) -> jax.ShapeDtypeStruct:

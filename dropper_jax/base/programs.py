@@ -13,7 +13,7 @@ import inspect
 import sys
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Generic, ParamSpec, TypeVar
@@ -103,6 +103,22 @@ STORE = Store()
 TRACES = open_traces(open_cache())
 
 
+def lowered(
+    function: Callable[..., object],
+    settings: Mapping[str, object],
+    values: Sequence[object],
+    one: Callable[..., object],
+) -> jax.stages.Lowered:
+    """`one` as `jax.jit` lowers it for values like these, taken from a kept trace where there is one.
+
+    Args:
+        function, settings: what it is known by: a function of this project, and all else that tracing depends on;
+            arrays among it as `Constants`.
+    """
+    found = None if TRACES is None else TRACES.lowered(function, settings, values, one)
+    return found or jax.jit(one).lower(*values)
+
+
 class Kept(Generic[P, R]):
     """A function compiled as by `jax.jit`, its programs in a store; inside another trace it is `jax.jit` itself."""
 
@@ -147,12 +163,11 @@ class Kept(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature has the static arguments
-        program = one if TRACES is None else TRACES.program(self._function, settings, values, one)
-        lowered = jax.jit(program).lower(*values)
+        program = lowered(self._function, settings, values, one)
         options = BRIEFLY if self._brief and jax.default_backend() == "cpu" else None
         with suppress(jax.errors.JaxRuntimeError):  # a JAX whose compiler has other options
-            return lowered.compile(options)
-        return lowered.compile()
+            return program.compile(options)
+        return program.compile()
 
 
 def kept(

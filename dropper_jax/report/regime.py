@@ -6,10 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model import Graph, Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.rows import every_so_often
 from dropper_jax.run.solution import Solution
+from dropper_jax.sea import Sea
 
 #: Kinematic viscosity of sea water at 10 degrees [m^2/s].
 VISCOSITY = 1.35e-6
@@ -34,21 +36,12 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     at = [every_so_often(a, every) for a in (solution.positions, solution.velocities, solution.t)]
     looked = (at[0], at[1][:, free], at[2])
 
-    def across(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-        r = nodes[free]
-        along = r - nodes[free - 1]
-        # the ends of a slack rope may meet
-        tangent = along / jnp.maximum(jnp.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-        motion = model.sea.at(r, t)
-        u = jnp.where((r[:, 2] < motion.elevation)[:, None], motion.velocity - v, 0.0)
-        return jnp.linalg.norm(u - jnp.sum(u * tangent, axis=1, keepdims=True) * tangent, axis=1)
-
-    speed = np.asarray(jax.jit(jax.vmap(across))(*(jnp.asarray(a) for a in looked))).max(axis=0)
+    speed = np.asarray(_across(model.sea, np.asarray(free), *map(np.asarray, looked))).max(axis=0)
     diameter = np.asarray(model.line.diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:
         waves = model.sea.waves
-        period = float(2 * np.pi / waves.omega[int(np.argmax(waves.amplitude))])
+        period = float(2 * np.pi / np.asarray(waves.omega)[int(np.argmax(np.asarray(waves.amplitude)))])
         shortest = float(waves.shortest)
     return {
         "relative_speed_m_per_s": float(speed.max()),
@@ -56,6 +49,27 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
         "reynolds": float(np.max(speed * diameter) / viscosity),
         "diameter_over_wavelength": float(diameter.max() / shortest),
     }
+
+
+@kept(brief=True)
+def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    """Speeds (k, looked) [m/s] of the water across the links before the nodes `free`, relative to these.
+
+    Args:
+        nodes: all of them (k, n + 1, 3) [m] at times t (k,) [s].
+        v: of the nodes that are looked at (k, looked, 3) [m/s].
+    """
+
+    def one(nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+        r = nodes[free]
+        along = r - nodes[free - 1]
+        # the ends of a slack rope may meet
+        tangent = along / jnp.maximum(jnp.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        motion = sea.at(r, t)
+        u = jnp.where((r[:, 2] < motion.elevation)[:, None], motion.velocity - v, 0.0)
+        return jnp.linalg.norm(u - jnp.sum(u * tangent, axis=1, keepdims=True) * tangent, axis=1)
+
+    return jax.vmap(one)(nodes, v, t)
 
 
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:

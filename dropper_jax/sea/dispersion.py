@@ -13,6 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
+
 #: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, one is spare.
 ITERATIONS = 3
 #: Newton steps on a current; monotone towards the root, slow only next to blocking.
@@ -33,6 +35,7 @@ def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81
     return (a + b**2 * sech2) / (jnp.tanh(b) + b * sech2) / depth
 
 
+@kept(brief=True)
 def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81) -> jax.Array:
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity

@@ -103,7 +103,7 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     for otherwise in (find_softened, relax):
         if not residual <= tolerance:
             s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
-    drifting = model.sea is not None and model.sea.current is not None and bool(jnp.any(s.tension <= 0.0))
+    drifting = model.sea is not None and model.sea.current is not None and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
         s, residual = steadied(model, s, residual, loads, tolerance)
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
@@ -207,10 +207,15 @@ def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual:
     )
 
 
+@kept(brief=True)
+def _nodes(model: Model, s: State) -> jax.Array:
+    """All nodes' places (n + 1, 3) [m]."""
+    return model.nodes(s.r, model.ends(s.t))
+
+
 def _result(model: Model, s: State, residual: float, message: str) -> Equilibrium:
-    ends = model.ends(s.t)
     return Equilibrium(
-        positions=np.asarray(model.nodes(s.r, ends)),
+        positions=np.asarray(_nodes(model, s)),
         tension=np.asarray(s.tension),
         residual=residual,
         status="not_converged" if message else "ok",

@@ -83,18 +83,24 @@ class RestProblem(StepProblem):
 def system_tolerance(model: Model) -> float:
     """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
     line = model.line
-    stiffness = float(jnp.max(line.axial.EA / line.length))
+    length = np.asarray(line.length)  # on the host: each operation on arrays of JAX would be a program of its own
+    stiffness = float(np.max(np.asarray(line.axial.EA) / length))
     bed = model.effect("seabed")
     if bed is not None:
-        stiffness = max(stiffness, float(bed.stiffness * jnp.max(line.diameter * line.length)))
-    extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(jnp.max(line.length))
+        stiffness = max(stiffness, float(np.asarray(bed.stiffness) * np.max(np.asarray(line.diameter) * length)))
+    extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(np.max(length))
     rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * stiffness * extent
-    return max(1e-10, rounding / float(force_scale(model)))
+    return max(1e-10, rounding / host_scale(model))
 
 
 def force_scale(model: Model) -> jax.Array:
     """What a residual force is measured against, a scalar [N]: the mean weight of a link."""
     return GRAVITY_SCALE * jnp.mean(model.line.mass)
+
+
+def host_scale(model: Model) -> float:
+    """The same as a number [N]."""
+    return GRAVITY_SCALE * float(np.mean(np.asarray(model.line.mass)))
 
 
 @kept(brief=True)
@@ -155,10 +161,10 @@ def guess(model: Model, t: float = 0.0) -> State:
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
-    length, scale = float(jnp.mean(model.line.length)), float(force_scale(model))
+    length, scale = float(np.mean(np.asarray(model.line.length))), host_scale(model)
     rows, tension = unbalanced(model, s, loads)
     s = state(model, s.r, tension=tension, t=s.t)
-    residual = float(jnp.max(jnp.abs(rows))) / scale
+    residual = float(np.max(np.abs(np.asarray(rows)))) / scale
     first, best = s, (s, residual)
     kappa, reach = scale / length, jnp.asarray(REACH * length, model.dtype)
     reached = 0

@@ -14,6 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.kept_traces import Constants
+from dropper_jax.base.programs import lowered
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper
@@ -243,7 +245,12 @@ class Simulator:
         like = [jax.ShapeDtypeStruct(shape(i, a), jnp.asarray(a[:0]).dtype) for i, a in enumerate(inputs)]
         count = jax.ShapeDtypeStruct((), jnp.int32)
         seeds = jax.ShapeDtypeStruct((self.tangents, self.freedoms + len(self.compiled)), jnp.asarray(values).dtype)
-        self._programs[key] = jax.jit(batched).lower(values, seeds, count, count, *like).compile()
+        known_by = {
+            **{"key": tuple(key), "stepper": stepper, "model": Constants(self.model), "release": self.release},
+            **{"parameters": self.compiled, "freedoms": self.freedoms, "tangents": self.tangents},
+        }
+        program = lowered(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
+        self._programs[key] = program.compile()
         self.compile_s += time.perf_counter() - begun
         return key, self._programs[key]
 

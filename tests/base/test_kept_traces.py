@@ -12,7 +12,7 @@ import dropper_jax as dj
 from dropper_jax.base import kept_traces
 from dropper_jax.base.compile_cache import Entries
 from dropper_jax.base.components import dot, inverse_rows
-from dropper_jax.base.kept_traces import PREFIX, Traces
+from dropper_jax.base.kept_traces import PREFIX, Constants, Traces
 from dropper_jax.base.plain_form import NoPlainForm, read, tree_read, tree_written, written
 from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import advance_some, begin
@@ -39,8 +39,8 @@ class Counted:
 
 def answer(folder, one, function=inverse_rows, settings=None, values=(MATRICES,)):
     """What a process that starts now computes: a new store over the same folder."""
-    program = Traces(Entries(folder)).program(function, settings or {}, values, one)
-    return jax.jit(program)(*values)
+    lowered = Traces(Entries(folder)).lowered(function, settings or {}, values, one) or jax.jit(one).lower(*values)
+    return lowered.compile()(*values)
 
 
 def files(folder):
@@ -140,8 +140,9 @@ def test_a_head_that_says_something_else_is_made_again(tmp_path):
     entries = Entries(tmp_path)
     head, _, module = entries.get(name).partition(b"\n")
     said = json.loads(head)
-    for broken in (b"{}", b"\xff", json.dumps(said | {"tree": ["node", "os:system", None]}).encode()):
-        entries.put(name, broken + b"\n" + module)
+    other = json.dumps(said | {"tree": ["node", "os:system", None]}).encode()
+    for broken, beside in ((b"{}", module), (b"\xff", module), (other, module), (head, b"no module"), (head, b"")):
+        entries.put(name, broken + b"\n" + beside)
         one = Counted(inverse_rows)
         np.testing.assert_array_equal(answer(tmp_path, one), expected)
         assert one.traced == 1
@@ -168,6 +169,16 @@ def test_what_another_process_may_take_for_something_else_is_refused(tmp_path, v
     answer(tmp_path, one, settings={"room": value})
     assert one.traced == 1  # as ever
     assert files(tmp_path) == []
+
+
+def test_arrays_that_a_program_holds_are_part_of_what_it_is_known_by(tmp_path):
+    for held, traced in ((MATRICES, 1), (MATRICES, 0), (MATRICES.at[0, 0, 0].add(1e-15), 1), ([MATRICES], 1)):
+        one = Counted(lambda x, held=held: inverse_rows(x + jax.tree.leaves(held)[0]))
+        found = answer(tmp_path, one, settings={"model": Constants(held)})
+        assert one.traced == traced
+        expected = inverse_rows(MATRICES + jax.tree.leaves(held)[0])
+        for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-12)
 
 
 def test_a_program_that_prints_is_not_kept(tmp_path):

@@ -58,9 +58,13 @@ def marked(name: str, *where: str) -> Part:
     return Part(f"check {name}", (*TESTS, "-m", "check", *where))
 
 
-def as_users(name: str, *where: str) -> Part:
-    """Tests with programs compiled as users get them, without the flags of conftest.py."""
-    return Part(f"as users {name}", (*TESTS, *where), {"TESTS_CHOSE_XLA_FLAGS": "no"})
+def as_users(name: str, *where: str, without: str = "slow or check") -> Part:
+    """Tests with programs compiled as users get them, without the flags of conftest.py.
+
+    Those marked `slow` or `check` compile largest: but for the derivatives of every kind of step they run with the
+    quick flags only, which change rounding alone.
+    """
+    return Part(f"as users {name}", (*TESTS, "-m", f"not ({without})", *where), {"TESTS_CHOSE_XLA_FLAGS": "no"})
 
 
 #: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
@@ -70,6 +74,7 @@ PARTS = (
     marked("fitting", "tests/fitting"),
     as_users("effects", "tests/effects"),
     as_users("stepping", "tests/stepping"),
+    as_users("derivatives", "tests/stepping/test_step_derivatives.py", without="check"),
     marked("rest", "tests", *(f"--ignore=tests/{name}" for name in APART)),
     marked("effects", "tests/effects"),
     Part("many scenes", ("benchmarks/many_scenes.py",)),

@@ -49,7 +49,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 gc.set_threshold(100_000, 50, 100)
 
 import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
+from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
 from dropper_jax.base.programs import STORE, give_back_memory, memory_maps  # noqa: E402
@@ -113,6 +115,27 @@ def march():
         return np.asarray(r), np.asarray(v), np.asarray(tension)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def both_modes():
+    """`both_modes(f)(x)`: f(x) (m,) or a number, its derivatives (m, n) or (n,) in reverse and in forward mode.
+
+    One program gives all three, and the values for differences too: compiled one by one they take twice as long.
+    """
+
+    def make(f):
+        @jax.jit
+        def all_three(x):
+            flat, unravel = ravel_pytree(x)
+            y, push = jax.linearize(lambda a: f(unravel(a)), flat)
+            pull = jax.linear_transpose(push, flat)
+            reverse = jax.lax.map(lambda w: pull(w.reshape(y.shape))[0], jnp.eye(y.size)).reshape(*y.shape, -1)
+            return y, reverse, jnp.moveaxis(jax.lax.map(push, jnp.eye(flat.size)), 0, -1)
+
+        return all_three
+
+    return make
 
 
 @pytest.fixture(scope="session")

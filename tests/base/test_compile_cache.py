@@ -89,7 +89,7 @@ def numbers(text):
     return "\n".join(line for line in text.splitlines() if "compil" not in line and " s" not in line)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_process_killed_while_it_writes_leaves_only_whole_programs(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", RUN], env=environment(tmp_path), stdout=subprocess.DEVNULL)
     for _ in range(600):

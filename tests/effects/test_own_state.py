@@ -10,6 +10,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS, Effect, register
+from dropper_jax.run.build import build_model
 
 MASS, LENGTH, GRAVITY, EA = 1.0, 2.0, 9.81, 1.0e5
 #: Slow beside the mass: what accelerates it changes the strain by `m L E2/eta^2` of it, 1e-4.
@@ -96,7 +97,7 @@ def test_every_kind_of_scheme_carries_it(known, integrator):
     assert solution.own["creep"][-1, 0] == pytest.approx(closed_form(0.2), rel=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_halved_step_advances_it_by_parts(known):
     model, s = dj.build(rope(links=2))
     s = replace(s, v=s.v.at[-1, 0].set(3.0), own={"creep": jnp.array([1e-3, 2e-3])})
@@ -115,9 +116,9 @@ def test_a_halved_step_advances_it_by_parts(known):
     assert np.max(np.abs(whole.own["creep"] - halved.own["creep"])) > 1e-9
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("checkpoint", [pytest.param(False, marks=pytest.mark.check), True])
-def test_derivatives_and_batches_go_through_it(known, checkpoint):
+@pytest.mark.check
+@pytest.mark.parametrize("checkpoint", [False, True])
+def test_derivatives_and_batches_go_through_it(known, checkpoint, both_modes):
     model, start = dj.build(rope())
     stepper = dj.make_stepper(model)
 
@@ -128,11 +129,12 @@ def test_derivatives_and_batches_go_through_it(known, checkpoint):
         return -last.r[-1, 2]
 
     value = jnp.asarray(VISCOSITY)
-    slope = float(jax.jit(jax.grad(length))(value))
+    _, reverse, forward = both_modes(length)(value)
+    slope = float(reverse[0])
     step = 1e-3 * VISCOSITY
     batch = np.asarray(jax.jit(jax.vmap(length))(jnp.array([VISCOSITY - step, VISCOSITY + step])))
     assert slope == pytest.approx((batch[1] - batch[0]) / (2 * step), rel=1e-5)
-    assert float(jax.jit(jax.jacfwd(length))(value)) == pytest.approx(slope, rel=1e-9)
+    assert float(forward[0]) == pytest.approx(slope, rel=1e-9)
     assert slope < 0.0
 
 
@@ -148,12 +150,11 @@ def test_a_scene_without_such_effects_carries_nothing():
     assert start.own == {}
 
 
-@pytest.mark.slow
 def test_nodes_are_found_through_their_line():
     chain = dj.build("string")[0]
     k = chain.kinematics(jnp.zeros((chain.free_nodes, 3)), jnp.zeros((chain.free_nodes, 3)), 0.0)
     assert k.node(0, 1) == k.node(chain.line.name, 1) == 0
-    system, start = dj.build("paper-case-1")
+    system = build_model(dj.load_scene("paper-case-1"))  # without its static pose
     for i, member in enumerate(system.geometry.members):
         inner = system.node(member.name, 1)
         assert inner == system.node(i, 1) == system.geometry.paths[i][1]

@@ -116,7 +116,7 @@ class Pull(Effect):
         return self.pull
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags(one_line):
     # every node slides one way throughout, so no switch moves: T = mu times the weight behind, in a steady state
     mu, speed, EA, mass, length, links = 0.5, 0.2, 1e5, 10.0, 8.0, 4

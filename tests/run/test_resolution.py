@@ -64,7 +64,7 @@ def test_a_run_at_rest_misses_no_energy(falling):
     assert (run.status, run.warnings) == ("ok", ())
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_scheme_that_gains_energy_where_a_line_snaps_is_not_called_ok():
     run = dj.simulate("paper-case-1", integrator="generalized_alpha", dt=0.02, duration=20.0)
     assert run.status == "energy_drift"

@@ -52,7 +52,7 @@ def test_the_buoy_leaves_table_6_as_in_moordyn():
         np.testing.assert_allclose(run.positions[:, -1, axis], expected, atol=apart * np.ptp(expected))
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_drag_along_the_buoys_side_leaves_the_largest_load_of_table_7():
     # Table 7's largest loads of case 4 are 1535 and 1558 N, without the overshoot of a buoy that bobs up from Table 6:
     # its drag along, on the base alone here, has to work on its whole side of pi D w

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -124,7 +123,7 @@ def test_a_float_goes_through_the_cycle_and_scenes_keep_their_tides():
         tidal_cycle(scene.with_values({"sea.current": {"speed": 0.1}, "sea.level": {"offset": 0.0}}))
 
 
-def test_gradients_through_level_and_current_agree_with_differences():
+def test_gradients_through_level_and_current_agree_with_differences(both_modes):
     sea = sea_of(level=LEVEL, waves=WAVES, current={"speed": 0.8, "amplitude": [1.0], "period": [60.0], "veer": 0.01})
 
     def value(p):
@@ -137,13 +136,14 @@ def test_gradients_through_level_and_current_agree_with_differences():
         return jnp.sum(motion.velocity * jnp.array([1.0, 0.3, -0.5])) + jnp.sum(motion.elevation)
 
     at = jnp.array([1.0, 0.02, 0.4])
-    reverse = jax.grad(value)(at)
-    np.testing.assert_allclose(jax.jacfwd(value)(at), reverse, rtol=1e-12)
-    differences = [(value(at.at[i].add(1e-6)) - value(at.at[i].add(-1e-6))) / 2e-6 for i in range(3)]
+    run = both_modes(value)
+    _, reverse, forward = run(at)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-12)
+    differences = [(run(at.at[i].add(1e-6))[0] - run(at.at[i].add(-1e-6))[0]) / 2e-6 for i in range(3)]
     np.testing.assert_allclose(reverse, differences, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_edulis_longline_in_currents_along_oblique_and_across():
     # at 0.9 m/s, horizontal way of the backbone from its place without current; docs/longlines.md has the same numbers
     scene = dj.load_scene("edulis-tide")

@@ -58,19 +58,17 @@ def measured(pose):
 
 
 @pytest.mark.slow
-def test_a_pose_follows_lengths_stiffness_drag_and_anchors_in_both_modes(mooring):
+def test_a_pose_follows_lengths_stiffness_drag_and_anchors_in_both_modes(mooring, both_modes):
     model, pose = mooring
     one = jnp.ones(4)
-    of = lambda p, near: measured(dj.equilibrium(changed(model, p), near=near))  # noqa: E731
-    forward = jax.jit(jax.jacfwd(of))(one, pose.state)
-    reverse = jax.jit(jax.jacrev(of))(one, pose.state)
+    there, reverse, forward = both_modes(lambda p: measured(dj.equilibrium(changed(model, p), near=pose.state)))(one)
     sought = lambda p: measured(dj.equilibrium(changed(model, jnp.asarray(p))))  # noqa: E731
     h, each = 1e-3, np.eye(4)
     for i, e in enumerate(each):
         far, near = (sought(1 + k * h * e) - sought(1 - k * h * e) for k in (2, 1))
         np.testing.assert_allclose(forward[:, i], (8 * near - far) / (12 * h), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(of(one, pose.state), measured(pose), rtol=1e-8)
+    np.testing.assert_allclose(there, measured(pose), rtol=1e-8)
 
 
 def test_gradients_of_a_model_go_through_the_search_on_the_host(mooring):
@@ -130,7 +128,8 @@ def test_a_held_system_has_no_free_motion(mooring):
     assert free_motion(model, pose.state, jnp.zeros_like(pose.state.r)) == ""
 
 
-def test_periods_follow_stiffness_lengths_and_masses_with_the_pose():
+@pytest.mark.check
+def test_periods_follow_stiffness_lengths_and_masses_with_the_pose(both_modes):
     """Against periods of poses sought anew."""
     table = {
         "run": {"dt": 0.02, "duration": 0.02},
@@ -154,13 +153,11 @@ def test_periods_follow_stiffness_lengths_and_masses_with_the_pose():
         axial = replace(line.axial, EA=line.axial.EA * p[0])
         return replace(model, lines=(replace(line, length=line.length * p[1], mass=line.mass * p[2], axial=axial),))
 
-    def periods(p, near):
+    def periods(p):
         changed = at(p)
-        return natural_periods(changed, dj.settle(changed, near), 3)
+        return natural_periods(changed, dj.settle(changed, pose.state), 3)
 
-    one = jnp.ones(3)
-    forward = jax.jit(jax.jacfwd(periods))(one, pose.state)
-    reverse = jax.jit(jax.jacrev(periods))(one, pose.state)
+    _, reverse, forward = both_modes(periods)(jnp.ones(3))
     anew = lambda p: natural_modes(at(p), dj.equilibrium(at(p)).state, 3).period  # noqa: E731
     h = 1e-3
     for i, e in enumerate(np.eye(3)):

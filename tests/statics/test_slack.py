@@ -76,7 +76,7 @@ def test_a_slack_floating_rope_lies_at_the_draught_that_carries_it():
     np.testing.assert_allclose(pose.tension, 0.0, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_slack_rope_along_a_current_streams_behind_the_point_that_is_farther_down():
     pose = found(scene(20.0, 20, [0.0] * 3, [10.0, 0.0, 0.0], FLOATING, 10.0, speed=1.0))
     assert np.max(pose.positions[:, 0]) == pytest.approx(15.0, abs=0.1)
@@ -86,7 +86,7 @@ def test_a_slack_rope_along_a_current_streams_behind_the_point_that_is_farther_d
     assert np.max(np.abs(pose.positions[:, 1])) < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_eleven_lines_on_one_float_share_what_it_lifts():
     lines, depth, out = 11, 20.0, 20.0
     angle = 2 * np.pi * np.arange(lines) / lines
@@ -135,7 +135,7 @@ def valley(speed):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_weight_comes_to_rest_in_the_bottom_of_a_valley():
     pose = found(valley(0.0))
     x, y, z = pose.positions[-1]

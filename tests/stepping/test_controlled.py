@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -222,14 +223,13 @@ def test_damping_that_holds_the_steps_is_named_with_what_to_take(scheme):
 # --- derivatives --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_derivatives_are_those_along_the_steps_in_both_modes_corners_that_move_included():
+@pytest.fixture(scope="module")
+def walk():
+    """A number of a run by its let-go force and damping: along steps taken before, by choosing them; and these."""
     model, start = dj.build(PENDULUM)
     stepper = dj.make_stepper(model, "tsit5")
     tolerance, dt, saves = jnp.asarray(1e-5), jnp.asarray(0.05), 20
     steps = jax.jit(partial(dj.controlled_steps, stepper, most=128))(model, start, 1.0, tolerance)
-    assert int(steps.number) < 128
-    assert int(steps.corner.sum()) == 3
 
     def changed(p):
         new = {"nodal_force": {"release": p[0]}, "linear_damping": {"b_l": p[1]}}
@@ -242,15 +242,32 @@ def test_derivatives_are_those_along_the_steps_in_both_modes_corners_that_move_i
     def along(p):
         return told(dj.integrate_along(stepper, changed(p), start, steps, dt, saves)[1])
 
-    def run(p):
+    def choosing(p):
         seen = changed(p)
         carry = start_controlled(stepper, seen, start, tolerance)
         return told(advance_controlled(stepper, seen, carry, dt, tolerance, saves)[1][0])
 
-    p = jnp.array([LET_GO, DAMPING])
-    f = jax.jit(along)
-    assert float(f(p)) == pytest.approx(float(jax.jit(run)(p)), abs=1e-13)
-    exact = [float(f(p.at[i].add(1e-6)) - f(p.at[i].add(-1e-6))) / 2e-6 for i in range(2)]
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(along))(p), exact, rtol=1e-6)
-    np.testing.assert_allclose(jax.jit(jax.grad(along))(p), exact, rtol=1e-6)
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(run))(p), exact, rtol=1e-6)
+    # value and forward mode in one program
+    pushed = {f: jax.jit(lambda p, way, f=f: jax.jvp(f, (p,), (way,))) for f in (along, choosing)}
+    return SimpleNamespace(steps=steps, along=along, push_along=pushed[along], push_choosing=pushed[choosing])
+
+
+AT, EACH = np.array([LET_GO, DAMPING]), np.eye(2)
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_along_the_steps_in_both_modes_corners_that_move_included(walk):
+    assert int(walk.steps.number) < 128
+    assert int(walk.steps.corner.sum()) == 3
+    f = walk.push_along
+    exact = [float(f(AT + 1e-6 * e, e)[0] - f(AT - 1e-6 * e, e)[0]) / 2e-6 for e in EACH]
+    np.testing.assert_allclose([f(AT, e)[1] for e in EACH], exact, rtol=1e-6)
+    np.testing.assert_allclose(jax.jit(jax.grad(walk.along))(AT), exact, rtol=1e-6)
+
+
+@pytest.mark.check
+def test_a_run_that_chooses_its_steps_has_the_derivatives_of_one_along_them(walk):
+    for e in EACH:
+        (value, slope), (expected, exact) = walk.push_choosing(AT, e), walk.push_along(AT, e)
+        assert float(value) == pytest.approx(float(expected), abs=1e-13)
+        assert float(slope) == pytest.approx(float(exact), rel=1e-6)

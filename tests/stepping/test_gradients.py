@@ -62,32 +62,32 @@ def differences(function, directions, step=1e-4):
     """Central differences of two step sizes, extrapolated: along the rows of `directions`."""
     sizes = np.array([step, -step, 2 * step, -2 * step])
     points = FLAT + (sizes[:, None, None] * directions).reshape(-1, FLAT.size)
-    f = jax.lax.map(jax.jit(flat(function)), points).reshape(4, -1)
+    f = np.array([function(x) for x in points]).reshape(4, -1)
     return (4 * (f[0] - f[1]) / (2 * step) - (f[2] - f[3]) / (4 * step)) / 3
 
 
 @pytest.fixture(scope="module")
-def gradient():
-    """Reverse mode over one second."""
-    return np.asarray(jax.jit(jax.grad(flat(partial(scalar, EXACT))))(FLAT))
+def over_a_second(both_modes):
+    """`f(x)`: value, reverse and forward mode over one second."""
+    return both_modes(flat(partial(scalar, EXACT)))
 
 
-def test_forward_and_reverse_agree_in_all_parameters(gradient):
-    forward = jax.jit(jax.jacfwd(flat(partial(scalar, EXACT))))(FLAT)
+def test_forward_and_reverse_agree_in_all_parameters(over_a_second):
+    _, gradient, forward = (np.asarray(x) for x in over_a_second(FLAT))
     for group in PARAMETERS:
         mine = gradient[group == GROUPS]
         np.testing.assert_allclose(mine, forward[group == GROUPS], rtol=1e-9, atol=1e-9 * np.abs(mine).max())
 
 
-def test_gradient_is_that_of_central_differences_over_one_second(gradient):
+def test_gradient_is_that_of_central_differences_over_one_second(over_a_second):
     """One direction of each group with a relative step of 1e-4 (of the size of a link, of 0.1 m/s for the state)."""
     size = np.abs(np.asarray(FLAT)) * np.where(GROUPS == "speed", 0.0, 1.0)
     size += np.where(GROUPS == "shift", 0.1, 0.0) + np.where(GROUPS == "speed", 0.1, 0.0)
     size[GROUPS == "end"] = 0.28
     random = size * np.random.default_rng(5).uniform(0.2, 1.0, FLAT.size)
     directions = np.array([random * (group == GROUPS) for group in PARAMETERS])
-    expected = differences(partial(scalar, EXACT), directions, 1e-4)
-    np.testing.assert_allclose(directions @ gradient, expected, rtol=1e-6)
+    expected = differences(lambda x: over_a_second(x)[0], directions, 1e-4)
+    np.testing.assert_allclose(directions @ np.asarray(over_a_second(FLAT)[1]), expected, rtol=1e-6)
 
 
 def test_gradient_is_that_of_unrolled_dense_newton():
@@ -145,16 +145,15 @@ def small_flat(function):
     return jax.jit(lambda x: function(SMALL_UNRAVEL(x)))
 
 
-def check_all_ways(function, step=5e-4):
+def check_all_ways(run, step=5e-4):
     """Reverse = forward to 1e-9, and = extrapolated central differences to 1e-6 in each group of parameters."""
-    run = small_flat(function)
-    reverse, forward = np.asarray(jax.jit(jax.grad(run))(SMALL_FLAT)), jax.jit(jax.jacfwd(run))(SMALL_FLAT)
+    _, reverse, forward = (np.asarray(x) for x in run(SMALL_FLAT))
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9 * np.abs(reverse).max())
     groups = np.concatenate([[key] * SMALL[key].size for key in sorted(SMALL)])
     for group in SMALL:
         direction = np.where(groups == group, np.asarray(SMALL_FLAT), 0.0)
         # relative steps where rounding (1e-13 / h, against which 1e-9 has to stand) and the error in h^4 are both small
-        f = [run(SMALL_FLAT + h * direction) for h in (step, -step, 2 * step, -2 * step)]
+        f = [run(SMALL_FLAT + h * direction)[0] for h in (step, -step, 2 * step, -2 * step)]
         expected = float((4 * (f[0] - f[1]) / (2 * step) - (f[2] - f[3]) / (4 * step)) / 3)
         assert direction @ reverse == pytest.approx(expected, rel=1e-6, abs=1e-9), group
 
@@ -182,21 +181,30 @@ def test_checkpointing_changes_no_derivative():
     np.testing.assert_allclose(plain, kept, rtol=1e-11, atol=1e-11 * np.abs(plain).max())
 
 
+# schemes alone are in test_step_derivatives.py
 @pytest.mark.slow
-@pytest.mark.parametrize("choice", [("rattle", "auto"), ("theta", "auto"), ("energy_momentum", "dense")])
-def test_other_schemes_and_solvers_have_equal_forward_and_reverse_derivatives_and_differences(choice):
+@pytest.mark.parametrize(
+    "choice",
+    [
+        pytest.param(("rattle", "auto"), marks=pytest.mark.check),
+        pytest.param(("theta", "auto"), marks=pytest.mark.check),
+        ("energy_momentum", "dense"),
+    ],
+)
+def test_other_schemes_and_solvers_have_equal_forward_and_reverse_derivatives_and_differences(choice, both_modes):
     stepper = dj.make_stepper(model_of(SMALL), *choice, iterations=16, halvings=0)
-    check_all_ways(partial(small_end, stepper))
+    check_all_ways(both_modes(small_flat(partial(small_end, stepper))))
 
 
 @pytest.mark.check
-def test_derivatives_through_halved_steps_are_exact_in_both_modes():
+def test_derivatives_through_halved_steps_are_exact_in_both_modes(both_modes):
     """A step that turns the links about once: the whole step fails and its two halves are chained."""
     stepper, dt = dj.make_stepper(model_of(SMALL), iterations=1, extra=0, halvings=4), 0.1
     report = dj.step(stepper, model_of(SMALL), replace(SMALL_START, v=20 * SMALL["speed"]), dt)[1]
     assert report.level == 1
     assert report.residual < 1e-11
-    check_all_ways(lambda p: small_end(stepper, p | {"speed": 20 * p["speed"]}, steps=1, dt=dt))
+    faster = small_flat(lambda p: small_end(stepper, p | {"speed": 20 * p["speed"]}, steps=1, dt=dt))
+    check_all_ways(both_modes(faster))
 
 
 def conical_end(b, **choice):

@@ -51,7 +51,7 @@ def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) 
     assert [item["scheme"] for item in found["refused"]] == ["rk4"]
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
     """The reference is a 16 times finer rk4, checked by extrapolated rk2."""
     changes = {"line.0.axial.law": "elastic", "line.0.axial.EA": 20.0, "line.0.axial.damping": 0.02}

@@ -109,7 +109,7 @@ def test_a_step_that_fails_is_named():
     assert dj.simulate(scene, errors=True).settings.get("load_errors") is None
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_loads_of_a_bounce_converge_and_the_advice_counts_from_below(falling, bounce):
     largest, mean = bounce
     found = load_convergence(load_scene(falling(PERIOD, 0.01)), (0.02, 0.01, 0.005, 0.0025))

@@ -42,7 +42,7 @@ def test_hard_case_keeps_its_claim(name: str) -> None:
     assert row["measured"] <= row["limit"], row["claim"]
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_thesis_schemes_fail_on_the_undamped_dropper_at_the_step_ours_takes() -> None:
     """At dt 0.02 s: design section 1 says the weighting 0.51 blows up from 0.0065 s, and 0.5 always does."""
     row = evaluate(CASES["ten-minutes-energy"], short=True)

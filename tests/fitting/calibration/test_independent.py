@@ -66,7 +66,7 @@ def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path)
     assert one_run_picture(found, "rods", tmp_path / "run.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(two, ready, motion):
     """Starts are eliminated anew at every point; Gauss-Newton's elimination leaves out the residuals' curvature."""
     prepared = ready(two.seen(motion, 0))

@@ -95,7 +95,7 @@ def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
     assert dj.simulate(fitted).status == "ok"
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
     problem, values = found.point.problem, found.values
     at = placed(problem.scenes[0], problem.data, problem.plain[0], values)
@@ -146,7 +146,7 @@ def test_the_command_line_writes_the_report_and_the_scene(tmp_path, capsys):
     assert "## Sensitivity" in (tmp_path / "report" / "report.md").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_runs_with_a_damping_of_their_own_share_the_rest():
     rng = np.random.default_rng(2)
     true = [0.036, 0.044, 0.04]

@@ -125,7 +125,7 @@ def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, w
     assert words in lines[0]
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_hold(files, capsys):
     code = main(
         ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--method", "windows", "--json",

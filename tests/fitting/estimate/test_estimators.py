@@ -5,6 +5,7 @@ The truth is integrated by another scheme at a 20 times finer step; fits start t
 """
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -39,35 +40,38 @@ def motion():
 
 @pytest.fixture(scope="module")
 def twins(motion):
-    """Prepared fits of several noise seeds, sharing one compiled simulator."""
-    found, simulator = [], None
-    for seed in range(SEEDS):
+    """`twins(seed)`: a prepared fit of a noise seed; all share one compiled simulator, each is made when asked for."""
+
+    @cache
+    def prepared(seed):
+        simulator = prepared(0).simulator if seed else None
         trace = observe(motion, Camera(angle_noise=0.005), seed)
-        found.append(prepare(trace, SCENE, FREE, start=FAR, window=1.0, simulator=simulator))
-        simulator = found[0].simulator
-    return found
+        return prepare(trace, SCENE, FREE, start=FAR, window=1.0, simulator=simulator)
+
+    return prepared
 
 
 @pytest.fixture(scope="module")
 def separate(twins):
-    return [estimate(p, "windows") for p in twins]
+    """`separate(seed)`: its estimate from separate windows."""
+    return cache(lambda seed: estimate(twins(seed), "windows"))
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_windows_by_a_scheme_that_holds_its_own_error_give_the_same_estimates(motion, twins, separate):
     trace = observe(motion, Camera(angle_noise=0.005), 0)
     prepared = prepare(trace, SCENE, FREE, start=FAR, window=1.0, integrator="tsit5")
     held = estimate(prepared, "windows")
     assert held.status == "ok"
-    error = summarise(twins[0], "windows", separate[0]).uncertainty.std_error
-    assert np.all(np.abs(held.values - separate[0].values) < 0.05 * error)
+    error = summarise(twins(0), "windows", separate(0)).uncertainty.std_error
+    assert np.all(np.abs(held.values - separate(0).values) < 0.05 * error)
 
 
 @pytest.mark.check
 def test_windows_converge_from_ten_times_off_with_honest_errors(twins, separate):
     z = []
-    for prepared, solution in zip(twins, separate, strict=True):
-        result = summarise(prepared, "windows", solution)
+    for seed in range(SEEDS):
+        result = summarise(twins(seed), "windows", separate(seed))
         assert result.status == "ok"
         assert result.chi2_per_dof == pytest.approx(1.0, abs=0.1)
         z.append((result.values - TRUTH) / result.uncertainty.std_error)
@@ -76,8 +80,8 @@ def test_windows_converge_from_ten_times_off_with_honest_errors(twins, separate)
 
 @pytest.mark.check
 def test_joining_the_windows_makes_the_errors_several_times_smaller(twins, separate):
-    prepared = twins[0]
-    apart = summarise(prepared, "windows", separate[0])
+    prepared = twins(0)
+    apart = summarise(prepared, "windows", separate(0))
     joined = summarise(prepared, "shooting", estimate(prepared, "shooting"))
     assert joined.status == "ok"
     assert np.all(joined.uncertainty.std_error < apart.uncertainty.std_error / 5)
@@ -87,7 +91,7 @@ def test_joining_the_windows_makes_the_errors_several_times_smaller(twins, separ
 @pytest.mark.check
 def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, separate):
     """Fewer windows, all unknowns in one dense vector, trust region of SciPy."""
-    prepared, solution = twins[0], separate[0]
+    prepared, solution = twins(0), separate(0)
     few = prepared.windows.pick(np.arange(8))
     starts = Starts(solution.starts.theta[:8], solution.starts.omega[:8])
     simulator, m2 = prepared.simulator, prepared.simulator.freedoms
@@ -127,7 +131,7 @@ def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, sep
 
 
 def test_window_jacobian_agrees_with_central_differences(twins):
-    prepared = twins[0]
+    prepared = twins(0)
     few = prepared.windows.pick(np.arange(5))  # as many as share the compiled chunk
     starts = Starts(prepared.starts.theta[:5], prepared.starts.omega[:5])
     at = prepared.simulator(TRUTH, starts, few)
@@ -142,8 +146,8 @@ def test_window_jacobian_agrees_with_central_differences(twins):
 
 @pytest.mark.check
 def test_bootstrap_and_profile_agree_with_the_covariance(twins, separate):
-    solution = separate[0]
-    u = summarise(twins[0], "windows", solution).uncertainty
+    solution = separate(0)
+    u = summarise(twins(0), "windows", solution).uncertainty
     spread = bootstrap(solution, draws=400).std(axis=0)
     np.testing.assert_allclose(spread, u.std_error, rtol=0.5)
     found = profile(solution, FREE[0], u.std_error[0], points=2)
@@ -158,7 +162,7 @@ def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
     results = []
     for seed in range(3):
         trace = observe(truth, Camera(angle_noise=0.005), seed)
-        prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins[0].simulator)
+        prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins(0).simulator)
         results.append(summarise(prepared, "windows", estimate(prepared, "windows")))
     assert all(r.values[1] >= 0 for r in results)
     for r in results:
@@ -171,7 +175,7 @@ def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
 @pytest.mark.check
 def test_huber_resists_outliers(motion, twins):
     trace = observe(motion, Camera(angle_noise=0.005, outliers=0.02, missing=0.05), 7)
-    prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins[0].simulator)
+    prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins(0).simulator)
     plain = estimate(prepared, "windows")
     robust = estimate(prepared, "windows", Huber(2.0))
     assert robust.status == "ok"

@@ -222,7 +222,7 @@ def test_command_line_sweeps_and_resumes(tmp_path, capsys):
     assert "is not NAME=LO:HI:N" in json.loads(capsys.readouterr().out)["error"]
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_cluster_does_the_chunks_of_a_worker_that_died_elsewhere(whole, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     path, write, killed = tmp_path / "cluster.zarr", Store.write, []

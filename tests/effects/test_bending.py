@@ -94,11 +94,11 @@ def test_a_cantilever_has_its_closed_form_deflection_moment_and_curvature():
     solution = simulate(cantilever(links, EI, load, tip))
     assert solution.settings["solver"] == "network"
     sag = tip * length**3 / (3 * EI) + load * length**4 / (8 * EI)
-    assert -solution.positions[0, -1, 2] == pytest.approx(sag, rel=0.01)
+    assert -solution.positions[0, -1, 2] == pytest.approx(sag, rel=0.0025)
     beyond = length - np.linspace(0.0, length, links + 1)
     moment = tip * beyond + 0.5 * load * beyond**2
-    np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=0.01, atol=1e-9)
-    np.testing.assert_allclose(solution.curvature[0], moment / EI, rtol=0.01, atol=1e-12)
+    np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(solution.curvature[0], moment / EI, rtol=1e-4, atol=1e-12)
     found = solution.summary()["bending"]["beam"]
     assert found["at_m"] == 0.0
     assert found["least_radius_m"] == pytest.approx(EI / moment[0], rel=0.01)

@@ -1,6 +1,6 @@
 """What a rigid body costs per step, and blocks against a dense matrix where lines on it bend.
 
-The chain of `ballasted-spar` in links of several lengths, with bending: both solvers alternately in one process,
+The chain of `ballasted-spar` in 20 links, with bending: both solvers alternately in one process,
 medians of processor time, compilation aside. Beside it the same chain without the body, its end held.
 
     python benchmarks/body_speed.py
@@ -22,7 +22,7 @@ import dropper_jax as dj
 from dropper_jax.stepping.integrate import advance, begin
 
 RESULTS = Path(__file__).parent / "results" / "body_speed.json"
-LINKS, STEPS, ROUNDS = (10, 20, 40), 40, 5
+LINKS, STEPS, ROUNDS = (20,), 40, 7
 
 
 def scene(links: int, body: bool) -> dj.Scene:

@@ -63,7 +63,8 @@ def _names(scene: Scene, given: str | None) -> list[str]:
     """The names of `--points`, or all bodies, or all free points, or all points."""
     if given is not None:
         return [name.strip() for name in given.split(",")]
-    names = [body.name for body in scene.bodies] or [p.name for p in scene.points if p.kind != "fixed"]
+    names = [body.name for body in scene.bodies if not body.pinned]
+    names = names or [p.name for p in scene.points if p.kind != "fixed" and p.on is None]
     if not names:
         held = ", ".join(p.name for p in scene.points)
         raise SceneError(f"--points: the scene has no free point; allowed: held ones by name, such as {held}")

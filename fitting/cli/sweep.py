@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     vary = "values of a path, lo:hi:n, lo:hi:n:log or a,b,c (may be given several times)"
     parser.add_argument("--vary", action="append", default=[], metavar="NAME=LO:HI:N", help=vary)
+    parser.add_argument(
+        "--listed", action="store_true", help="values go together, row by row: no grid, a list of cases"
+    )
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; a part that is there is kept")
     parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over what is varied")
@@ -78,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
             chunk=args.chunk,
             scheduler=args.scheduler,
             mix_versions=args.mix_versions,
+            listed=args.listed,
             progress=progress(args.quiet),
         )
     except SweepStopped as error:

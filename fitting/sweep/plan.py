@@ -64,6 +64,7 @@ class Plan:
         traces: also record nodes' positions and tensions at every saved time.
         chunk: cases advanced together on one device.
         settings: further fields of `Stepper`.
+        listed: whether the axes' values go together, row by row, in place of every combination.
     """
 
     scene: Scene
@@ -72,10 +73,12 @@ class Plan:
     traces: bool = False
     chunk: int = 64
     settings: tuple[tuple[str, Any], ...] = ()
+    listed: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
-        return tuple(len(axis.values) for axis in self.axes)
+        found = tuple(len(axis.values) for axis in self.axes)
+        return found[:1] if self.listed else found
 
     @property
     def cases(self) -> int:
@@ -95,7 +98,7 @@ class Plan:
 
     def inputs(self, cases: np.ndarray) -> np.ndarray:
         """Values (cases, axes) of case numbers."""
-        index = np.unravel_index(cases, self.shape)
+        index = np.unravel_index(cases, self.shape) * (len(self.axes) if self.listed else 1)
         columns = [axis.values[i] for axis, i in zip(self.axes, index, strict=True)]
         return np.stack(columns, axis=-1).astype(float)
 
@@ -113,6 +116,7 @@ class Plan:
             "traces": self.traces,
             "chunk": self.chunk,
             "settings": dict(self.settings),
+            **({"listed": True} if self.listed else {}),
         }
 
 
@@ -124,6 +128,7 @@ def from_identity(identity: Mapping[str, Any]) -> Plan:
         quantities=identity["quantities"],
         traces=identity["traces"],
         chunk=identity["chunk"],
+        listed=identity.get("listed", False),
         **identity["settings"],
     )
 
@@ -135,6 +140,7 @@ def make_plan(
     quantities: Sequence[str] | None = None,
     traces: bool = False,
     chunk: int = 64,
+    listed: bool = False,
     **settings: Any,
 ) -> Plan:
     """Check a sweep and prepare it.
@@ -144,6 +150,10 @@ def make_plan(
     """
     scene = load_scene(scene)
     vary = {path: np.asarray(values) for path, values in vary.items()}
+    if listed and (seeds or len({values.size for values in vary.values()}) > 1):
+        counts = ", ".join(f"{path} {values.size}" for path, values in vary.items())
+        what = "seeds, of which each row would need its own" if seeds else f"lists of different lengths ({counts})"
+        raise SceneError(f"listed: {what}; allowed: as many values of every path, without seeds")
     if seeds:
         vary[SEED] = np.arange(seeds) + _first_seed(scene)
     if not vary:
@@ -154,17 +164,17 @@ def make_plan(
     for name in names:
         if name not in QUANTITIES:
             raise SceneError(f"quantities: {name!r} is unknown; {nearest(name, QUANTITIES)}")
-    _check_cases({path: values.size for path, values in vary.items()}, len(names))
+    _check_cases({path: values.size for path, values in vary.items()}, len(names), listed)
     paths = _paths(scene, list(vary))
     # the first value of every axis is in the base, so that an effect that the scene lacks is there to be varied
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
-    return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())))
+    return Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
 
 
-def _check_cases(counts: Mapping[str, int], quantities: int) -> None:
-    """Refuse a grid whose table has no room in memory."""
-    cases = math.prod(counts.values())
+def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> None:
+    """Refuse a grid or list whose table has no room in memory."""
+    cases = max(counts.values()) if listed else math.prod(counts.values())
     need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
     if left is not None and need > SHARE * left:
         what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"

@@ -73,6 +73,7 @@ def sweep(
     scheduler: Scheduler | None = None,
     progress: Progress | None = None,
     mix_versions: bool = False,
+    listed: bool = False,
     **settings: Any,
 ) -> SweepResult:
     """Run every combination of values and keep what was asked for in a Zarr folder.
@@ -88,13 +89,14 @@ def sweep(
         scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
         progress: called with the fraction done and a line of text.
         mix_versions: go on with a part that was made with other versions of JAX or of this package.
+        listed: values go together, the first of every path, then the second: a list of cases, not a grid.
         **settings: further fields of `Stepper`.
 
     Raises:
         SceneError: for anything a user can mend.
         SweepStopped: the disk refuses; the finished chunks are kept.
     """
-    plan = make_plan(scene, vary, seeds, quantities, traces, chunk, **settings)
+    plan = make_plan(scene, vary, seeds, quantities, traces, chunk, listed, **settings)
     say = progress or silent
     store = Store(out, plan, versions(), mix_versions)
     try:
@@ -179,7 +181,7 @@ def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, told: Fallbacks) 
 
 
 def open_sweep(path: str | Path) -> xarray.Dataset:
-    """The results on their grid: one dimension per varied input.
+    """The results on their grid: one dimension per varied input; of listed cases one dimension, `case`.
 
     Raises:
         SceneError: a folder that is no sweep.
@@ -191,6 +193,8 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
         identity = json.loads(flat.attrs[IDENTITY])
         names = input_names(list(identity["vary"]))
         flat = flat.set_coords(names)
+        if identity.get("listed"):
+            return flat
         if len(names) == 1:
             return flat.swap_dims(case=names[0])
         return flat.load().set_index(case=names).unstack("case").transpose(*names, ...)

@@ -94,11 +94,11 @@ def test_a_cantilever_has_its_closed_form_deflection_moment_and_curvature():
     solution = simulate(cantilever(links, EI, load, tip))
     assert solution.settings["solver"] == "network"
     sag = tip * length**3 / (3 * EI) + load * length**4 / (8 * EI)
-    assert -solution.positions[0, -1, 2] == pytest.approx(sag, rel=0.01)
+    assert -solution.positions[0, -1, 2] == pytest.approx(sag, rel=0.0025)
     beyond = length - np.linspace(0.0, length, links + 1)
     moment = tip * beyond + 0.5 * load * beyond**2
-    np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=0.01, atol=1e-9)
-    np.testing.assert_allclose(solution.curvature[0], moment / EI, rtol=0.01, atol=1e-12)
+    np.testing.assert_allclose(solution.bending_moment[0], moment, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(solution.curvature[0], moment / EI, rtol=1e-4, atol=1e-12)
     found = solution.summary()["bending"]["beam"]
     assert found["at_m"] == 0.0
     assert found["least_radius_m"] == pytest.approx(EI / moment[0], rel=0.01)
@@ -234,3 +234,13 @@ def test_moments_go_to_netcdf_vtk_json_and_the_report(tmp_path):
     assert 'Name="bending_moment"' in (tmp_path / "lines_000000.vtp").read_text()
     run = report_run(solution)["bending"][0]
     assert run["largest_moment_n_m"] == pytest.approx(np.max(solution.bending_moment[:]), rel=1e-6)
+
+
+def test_work_of_a_clamp_that_moves_is_in_the_balance():
+    scene = cantilever(4, EI=200.0, load=2.0, tip=5.0)
+    scene["effects"]["end_motion"] = {"point": "a", "time": [0.0, 1.0], "displacement": [[0.0] * 3, [0.0, 0.5, 1.0]]}
+    ran = simulate(scene, dt=0.01, duration=0.6)
+    assert ran.status == "ok", ran.failure
+    done = ran.work[-1, list(ran.work_names).index("moving_ends")]
+    assert done > 0.1 * ran.energy_scale  # the clamp lifts the rod by its moment and its shear
+    assert ran.energy_drift < 0.01 * ran.energy_scale

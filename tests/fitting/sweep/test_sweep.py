@@ -183,6 +183,8 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"run.dt": [0.1]}, {}, "vary: 'run.dt' belongs to the compiled program"),
         ({"b_l": [0.1]}, {"quantities": ["tension_mx"]}, "quantities: 'tension_mx' is unknown; did you mean"),
         ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
+        ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
+        ({"b_l": [0.1]}, {"listed": True, "seeds": 2}, "listed: seeds, of which each row would need its own"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, vary, more, message):
@@ -202,6 +204,21 @@ def test_seeds_are_realisations_of_the_sea():
     wet = {**SCENE, "line": line, "effects": effects, "sea": {"depth": 30.0, "waves": waves}}
     plan = make_plan(wet, {}, seeds=3)
     assert plan.inputs(np.arange(3))[:, 0].tolist() == [5.0, 6.0, 7.0]
+
+
+def test_listed_values_go_together_and_give_the_numbers_of_the_grid(whole, tmp_path):
+    rows = {"b_l": [0.2, 0.0, 0.8], "start.polar.0": [1.0, 0.5, 0.5]}
+    result = sweep(SCENE, rows, tmp_path / "rows.zarr", chunk=4, traces=True, listed=True, **QUICK)
+    assert result.cases == 3
+    again = sweep(SCENE, rows, tmp_path / "rows.zarr", chunk=4, traces=True, listed=True, **QUICK)
+    assert again.resumed == 3
+    with open_sweep(tmp_path / "rows.zarr") as found, open_sweep(whole) as grid:
+        assert found.b_l.dims == ("case",)
+        for case, (b_l, polar) in enumerate(zip(*rows.values(), strict=True)):
+            one = grid.sel({grid.tension_max.dims[0]: b_l, grid.tension_max.dims[1]: polar})
+            assert float(found.tension_max[case]) == pytest.approx(float(one.tension_max), rel=1e-9)
+    with pytest.raises(SceneError, match="listed"):
+        sweep(SCENE, rows, tmp_path / "rows.zarr", chunk=4, traces=True, **QUICK)
 
 
 def test_command_line_sweeps_and_resumes(tmp_path, capsys):

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from dropper_jax import plots
 from dropper_jax.load.scene import Scene
@@ -64,27 +63,22 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         shape = np.asarray(modes.shape[i])
         shape = shape * REACH * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
-        across = _across(rest, ends[0] - rest)
+        across, up = _plane(rest, ends[0] - rest)
         for line in line_slices(scene):
             for nodes, colour in zip(ends, (style.FIRST, style.SECOND), strict=True):
-                _line(axes, nodes[line.nodes], across, color=colour, lw=1.3)
-            _line(axes, rest[line.nodes], across, color=style.DARK, lw=0.9, ls=(0, (3, 3)))
+                axes.plot(*nodes[line.nodes][:, [across, up]].T, color=colour, lw=1.3)
+            axes.plot(*rest[line.nodes][:, [across, up]].T, color=style.DARK, lw=0.9, ls=(0, (3, 3)))
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_title(f"{i + 1}: {modes.period[i]:.3g} s", loc="left", fontsize=9)
-        axes.set(xlabel=f"{'xy'[across]} [m]", ylabel="z [m]")
+        axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]")
     title(figure, f"{scene.name}: slowest modes (dashed: at rest; moves are enlarged)")
     return style.save(figure, path)
 
 
-def _across(rest: np.ndarray, moved: np.ndarray) -> int:
-    """The horizontal axis from whose side the move shows best: the pose's longer one where it matters little."""
-    along = [float(np.sum(moved[:, [axis, 2]] ** 2)) for axis in (0, 1)]
-    longer = int(np.ptp(rest[:, 1]) > np.ptp(rest[:, 0]))
-    return int(np.argmax(along)) if max(along) > 2.0 * along[longer] else longer
-
-
-def _line(axes: Axes, nodes: np.ndarray, across: int, **look: Any) -> None:
-    axes.plot(nodes[:, across], nodes[:, 2], **look)
+def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
+    """Two axes in which most of the move and of the pose shows: from the side, the front, or above."""
+    share, extent = np.sum(moved**2, axis=0), np.ptp(rest, axis=0)
+    return max(((0, 2), (1, 2), (0, 1)), key=lambda pair: sum(share[list(pair)]) * np.hypot(*extent[list(pair)]))
 
 
 @style.look()

@@ -20,6 +20,8 @@ FOLDER = Path(__file__).parents[2] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("[0-9]*-*.py"), key=lambda script: int(script.name.partition("-")[0]))
 #: Largest kept notebook [bytes], pictures included.
 LARGEST = 400_000
+#: Data of the package that notebooks read.
+DATA = FOLDER.parent / "dropper_jax" / "data"
 
 
 def test_there_is_a_notebook_for_every_story():
@@ -113,3 +115,77 @@ def test_printed_estimates_hold_the_truth():
     for row in ways:
         numbers = np.array(row, float).reshape(2, 2)
         assert np.all(np.abs(numbers[:, 0] - [0.002, 0.001]) < 4 * numbers[:, 1])
+
+
+def numbers(pattern, text):
+    """The numbers of the first match."""
+    found = re.search(pattern, text)
+    assert found, pattern
+    return [float(number) for number in found.groups()]
+
+
+def test_printed_pose_is_that_of_the_measured_angles():
+    text, data = printed("1-"), np.genfromtxt(DATA / "release_angles_rad.csv", delimiter=",", dtype=str)
+    runs = np.array([row[2:].astype(float) for row in data if row[0] == "A" and row[1] != "model"])
+    rows = {
+        name: np.array(re.search(rf"^{name} +(.*)$", text, re.M)[1].split(), float) for name in ("measured", "computed")
+    }
+    np.testing.assert_allclose(rows["measured"], runs.mean(axis=0), atol=6e-4)
+    (rms,) = numbers(r"RMS difference (\S+) rad", text)
+    assert rms == pytest.approx(np.sqrt(np.mean((rows["computed"] - runs.mean(axis=0)) ** 2)), abs=2e-4)
+    assert rms < 0.0139  # what the static poses leave, see docs/validation.md
+    drift, scale = numbers(r"drifts by (\S+) J of (\S+) J", text)
+    assert drift < 1e-12 * scale
+
+
+def test_printed_orders_are_those_of_the_schemes():
+    formal = {"energy_momentum": 2, "rattle": 2, "theta 0.51": 1, "theta_midpoint 0.51": 1, "energy_momentum_4": 4}
+    found = dict(re.findall(r"^  (\S+(?: \S+)?) +(\d\.\d+)$", printed("2-"), re.M))
+    assert found.keys() == formal.keys()
+    assert all(abs(float(found[name]) - order) < 0.15 for name, order in formal.items())
+
+
+def test_printed_hard_cases_say_what_the_text_says():
+    text = printed("3-")
+    rows = re.findall(r"^ +\S+ +(energy_momentum|thesis_angles) +(\S+) +\S+ +(\S+)$", text, re.M)
+    lost = {name: [float(row[2]) for row in rows if row[0] == name] for name in ("energy_momentum", "thesis_angles")}
+    assert max(lost["energy_momentum"]) < 1e-10 < 1e-3 < min(lost["thesis_angles"])
+    stands, limit = numbers(r"stands at (\S+) rad and creeps by 0e\+00", text) + numbers(r"within (\S+) rad", text)
+    assert limit == pytest.approx(0.05 / (1.0 * 9.81 * 0.5), abs=1e-4)
+    assert abs(stands) < limit
+    steps = re.findall(r"^ +0\.0\d+ +(\S+) +(\d+) +(\d+) ", text, re.M)
+    assert [row[0] for row in steps] == ["ok"] * 6
+    assert int(steps[-1][1]) > int(steps[0][1]) == 0
+
+
+def test_printed_derivatives_agree_with_differences():
+    rows = re.findall(r"exact (\S+) +difference quotient (\S+)$", printed("5-"), re.M)
+    assert len(rows) == 3
+    np.testing.assert_allclose(*np.array(rows, float).T, rtol=1e-5)
+
+
+def test_printed_sweeps_are_complete():
+    assert re.search(r"480 runs of 10 s, 2000 steps each: 480 ok", printed("6-"))
+    assert re.search(r"160 runs: 160 ok", printed("6-"))
+
+
+def test_printed_sea_is_that_of_the_printed_components():
+    text = printed("7-")
+    components = np.genfromtxt(DATA / "seas" / "north_sea_25_year_components.csv", delimiter=",", skip_header=1)
+    count, hs = numbers(r"(\d+) components, Hs = (\S+) m", text)
+    assert count == len(components)
+    assert hs == pytest.approx(4 * np.sqrt(np.sum(components[:, 1] ** 2) / 2), abs=0.01)
+    assert len(re.findall(r"^ok: 0 failed steps", text, re.M)) == 2
+
+
+def test_printed_longline_is_symmetric_and_its_chain_agrees_with_moordyn():
+    text = printed("8-")
+    loads = {m[1]: (float(m[2]), float(m[3])) for m in re.finditer(r"^(\S+) +(\d+) +(\d+) +\d+%$", text, re.M)}
+    assert len(loads) == 15
+    # waves and current come across the line
+    np.testing.assert_allclose(loads["west-leg"], loads["east-leg"], rtol=2e-3)
+    assert max(load[1] for load in loads.values()) == loads["backbone"][1] > loads["east-leg"][1]
+    ours, theirs = numbers(r"anchor (\S+) N, buoy", text) + numbers(r"MoorDyn v2 at rest: (\S+) N", text)
+    assert ours == pytest.approx(theirs, rel=0.002)
+    for drift, scale in re.findall(r"balance drifts by (\S+) J of (\S+) J", text):
+        assert float(drift) < 1e-6 * float(scale)

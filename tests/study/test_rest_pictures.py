@@ -1,0 +1,65 @@
+"""Pictures of poses, modes, responses, mussels and tides: drawn where they are asked for, from where they show."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dropper_jax.cli import main
+from dropper_jax.study import rest_pictures
+
+
+@pytest.mark.parametrize(
+    ("moved", "seen"), [((0.0, 1.0, 0.0), (0, 1)), ((0.1, 0.0, 1.0), (0, 2)), ((0.0, 1.0, 1.0), (0, 2))]
+)
+def test_modes_of_a_long_line_are_seen_from_where_they_show(moved, seen):
+    # 100 m along x, 20 m high, 2 m wide: moves along y show from above, moves along z from the side
+    rest = np.linspace([0.0, 0.0, -20.0], [100.0, 2.0, 0.0], 11)
+    assert rest_pictures._plane(rest, np.tile(moved, (11, 1))) == seen
+
+
+def test_a_mode_across_a_short_line_is_seen_from_the_front():
+    rest = np.linspace([0.0, 0.0, -20.0], [1.0, 0.0, 0.0], 11)
+    assert rest_pictures._plane(rest, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
+
+
+def test_a_pose_leaves_its_picture_and_its_result(tmp_path, capsys):
+    out = tmp_path / "pose.json"
+    words = ["equilibrium", "dropper-release-a", "--plot", str(tmp_path), "--out", str(out), "--json"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert json.loads(out.read_text()) == told
+    assert len(told["positions_m"]) == 8
+    with Image.open(tmp_path / "pose.png") as image:
+        assert image.width > 500
+
+
+@pytest.mark.check
+def test_modes_leave_a_picture(tmp_path, capsys):
+    assert main(["modes", "paper-case-4", "--count", "2", "--json", "--plot", str(tmp_path / "two.png")]) == 0
+    assert len(json.loads(capsys.readouterr().out)["period_s"]) == 2
+    assert (tmp_path / "two.png").stat().st_size > 5000
+
+
+def test_curves_are_drawn_from_plain_rows(tmp_path):
+    rows = [
+        {"period_s": t, "amplitude_rad": 0.1 * t, "mean_rad": 0.0, "phase_rad": -t, "amplitude_10_percent_more": 0.1}
+        for t in (2.0, 3.0, 4.0)
+    ]
+    tide = [
+        {"t_s": 3600.0 * t, "speed_m_per_s": t, "level_m": 0.0, "moved_m": t, "held_load_n": {"a": [1.0, 0.0, t]}}
+        for t in range(3)
+    ]
+    grown = [
+        {"lines": ["loop-1", "loop-2"], "month": m, "depth_m": d, "thickness_m": 0.01 * m, "wet_weight_n_per_m": m}
+        for m in (0.0, 6.0)
+        for d in (2.0, 8.0)
+    ]
+    for file in (
+        rest_pictures.responses("pendulum", rows, tmp_path / "response.png"),
+        rest_pictures.tide("farm", tide, tmp_path / "tide.png"),
+        rest_pictures.mussels("farm", grown, tmp_path / "growth.png"),
+    ):
+        with Image.open(file) as image:
+            assert image.height > 500

@@ -133,7 +133,7 @@ def test_a_sweep_that_is_ended_again_and_again_has_the_numbers_of_one_that_was_n
     there = 0
     for moment in range(2 * MOMENTS):
         rng, how = random.Random(moment), HOWS[moment % 2]
-        commands.end([*SWEEP, "--out", str(out)], how, rng.uniform(0.0, 0.5), lambda: written(out) > there)
+        commands.end([*SWEEP, "--out", str(out)], how, rng.uniform(0.0, 0.5), lambda there=there: written(out) > there)
         assert written(out) >= there
         there = written(out)
     capsys.readouterr()

@@ -1,0 +1,84 @@
+"""Decks that cannot be what they say: each is refused in one line with the file, its line and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dropper_jax import SceneError, load_scene
+
+DECKS = Path(__file__).parent / "decks"
+#: Deck, what is replaced in it, by what, and the words of the refusal.
+REFUSED = {
+    "no water depth": ("no_depth.txt", "", "", r"no_depth.txt:\d+: WtrDpth: missing; needed: > 0 m, in the file or"),
+    "no lines": ("catenary.txt", "1     chain76 ", "! chain76 ", "section 'LINES' is empty"),
+    "a point given twice": ("catenary.txt", "2     Coupled ", "1     Coupled ", "catenary.txt:10: point 1 is given"),
+    "a type given twice": ("bridle.txt", "legs       0.06", "chain      0.06", "line type 'chain' is given twice"),
+    "a line given twice": ("bridle.txt", "3     legs ", "2     legs ", "line 2 is given twice"),
+    "a line without end": (
+        "catenary.txt",
+        "1     chain76      1        2 ",
+        "1     chain76      1  ",
+        "'320.0' is no point of the file; known: 1, 2",
+    ),
+    "a point without height": ("catenary.txt", "-12.0      0       0       0      0", "", "point: has 4 values"),
+    "a type that is short": ("catenary.txt", "1.6    1.0    0.05    0.0", "1.6", "line type: has 7 values; allowed: 9"),
+    "letters for numbers": ("catenary.txt", "4.9e8 ", "4.9e8N", "EA: '4.9e8N' is no number, and no such file"),
+    "commas for points": ("catenary.txt", "320.0      20", "320,0      20", "UnstrLen: '320,0' is not a number"),
+    "no number": ("catenary.txt", "320.0      20", "nan        20", "UnstrLen: 'nan' is not a number"),
+    "more than there is": (
+        "catenary.txt",
+        "320.0      20",
+        "320.0 9000000",
+        "9000000 is out of range; allowed: a whole number",
+    ),
+    "a length of nothing": ("catenary.txt", "320.0      20", "0.0        20", "UnstrLen: 0.0 is out of range"),
+    "a mass below zero": ("clump_and_buoy.txt", "6000.0    0.8", "-60.0    0.8", "Mass: -60.0 is out of range"),
+    "a turbine's point": ("catenary.txt", "2     Coupled ", "2     Turbine2", "on 'Turbine2': is not in the file"),
+    "a body that is not there": ("coupled_body.txt", "4     Body1", "4     Body7", "point 4 on 'Body7': is not in"),
+    "a body that is turned": ("coupled_body.txt", "-2.0     0     0 ", "-2.0     0     5 ", "body 1 is turned by"),
+    "a rod that is not there": ("coupled_rod.txt", "1       R1A ", "1       R7A ", "'R7A' is no point of the file"),
+    "a rod on nothing": ("coupled_rod.txt", "1    post     Coupled", "1    post     Body3 ", "rod 1, 'Body3': is not"),
+    "a current that is not there": ("current.txt", "", "", r"current_profile.txt: cannot be read: No such file"),
+    "a bed that is not there": ("sloped_bed.txt", "", "", r"sloped_bed.bath: cannot be read: No such file"),
+    "a table that is not there": ("rope_table.txt", "", "", "EA: 'rope_table.dat' is no number, and no such file"),
+    "working curves": ("viscoelastic.txt", "2.0e7|6.0e7 ", "SYROPE:a|b ", r"working curves \(SYROPE\) are not"),
+    "an option by a slip": ("openfast_v2.dat", "kbot ", "kbott", "option 'kbott' is unknown; did you mean 'kbot'"),
+    "a section by a slip": ("openfast_v2.dat", "- LINES -", "- LINS -", "section 'LINS' is unknown; did you mean"),
+    "a slope of nothing": ("openfast_v2.dat", "200         WtrDpth", "flat.txt    WtrDpth", "flat.txt: cannot be read"),
+    "an anchor under the bed": (
+        "catenary.txt",
+        "-120.0  ",
+        "-125.0  ",
+        r"z = -125 m is below the bed; allowed: >= -120",
+    ),
+    "friction below zero": (
+        "catenary.txt",
+        "100           TmaxIC",
+        "-1 FrictionCoefficient",
+        "-1.0 is out of range; allowed: a number >= 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_deck_that_cannot_be_is_refused_in_one_line(what, tmp_path):
+    name, old, new, words = REFUSED[what]
+    text = (DECKS / name).read_text()
+    assert not old or text.count(old) >= 1, old
+    (tmp_path / name).write_text(text.replace(old, new, 1) if old else text)
+    with pytest.raises(SceneError, match=words) as caught:
+        load_scene(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_results_would_lack_is_named_by_itself(tmp_path):
+    """Waves, currents and friction of OpenFAST's own kinds change all that a run gives: each has a line of its own."""
+    text = (DECKS / "openfast_v2.dat").read_text()
+    text = text.replace("0.0         mu_kT", "0.1         mu_kT").replace("0.0         mu_kA", "0.3         mu_kA")
+    text = text.replace("200         WtrDpth", '200         WtrDpth\n"seastate.dat"   WaterKin')
+    (tmp_path / "deck.dat").write_text(text)
+    notes = load_scene(tmp_path / "deck.dat").notes
+    for words in ("mu_kT 0.1 is not represented", "mu_kA 0.3 is not represented", "no waves or current of that file"):
+        assert len([note for note in notes if words in note]) == 1

@@ -139,13 +139,14 @@ display(Image("season/season.png"))
 # %%
 size = {"parameters.columns": 1} if FAST else {}
 farm = dj.load_scene("longline-rows").with_values(size)
-alone = farm.with_values({"effects.morison_drag.wakes": "none"})
-legs = {}
+plain = farm.as_written()
+plain["effects"]["morison_drag"] = {}
+alone = dj.load_scene(plain)
+row, legs = range(1, int(farm.value("parameters.rows")) + 1), {}
 for label, scene in (("no wakes", alone), ("wakes", farm)):
     pose = dj.equilibrium(scene)
     edges = np.cumsum([0, *(line.links for line in scene.lines)])
     largest = {line.name: pose.tension[a:b].max() for line, a, b in zip(scene.lines, edges, edges[1:], strict=False)}
-    row = range(1, scene.value("parameters.rows") + 1)
     legs[label] = [max(v for k, v in largest.items() if k.startswith(f"r{r}") and k.endswith("leg")) for r in row]
     print(f"{label}: largest leg tension by row {np.round(np.array(legs[label]) / 1e3, 2)} kN ({pose.status})")
 fig, ax = plt.subplots(figsize=(7.5, 2.8))

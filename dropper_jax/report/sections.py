@@ -28,8 +28,8 @@ def _largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float
     return [lines[i] for i in sorted(kept)]
 
 
-def _with_rest(text: str, shown: int, total: int, which: str = "largest") -> str:
-    return text if shown == total else f"{text}\n\nThe {which} {shown} of {total} lines; report.json has all."
+def _with_rest(text: str, shown: int, total: int, which: str = "largest", what: str = "lines") -> str:
+    return text if shown == total else f"{text}\n\nThe {which} {shown} of {total} {what}; report.json has all."
 
 
 def _names(lines: list[dict[str, Any]]) -> str:
@@ -76,8 +76,8 @@ def _without_load(lines: list[dict[str, Any]], key: str) -> str:
 
 
 def anchors(anchors: list[dict[str, Any]]) -> str:
-    rows = []
-    for a in anchors:
+    rows, shown = [], _largest(anchors, lambda a: a["total_n"]["max"])
+    for a in shown:
         angle = a["uplift_rad"]
         rows.append(
             [
@@ -97,7 +97,7 @@ def anchors(anchors: list[dict[str, Any]]) -> str:
         "uplift angle, mean / max [deg]",
         "at the largest load [deg]",
     ]
-    return table(head, rows) + _holding(anchors)
+    return _with_rest(table(head, rows), len(shown), len(anchors), what="points") + _holding(shown)
 
 
 def _holding(anchors: list[dict[str, Any]]) -> str:
@@ -168,6 +168,7 @@ def fatigue(lines: list[dict[str, Any]]) -> str:
 
 
 def watch(points: list[dict[str, Any]]) -> str:
+    shown = _largest(points, lambda p: p["radius_max_m"])
     rows = [
         [
             p["point"] + (f" ({p['buoy']})" if p["buoy"] else ""),
@@ -175,9 +176,10 @@ def watch(points: list[dict[str, Any]]) -> str:
             "no static start" if p["radius_from_static_max_m"] is None else f"{p['radius_from_static_max_m']:.3f}",
             " / ".join(f"{x:.3f}" for x in p["range_m"]),
         ]
-        for p in points
+        for p in shown
     ]
-    return table(["point", "radius, max / 95 % [m]", "from the static place [m]", "range of x / y / z [m]"], rows)
+    head = ["point", "radius, max / 95 % [m]", "from the static place [m]", "range of x / y / z [m]"]
+    return _with_rest(table(head, rows), len(shown), len(points), what="points")
 
 
 def water(section: dict[str, Any]) -> str:

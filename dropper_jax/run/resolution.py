@@ -22,6 +22,8 @@ SHARP = 0.5
 PULSES = 0.05
 #: Tensions that alternate for this many steps by more than this share of their mean.
 ALTERNATING, ALTERNATION = 20, 0.05
+#: Most lines that a run names for one fault: a farm of thousands says the same of each.
+MOST = 20
 
 
 def judged(solution: Kind) -> Kind:
@@ -29,7 +31,7 @@ def judged(solution: Kind) -> Kind:
     went is no solution."""
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
-    found = list(_tensions(solution)) if every_step else []
+    found = _fewer(_tensions(solution)) if every_step else []
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status
     if solution.work_names and drift > DRIFT_TOLD * scale:
@@ -58,20 +60,44 @@ def _negligible(solution: Samples) -> float:
     return NEGLIGIBLE * 9.81 * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
 
 
-def _tensions(solution: Samples) -> Iterator[str]:
-    """What each line's tensions (k, n) show from step to step."""
+def _fewer(found: Iterator[tuple[str, float, str]]) -> list[str]:
+    """What is told of (fault, its size, text), in its order: all of few lines, of many the `MOST` largest of each fault
+    and how many more there are."""
+    rows = list(found)
+    least: dict[str, float] = {}
+    for fault in dict.fromkeys(row[0] for row in rows):
+        sizes = sorted((row[1] for row in rows if row[0] == fault), reverse=True)
+        least[fault] = sizes[min(MOST, len(sizes)) - 1]
+    told: list[str] = []
+    count = dict.fromkeys(least, 0)
+    for fault, size, text in rows:
+        if size >= least[fault] and count[fault] < MOST:
+            count[fault] += 1
+            told.append(text)
+    for fault, shown in count.items():
+        more = sum(row[0] == fault for row in rows) - shown
+        if more:
+            told.append(f"{more} more lines: {fault}")
+    return told
+
+
+def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
+    """What each line's tensions (k, n) show from step to step: fault, its size, text."""
     dt = solution.settings["dt"]
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         tension = solution.tension[1:, where.links]
         sharp = _sharpest(tension)
         if sharp is not None:
             when = f"{tension[sharp]:.4g} N at {solution.t_tension[1 + sharp[0]]:.4g} s"
-            yield f"{line.name}: its largest tension, {when}, lasts a step of {dt:g} s or two: not resolved"
+            text = f"{line.name}: its largest tension, {when}, lasts a step of {dt:g} s or two: not resolved"
+            yield "largest tensions of a step or two: not resolved", float(tension[sharp]), text
         pulsed = _pulsed(tension)
         if pulsed > PULSES:
-            yield f"{line.name}: {pulsed:.0%} of its tension comes in pulses of one step of {dt:g} s: not resolved"
+            text = f"{line.name}: {pulsed:.0%} of its tension comes in pulses of one step of {dt:g} s: not resolved"
+            yield "tension in pulses of one step: not resolved", float(pulsed), text
         elif _alternates(tension):
-            yield f"{line.name}: tension alternates from step to step; means are good, extremes are not"
+            text = f"{line.name}: tension alternates from step to step; means are good, extremes are not"
+            yield "tension alternates from step to step", float(np.max(tension)), text
 
 
 def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:

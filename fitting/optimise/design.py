@@ -19,7 +19,7 @@ from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
 from fitting.optimise.abreast import abreast
 from fitting.optimise.broken import link_of, masked_still
-from fitting.optimise.goals import Goals
+from fitting.optimise.goals import Goals, check_depths
 from fitting.optimise.models import STEP, Still, idle, in_assumed, sea_of, still
 from fitting.optimise.over_seeds import check_seeds, weights
 from fitting.optimise.quantities import Quantity
@@ -118,12 +118,13 @@ class Design:
         return np.array([self.goals.objective.material(scene), *strength])
 
     def check(self) -> None:
-        """Refuse variables that move nothing.
+        """Refuse variables that move nothing, and depths that contradict.
 
         Raises:
             SceneError: their names.
         """
         found = still(self.calm, self.variables, self.start, self.cases[0].storm)
+        check_depths(self.goals.depths, found.model)
         moves_cost = np.any(self.told(self.start)[1] != 0, axis=0)
         named = [name for name in idle(found, self.variables) if not moves_cost[self._number(name)]]
         if named:

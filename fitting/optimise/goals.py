@@ -91,6 +91,24 @@ class Depth:
         return found
 
 
+def check_depths(depths: Sequence[Depth], model: Model) -> None:
+    """Refuse bounds that no pose meets: a node that one keeps deeper than another lets it lie.
+
+    Raises:
+        SceneError: both of them.
+    """
+    own = [(depth, set(depth.nodes(model).tolist())) for depth in depths]
+    for one, nodes in own:
+        for other, others in own:
+            if one.shallowest is None or other.deepest is None or not nodes & others:
+                continue
+            if one.shallowest > other.deepest:
+                raise SceneError(
+                    f"constraint: {one.name} shallowest of {one.shallowest:g} m contradicts {other.name} deepest of "
+                    f"{other.deepest:g} m on the same nodes; allowed: at most {other.deepest:g} m"
+                )
+
+
 @dataclasses.dataclass(frozen=True)
 class Goals:
     """Objective and constraints, read."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.load.packaged import packaged_scene
 from fitting.optimise.models import still, still_model
 from fitting.optimise.rest import near_rest, rest
 from fitting.optimise.run import read_problem
@@ -14,6 +15,7 @@ from fitting.optimise.values import Values
 from fitting.optimise.variables import read_variables
 from fitting.site import read_site
 
+LOOPS = packaged_scene("looped-longline")
 SITE = {
     "scene": "looped-longline",
     "parameters": {"loops": 2, "loop_links": 2},
@@ -63,6 +65,18 @@ REFUSED = {
     "depths that contradict": (
         {"constraint": [{"kind": "depth", "points": "p*", "shallowest": 5.0, "deepest": 4.0}]},
         "constraint.0.deepest: 4 m contradicts shallowest",
+    ),
+    "depths of two tables that contradict": (  # backbone.deepest is 8 m
+        {"constraint": [{"kind": "depth", "points": "p1", "shallowest": 8.5}]},
+        "depth 0 shallowest of 8.5 m contradicts backbone deepest of 8 m",
+    ),
+    "a part that the library has not": (
+        {"scene": {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in LOOPS["line"]]}},
+        "line.0.type: library: 'rope-hemp-0.03' is unknown",
+    ),
+    "a sea that breaks": (
+        {"sea_state": [{"name": "storm", "hs": 16.0, "tp": 9.5}]},
+        "sea_state.0.hs: 'storm' of 16 m breaks",
     ),
     "a kind that is none": ({"constraint": [{"kind": "price"}]}, "constraint.0.kind.*'price' is unknown"),
     "points that are not there": (

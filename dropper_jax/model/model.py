@@ -218,8 +218,7 @@ class Model:
     def end_powers(self, pull: jax.Array, rates: Ends, k: Kinematics | None = None) -> dict[str, jax.Array]:
         """Power [W], by name, that moving ends put into link forces `pull` (n, 3) [N]; empty where the ends rest.
 
-        With an instant k also what they put into potentials that reach from node to node, as of lines that bend.
-        """
+        With an instant k also into potentials that reach from node to node, as of lines that bend."""
         if not self.moving:
             return {}
         power = -jnp.sum(self.geometry.held_pull(pull) * rates.velocities)
@@ -228,8 +227,7 @@ class Model:
             return {MOVING_ENDS: power}
 
         def stored(places: jax.Array) -> jax.Array:
-            moved = self.kinematics(k.r, k.v, k.t, Ends(places, rates.velocities))
-            return sum(e.potential(moved) for e in bent)
+            return sum(e.potential(self.kinematics(k.r, k.v, k.t, Ends(places, rates.velocities))) for e in bent)
 
         return {MOVING_ENDS: power + jax.jvp(stored, (rates.places,), (rates.velocities,))[1]}
 

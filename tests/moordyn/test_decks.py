@@ -195,30 +195,6 @@ def test_a_pinned_rod_is_a_pinned_body(tmp_path):
 
 
 @pytest.mark.check
-def test_a_pinned_rod_swings_as_in_moordyn(tmp_path, monkeypatch):
-    moordyn = pytest.importorskip("moordyn")
-    file = tmp_path / "deck.txt"
-    file.write_text(PINNED.replace("KIND", "Pinned"))
-    monkeypatch.chdir(tmp_path)
-    ours = simulate(read_moordyn(file), dt=0.02, duration=10.0)
-    assert ours.status == "ok"
-    system = moordyn.Create(str(file))
-    try:
-        moordyn.Init(system, [], [])
-        rod, theirs = moordyn.GetRod(system, 1), []
-        last = moordyn.GetRodN(rod)
-        for i in range(500):
-            moordyn.Step(system, [], [], 0.02 * i, 0.02)
-            theirs.append(moordyn.GetRodNodePos(rod, last))
-    finally:
-        moordyn.Close(system)
-    mine, theirs = ours.point_path("point-R1B")[1:], np.array(theirs)
-    for axis in (0, 2):
-        assert np.max(np.abs(mine[:, axis] - theirs[:, axis])) < 0.03 * np.ptp(theirs[:, axis])
-    assert np.max(np.abs(mine[:, 1])) < 1e-9
-
-
-@pytest.mark.check
 def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch):
     moordyn = pytest.importorskip("moordyn")
     file = tmp_path / "deck.txt"

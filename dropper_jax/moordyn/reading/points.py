@@ -99,7 +99,7 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     found.bodies.append({**body, **({"attachments": attached} if attached else {})})
 
 
-def _pinned(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, Any]:
+def _pinned(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:
     """What `[[body]]` says more of a pinned body or rod."""
     if kind.lower() in PINNED_COUPLED:
         notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned in its place")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.optimize import brentq
 
@@ -102,7 +100,7 @@ def _drum(short: bool) -> Outcome:
 
 def pinned_arm() -> Scene:
     """An arm that a pin holds at one end, let go almost upright: it turns over and over."""
-    body: dict[str, Any] = {
+    body = {
         "name": "arm",
         "position": [0.0, 0.0, 0.0],
         "attitude": [0.02, 3.1, 0.0],

@@ -67,6 +67,7 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
         ("SECONDS = 150.0", "SECONDS = 4.0"),
         ("(0.05, 0.02)", "(0.05,)"),
         ("duration=120.0", "duration=1.0"),
+        ("t_tension > 15.0", "t_tension > 0.5"),
     ],
     "9-from-film-to-number": [
         ("LINKS, DURATION = 3, 12.0", "LINKS, DURATION = 2, 4.0"),

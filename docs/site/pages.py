@@ -274,7 +274,7 @@ def _members(cls: type) -> Iterator[str]:
 def _arguments(function: object, skip: int = 0) -> str:
     signature = inspect.signature(function)
     kept = list(signature.parameters.values())[skip:]
-    text = str(signature.replace(parameters=kept))
+    text = re.sub(r"<function (\w+) at 0x\w+>", r"\1", str(signature.replace(parameters=kept)))
     return re.sub(r"ForwardRef\('([^']*)'\)", r"\1", text).replace("'", "").replace(" -> None", "")
 
 

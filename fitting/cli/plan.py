@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import silent
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.options import add_json, add_quiet
 from dropper_jax.cli.output import progress, table
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         wanted=None if args.wanted is None else args.wanted.split(","),
         gap_weight=_numbers("gap-weight", args.gap_weight)[0],
         rate=_numbers("rate", args.rate)[0],
-        progress=progress(args.quiet),
+        progress=progress(args.quiet) or silent,
     )
     deliver(args.json, {"status": "ok", "plans": [row.to_json() for row in found]}, table(rows(found)), out)
     return OK

@@ -136,7 +136,7 @@ def place(workshop, tmp_path, monkeypatch):
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("line", [line for line in commands() if told_elsewhere(line) is None])
+@pytest.mark.parametrize("line", [line for line in commands() if told_elsewhere(line) is None], ids=str)
 def test_command_runs(line, place, capsys):
     argv = words(line)
     if "seed-*.npz" in line:  # the example counts its start from 300 s on

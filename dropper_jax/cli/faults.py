@@ -26,6 +26,8 @@ TRACEBACK = "DROPPER_TRACEBACK"
 NO_BACKEND, NO_MEMORY = "Unable to initialize backend", ("RESOURCE_EXHAUSTED", "Out of memory")
 #: Errors of a stream that takes nothing more.
 REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF, errno.EFBIG)
+#: Errors of a disk that takes nothing more: no input that can be mended.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
 #: Longest text of a fault in its line.
 SHOWN = 300
 
@@ -111,6 +113,8 @@ def told(error: BaseException) -> tuple[str, str, int]:
     if isinstance(error, SceneError):
         return "invalid_input", str(error), INVALID_INPUT
     if isinstance(error, OSError):
+        if error.errno in FULL:
+            return "not_saved", _of_file(error), FAILED
         return "invalid_input", _of_file(error), INVALID_INPUT
     text = " ".join(str(error).split())
     if NO_BACKEND in text:

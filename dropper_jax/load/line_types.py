@@ -209,9 +209,12 @@ def _split(
         item = read_table(item, f"{path}.attach.{i}")
         check_keys(item, ("point", "at"), f"{path}.attach.{i}")
         at = read_number(item.get("at"), f"{path}.attach.{i}.at", {"unit": "m"})
-        if not 0.0 < at < total:
+        if not SAME * total < at < (1.0 - SAME) * total:
             raise refuse(
-                f"{path}.attach.{i}.at", at, "is not on the line", f"above 0 and below its length, {total:g} m"
+                f"{path}.attach.{i}.at",
+                at,
+                "is not on the line",
+                f"above 0 and below its length, {total:g} m",
             )
         stops.append((at, str(item.get("point", f"{line.get('name', 'line')}-at-{at:g}"))))
     stops.sort()

@@ -297,7 +297,7 @@ class Coupled:
         raise SimulationError(self.failure)
 
     def _read(self, what: str, values: Vectors) -> np.ndarray:
-        found = np.asarray(values, float)
+        found = np.array(values, float)  # a copy: the caller may go on with its own array in place
         shape = (len(self.points), 3)
         if found.shape == (3,) and shape[0] == 1:
             found = found[None]

@@ -77,6 +77,14 @@ def test_a_full_disk_is_told_with_the_file_and_brings_nothing_down(tmp_path, suf
     assert list(tmp_path.iterdir()) == []
 
 
+def test_pictures_that_a_full_disk_refuses_are_no_fault_of_the_input(tmp_path):
+    done = shell(f"ulimit -f 8; dropper run conical-pendulum --duration 1 --quiet --json --plot {tmp_path / 'p.png'}")
+    assert done.returncode == 3
+    assert done.stderr.splitlines()[-1] == f"error: {tmp_path / 'p.png'}: cannot be written: File too large"
+    assert json.loads(done.stdout)["status"] == "not_saved"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_fault_of_our_own_is_one_line_and_one_object(monkeypatch, capsys):
     def fault(*_, **__):
         raise TypeError("nobody\nforesaw this")

@@ -77,8 +77,10 @@ class Kinds:
         (folder / "elevation.csv").write_text("t_s,elevation_m\n" + "".join(f"{0.5 * i},{i % 5}\n" for i in range(40)))
         for name in SCENES:
             (folder / f"{name}.toml").write_text(as_toml(packaged_scene(name)))
-        for deck in self.decks.glob("*.txt"):
+        beside = [*self.decks.glob("*.txt"), *(f for f in (self.decks / "decks").iterdir() if f.suffix != ".json")]
+        for deck in beside:
             shutil.copy(deck, folder / deck.name)
+        self.read = [deck.name for deck in beside if deck.suffix != ".bath" and deck.name != "rope_table.dat"]
         self.scene = dj.load_scene("double-pendulum-chaotic")
         self.reported = self.command("report", folder / "good.npz")
         self.sweep = ["sweep", "conical-pendulum", "--vary", "line.0.mass=1:2:3", "--duration", "0.05", "--chunk", "2"]
@@ -144,7 +146,7 @@ class Kinds:
         no_holes(found)
 
     def _deck(self, rng: random.Random) -> None:
-        name = rng.choice(sorted(deck.name for deck in self.decks.glob("*.txt")))
+        name = rng.choice(sorted(set(self.read)))
         if name.startswith("current_profile"):
             path = self._damaged(name, TEXT, rng)
             shutil.copy(path, self.folder / name)

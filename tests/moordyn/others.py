@@ -1,7 +1,7 @@
 """What MoorDyn and MoorPy say of the decks at rest: `python tests/moordyn/others.py` writes `decks/rest.json` again.
 
 The wheel of MoorDyn reads version 2 only, neither tabs nor some names that other readers know, and falls over an END
-among its outputs: `for_the_wheel` writes the same mooring in its words. A step of 0.1 ms keeps its explicit scheme stable.
+among its outputs: `for_the_wheel` writes the same mooring in its words. Its explicit scheme is stable at 0.1 ms.
 """
 
 from __future__ import annotations

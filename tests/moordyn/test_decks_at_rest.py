@@ -1,6 +1,7 @@
 """Decks of MoorDyn's, OpenFAST's and MoorPy's kinds: at rest their tensions are MoorDyn's or MoorPy's within 1 %.
 
-Convention: MoorDyn's tension at an inner node is the mean of the links beside it, at an end that of the last link.
+Convention: MoorDyn's tension at an inner node is the size of the mean of the two links' pulls, at an end that of the
+last link.
 MoorPy's is that at the very end of the line: of the last link with the end's half of its weight, and without that
 where the end lies on the bed. Numbers of both stand in `decks/rest.json` (`others.py`: MoorDyn 2.7.2, MoorPy 1.3.0).
 """
@@ -9,15 +10,18 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
-from others import DECKS, DEPTH, MOORPY, WHEEL, by_itself
 
 from dropper_jax import equilibrium, load_scene
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.moordyn.reading.reader import read_moordyn
 
+OTHERS = runpy.run_path(str(Path(__file__).with_name("others.py")))
+DECKS, DEPTH, WHEEL, MOORPY, by_itself = (OTHERS[key] for key in ("DECKS", "DEPTH", "WHEEL", "MOORPY", "by_itself"))
 REST = json.loads((DECKS / "rest.json").read_text())
 #: Beside 1 % of a tension: a part of the deck's largest, for ends that carry next to nothing.
 LEAST = 1e-3
@@ -59,8 +63,11 @@ def each(names):
 
 @pytest.mark.parametrize("name", each(WHEEL))
 def test_tensions_at_rest_are_those_of_moordyn(name):
-    for (_, ours, _), theirs in zip(tensions(name)[1], REST[name], strict=True):
-        nodes = np.concatenate([ours[:1], 0.5 * (ours[1:] + ours[:-1]), ours[-1:]])
+    for (_, ours, places), theirs in zip(tensions(name)[1], REST[name], strict=True):
+        links = np.diff(places, axis=0)
+        pulls = ours[:, None] * links / np.linalg.norm(links, axis=1, keepdims=True)
+        inner = 0.5 * np.linalg.norm(pulls[1:] + pulls[:-1], axis=1)
+        nodes = np.concatenate([ours[:1], inner, ours[-1:]])
         np.testing.assert_allclose(nodes, theirs, rtol=0.01, atol=LEAST * max(max(line) for line in REST[name]))
 
 

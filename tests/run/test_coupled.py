@@ -99,6 +99,17 @@ def test_a_restored_state_repeats_to_the_bit(coupled, tmp_path):
         coupled.restore(tmp_path / "text.npz")
 
 
+def test_a_caller_may_go_on_in_its_own_arrays(coupled):
+    coupled.init()
+    after = steps(coupled, 3)
+    coupled.init()
+    place, still = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2]]), np.zeros((2, 3))
+    for _ in range(3):
+        place[0, 0] = place[1, 1] = 0.1 * np.sin(4 * coupled.time)
+        coupled.step(place, still, 0.025, still)
+    np.testing.assert_array_equal(coupled.forces, after)
+
+
 def test_a_step_that_fails_says_so_and_leaves_the_state(coupled):
     coupled.init()
     before, still = steps(coupled, 1), np.zeros((2, 3))

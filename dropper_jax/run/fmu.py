@@ -1,0 +1,139 @@
+"""A scene's held points as a unit of FMI 3.0, which other simulators load; made by pythonfmu3 (extra `fmi`)."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, SimulationError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.load.source import load_scene
+from dropper_jax.run.build import SceneLike
+from dropper_jax.run.coupled import Coupled
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+AXES = ("x", "y", "z")
+#: What a unit holds: the scene, its points and its step in text, and the class that pythonfmu3 looks for.
+SCRIPT = '''"""Lines of {name!r}: a unit made by dropper-jax."""
+
+from pythonfmu3 import Fmi3Slave
+
+from dropper_jax.run.fmu import Unit
+
+
+class Mooring(Unit, Fmi3Slave):
+    GIVEN = {given!r}
+'''
+
+
+def write_fmu(
+    scene: SceneLike, path: str | Path, points: Sequence[str] | None = None, *, dt: float | None = None
+) -> Path:
+    """Write a co-simulation unit of `Coupled(scene, points, dt)`.
+
+    For every point P it takes `P_x`, `P_y`, `P_z` [m] and `P_vx`, `P_vy`, `P_vz` [m/s] at the end of a step, and gives
+    `P_fx`, `P_fy`, `P_fz` [N]; what is no letter, digit or `_` in a name becomes `_`. The simulator that loads the unit
+    must run where Python has this package.
+
+    Args:
+        path: `NAME.fmu`.
+        points, dt: as of `Coupled`.
+
+    Raises:
+        SceneError: pythonfmu3 is missing, points that cannot be coupled, names that become the same.
+    """
+    package, path = _package(), Path(path)
+    if path.suffix.lower() != ".fmu":
+        raise SceneError(f"path: {str(path)!r} has another suffix; allowed: .fmu")
+    loaded = load_scene(scene)
+    coupled = Coupled(loaded, points, dt=dt)
+    given = json.dumps({"scene": loaded.as_written(), "points": list(coupled.points), "dt": dt})
+    plain_names(coupled.points)
+    with tempfile.TemporaryDirectory() as folder:
+        script = Path(folder) / "mooring.py"
+        script.write_text(SCRIPT.format(name=loaded.name, given=given), encoding="utf-8")
+        made = package.FmuBuilder.build_FMU(script, dest=folder)
+        return atomic_write(path, Path(made).read_bytes())
+
+
+def plain_names(points: Sequence[str]) -> list[str]:
+    """Names of points as parts of variables' names."""
+    found = [re.sub(r"\W", "_", name, flags=re.ASCII) for name in points]
+    for i, name in enumerate(found):
+        if name in found[:i]:
+            same = f"{points[found.index(name)]!r} and {points[i]!r}"
+            raise SceneError(f"points: {same} both become {name!r}; allowed: names whose letters and digits differ")
+    return found
+
+
+class Unit:
+    """What a unit does when a simulator loads it; made a class of pythonfmu3 by `SCRIPT`.
+
+    Attributes:
+        GIVEN: scene, points and step as JSON.
+    """
+
+    GIVEN = "{}"
+
+    def __init__(self, **settings: object) -> None:
+        super().__init__(**settings)
+        given = json.loads(self.GIVEN)
+        self.author, self.description = "dropper-jax", "lines of a scene on points that move"
+        self.lines = Coupled(given["scene"], given["points"], dt=given["dt"])
+        home = [self.lines.scene.point(name).position for name in self.lines.points]
+        self.motion = np.stack([np.array(home, float), np.zeros((len(home), 3))])
+        self.forces = np.zeros((len(home), 3))
+        self.time = 0.0
+        self._register()
+
+    def _register(self) -> None:
+        kinds = _package()
+        causality, varies = kinds.Fmi3Causality, {"variability": kinds.Fmi3Variability.continuous}
+        self.register_variable(kinds.Float64("time", causality=causality.independent, **varies))
+        for i, name in enumerate(plain_names(self.lines.points)):
+            for level, letter, unit in ((0, "", "m"), (1, "v", "m/s")):
+                for axis, word in enumerate(AXES):
+                    place = (level, i, axis)
+                    variable = kinds.Float64(
+                        f"{name}_{letter}{word}",
+                        start=float(self.motion[place]),
+                        description=f"[{unit}]",
+                        causality=causality.input,
+                        getter=lambda place=place: float(self.motion[place]),
+                        setter=lambda value, place=place: self.motion.__setitem__(place, value),
+                        **varies,
+                    )
+                    self.register_variable(variable)
+            for axis, word in enumerate(AXES):
+                getter = lambda i=i, axis=axis: float(self.forces[i, axis])  # noqa: E731
+                about = {"description": "[N]", "causality": causality.output, "getter": getter}
+                self.register_variable(kinds.Float64(f"{name}_f{word}", **about, **varies))
+
+    def exit_initialization_mode(self) -> None:
+        """At rest, with the points where they were put."""
+        self.forces = self.lines.init(self.motion[0], self.motion[1])
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """Go on to the places and velocities that were given; False where the lines cannot."""
+        try:
+            self.forces = self.lines.step(self.motion[0], self.motion[1], step_size)
+        except (SimulationError, SceneError):
+            return False
+        self.time = current_time + step_size
+        return True
+
+
+def _package() -> ModuleType:
+    try:
+        return importlib.import_module("pythonfmu3")
+    except ImportError:
+        raise SceneError("pythonfmu3 is not installed; needed: pip install 'dropper-jax[fmi]'") from None

@@ -153,5 +153,5 @@ fig, ax = plt.subplots(figsize=(7.5, 2.8))
 for i, (label, loads) in enumerate(legs.items()):
     ax.bar(np.array(row) + 0.36 * (i - 0.5), np.array(loads) / 1e3, 0.34, label=label, color=style.CYCLE[i])
 ax.set(xlabel="row, in the direction of the current", ylabel="largest leg tension [kN]", xticks=list(row))
-ax.legend()
+ax.legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 plt.show()

@@ -348,7 +348,8 @@ def schema() -> dict[str, Any]:
             place["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
     root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
     root["properties"]["run"]["required"] = ["dt", "duration"]
-    root["required"] = ["run", "line"]
+    root["required"] = ["run"]
+    root["anyOf"] = [{"required": ["line"]}, {"required": ["array"]}]  # lines may all be those of units
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scene of dropper_jax"}
     return {**head, **root}
 

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 def text(found: Optimum) -> str:
     """The design for people: before, after, what is active, what it hangs on."""
     from dropper_jax.cli.output import table
-    from fitting.optimise.run import ACTIVE
+    from fitting.optimise.run import ACTIVE, HELD
 
     head = [("", "before", "after", "bounds")]
     rows = [
@@ -78,16 +78,20 @@ def text(found: Optimum) -> str:
     rows += [
         (f"objective ({found.of})", f"{found.objective[0]:.5g}", f"{found.objective[1]:.5g}", f"{-found.gain:+.1%}")
     ]
+    known = found.held >= HELD
     limits = [("constraint, met up to 1", "before", "after", "1 % more of it gives")]
     for label, (a, b) in found.constraints.items():
-        price = found.prices.get(label)
+        price = found.prices.get(label) if known else None
         told = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
         limits.append((label, f"{a:.3f}", f"{b:.3f}", told))
-    assumed = [("1 % more of", "objective")] + [(n, f"{c:+.3g}") for n, c in found.assumptions.items()]
+    assumed = [("1 % more of", "objective")]
+    assumed += [(n, f"{c:+.3g}" if known else "not known: no optimum") for n, c in found.assumptions.items()]
+    apart = "windows and whole runs were not compared, for the start is the best"
+    if found.residual == found.residual:  # a number
+        apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before they were renewed"
     end = (
-        f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; windows and "
-        f"whole runs differed by up to {found.residual:.1%} of a limit before they were renewed; constraints and "
-        f"bounds hold {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
+        f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; {apart}; "
+        f"constraints and bounds hold {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
         f"{found.runs} evaluations"
     )
     return "\n\n".join([table([*head, *rows]), table(limits), table(assumed), end])

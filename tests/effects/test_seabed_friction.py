@@ -62,7 +62,7 @@ def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line
     np.testing.assert_allclose(across[late], np.broadcast_to(across[-1], across[late].shape), rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloading(one_line):
     # T^2/(2 mu w EA): a bar in Coulomb friction; after slow unloading the outer half slips back, half the stretch stays
     mu, pull, mass, EA, length, links = 0.5, 1000.0, 10.0, 1e5, 40.0, 100

@@ -94,6 +94,7 @@ def test_a_rigid_dropper_moves_in_waves_as_one_of_stiff_links_does():
     np.testing.assert_allclose(rigid.tension, stiff.tension, atol=2e-3 * stiff.tension.max())
 
 
+@pytest.mark.check
 def test_many_rigid_lines_of_every_length_are_solved_as_by_the_whole_jacobian():
     """Lines of one link, of many, loops at one point, ends held and free, more points than one block holds."""
     rng = np.random.default_rng(3)

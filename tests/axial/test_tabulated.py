@@ -65,6 +65,7 @@ def test_stored_energy_is_the_integral_of_the_tension_also_of_tables_with_unequa
     assert float(axial.spring(length * 1.3, length)[1]) == pytest.approx(2e4 * 0.3, rel=1e-12)
 
 
+@pytest.mark.check
 def test_two_rows_are_a_rope_of_that_stiffness_with_its_damper():
     damping = jnp.full(64, 50.0)
     table = law(*[ForceTable.straight(2e4)] * 64, damping=damping)

@@ -79,6 +79,7 @@ def test_a_run_leaves_its_report(tmp_path, capsys):
     assert {"report.md", "report.json"} <= {path.name for path in (tmp_path / "told").iterdir()}
 
 
+@pytest.mark.check
 def test_a_sensitivity_leaves_picture_and_result(tmp_path, capsys):
     out, plots = tmp_path / "found.json", tmp_path / "plots"
     words = ["--of", "tension.max", "--to", "line.0.mass", "--json", "--out", str(out), "--plot", str(plots)]

@@ -106,6 +106,7 @@ def test_spar_in_small_waves_pitches_and_surges_as_its_linear_equations_say(spar
     assert first_harmonic(moved["body_position"][:, 0]) == pytest.approx(abs(expected[0]), rel=0.02)
 
 
+@pytest.mark.check
 def test_drag_of_a_towed_sphere(afloat):
     """A neutral sphere in a current: `(m + m_a) v' = 1/2 rho Cd A |u - v| (u - v)`."""
     radius, current = 0.5, 1.2

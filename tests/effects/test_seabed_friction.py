@@ -29,7 +29,7 @@ def on_the_bed(one_line, links, length, kind, **more):
     return scene
 
 
-@pytest.mark.parametrize("integrator", ["energy_momentum", "generalized_alpha"])
+@pytest.mark.parametrize("integrator", ["energy_momentum", pytest.param("generalized_alpha", marks=pytest.mark.check)])
 def test_a_sliding_weight_stops_after_v2_over_2_mu_g(one_line, integrator):
     mu, speed = 0.4, 2.0
     kind = {"mass": 1e-3, "diameter": 0.02, "EA": 1e4}
@@ -62,7 +62,7 @@ def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line
     np.testing.assert_allclose(across[late], np.broadcast_to(across[-1], across[late].shape), rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloading(one_line):
     # T^2/(2 mu w EA): a bar in Coulomb friction; after slow unloading the outer half slips back, half the stretch stays
     mu, pull, mass, EA, length, links = 0.5, 1000.0, 10.0, 1e5, 40.0, 100

@@ -15,6 +15,7 @@ def test_weights_above_one_half_take_energy_and_a_weight_of_one_takes_most(energ
     assert 0 < loss[0] < loss[1]
 
 
+@pytest.mark.check
 def test_a_weighting_of_one_half_is_the_energy_momentum_scheme(march):
     model, s = dj.build("dropper-release-a")
     default = march(dj.make_stepper(model, halvings=0, track_work=False), model, s, 0.5, 128, 2)[0]

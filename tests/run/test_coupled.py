@@ -155,6 +155,7 @@ def test_input_that_makes_no_sense_is_refused(coupled):
         dj.Coupled("dropper-release-a-compound", points=["right"]).init()
 
 
+@pytest.mark.check
 def test_the_body_of_the_docs_swings_back():
     """At 5000 N/m or so and 9 t its surge has a period of some 8 s: after 4 s it is on the other side."""
     code = re.search(r"```python\n(.*?)```", DOC.read_text(), re.S).group(1)

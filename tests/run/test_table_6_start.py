@@ -39,7 +39,7 @@ def test_the_chain_of_table_6_rests_on_its_catenary_until_the_buoy_is_let_go():
     assert not run.velocities[0].any()
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_buoy_leaves_table_6_as_in_moordyn():
     pytest.importorskip("moordyn", reason="the moordyn wheel is not installed (extra `moordyn`)")
     scene = dj.load_scene("paper-case-4-table-6")

@@ -65,7 +65,7 @@ def test_published_harmonics_are_met():
     np.testing.assert_allclose(b[:3], [0.33379590, 0.010903272, 0.0014006866], rtol=1e-3)
 
 
-@pytest.mark.parametrize("length", [0.7, 4.0, 12.0])
+@pytest.mark.parametrize("length", [0.7, 4.0, pytest.param(12.0, marks=pytest.mark.check)])  # long: raschii is slow
 def test_raschii_finds_the_same_wave_at_90_percent_of_breaking(length):
     raschii = pytest.importorskip("raschii")
     height = 0.9 * highest(length, 1.0)
@@ -108,6 +108,7 @@ def test_beyond_and_outside_the_other_theory_is_chosen():
     assert fitting_theory(0.3 * highest(6.5, 1.0), 6.5, 1.0) == "stream"
 
 
+@pytest.mark.check
 def test_the_highest_waves_end_where_williams_says():
     # deep water 0.1411 L, solitary wave 0.8332 d; Newton's method itself gets to within 5 % and not beyond
     assert highest(1.0, 1e4) == pytest.approx(0.141063, rel=1e-4)

@@ -99,6 +99,7 @@ def test_a_pose_inside_a_compiled_program_needs_one_near_by(mooring):
         dj.equilibrium("string", t=1.0)
 
 
+@pytest.mark.check
 def test_what_nothing_holds_is_named_and_has_no_derivative_of_its_own_motion():
     """A slack rope that floats on calm water: its inner nodes may be pushed about without any resistance."""
     table = {

@@ -100,7 +100,7 @@ def in_a_current(one_line, links):
     return np.max(np.abs(pose.tension / tension - 1)), abs(np.max(pose.positions[:, 0]) / sag - 1)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_weightless_line_in_a_current_is_a_catenary_of_constant_tension(one_line):
     # without axial drag the load is normal, 1/2 rho Cd D U^2 cos^2 per length: a catenary with a = T/q
     (coarse, sag), (fine, _) = in_a_current(one_line, 100), in_a_current(one_line, 200)

@@ -143,7 +143,7 @@ def test_a_weight_comes_to_rest_in_the_bottom_of_a_valley():
     assert z == pytest.approx(-10.0, abs=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_slow_motion_ends_where_descent_does_with_the_stiffness_of_all_forces():
     model = rest(build_model(dj.load_scene(valley(0.8))))
     loads, tolerance = jnp.zeros((model.free_nodes, 3)), system_tolerance(model)

@@ -117,6 +117,7 @@ def test_command_prints_and_writes_the_matrix(tmp_path, capsys, monkeypatch, wir
     assert "middle.x" in capsys.readouterr().out
 
 
+@pytest.mark.check
 def test_a_slack_chain_on_a_smooth_bed_leaves_its_buoy_a_stiffness(capsys):
     """It moves freely across the bed, which is nothing to the buoy: that feels its waterplane, and nothing sideways."""
     from dropper_jax.cli import main

@@ -52,6 +52,7 @@ def test_one_bad_member_of_a_batch_leaves_the_others_as_they_are_to_the_bit(lab)
             np.testing.assert_array_equal(a[member], b[member])
 
 
+@pytest.mark.check
 def test_a_member_that_needs_halving_moves_the_others_by_rounding_only(lab):
     """One member starts with wild speeds; the rest of the batch follows the path that it has alone."""
     _, s, _, run = lab

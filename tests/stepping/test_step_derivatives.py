@@ -91,7 +91,7 @@ CASES = {
     "rk4, breaking system": (BREAKING, "rk4", {}),
 }
 #: What `make test` takes of them; `make check` takes all.
-OFTEN = ("energy_momentum", "energy_momentum, system", "rattle", "theta")
+OFTEN = ("energy_momentum", "energy_momentum, system", "rattle")
 
 
 def cases(*names, often=OFTEN):
@@ -173,7 +173,7 @@ def test_forward_and_reverse_mode_and_differences_agree_in_every_input(name):
 
 
 @pytest.mark.parametrize(
-    "name", cases("energy_momentum", "rattle", "theta", "energy_momentum, system", often=("energy_momentum, system",))
+    "name", cases("energy_momentum", "rattle", "theta", "energy_momentum, system", often=("rattle",))
 )
 def test_gradients_by_one_input_alone_are_those_by_all_together(name):
     """JAX refused to transpose a step of which an input is held."""
@@ -199,6 +199,7 @@ def test_every_scheme_is_among_the_cases():
     assert {scheme for _, scheme, _ in CASES.values()} == of_one_step
 
 
+@pytest.mark.check
 def test_in_a_batch_one_solve_gives_the_derivatives():
     """A scheme whose condensed matrix is its Jacobian: what refining would add is rounding."""
     model, s = dj.build(line())

@@ -87,7 +87,7 @@ def test_what_has_no_halves_is_refused():
         twice_the_links(scene)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_rope_at_rest_has_no_errors(tmp_path):
     """Halves of links' masses to both nodes: the middle of the top link carries what hangs below it."""
     solution = dj.simulate(hanging(4, nodes="shared"), errors=True)

@@ -140,7 +140,7 @@ def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):
     assert not np.any((known >= 4.8 - 1e-6) & (known < 6.0 - 1e-6) | (known >= 8.4 - 1e-6))
 
 
-@pytest.mark.slow
+@pytest.mark.check
 @pytest.mark.parametrize(
     "settings",
     [

@@ -52,6 +52,7 @@ def test_the_scatter_of_fits_is_as_predicted(plans):
     assert ((ratio > 0.65) & (ratio < 1.5)).all(), ratio
 
 
+@pytest.mark.check
 def test_longer_and_larger_swings_tell_more(plans):
     error = {(row.scene, row.duration): row.std_error for row in plans}
     for scene in ("from-0.2", "from-1.2"):

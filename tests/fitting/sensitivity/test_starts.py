@@ -66,6 +66,7 @@ def test_a_run_from_the_static_pose_differentiates_through_it(storm):
     assert found.mismatch < 1e-9
 
 
+@pytest.mark.check
 def test_a_quantity_of_the_start_is_statics_alone():
     at_rest = study(TABLE, "tension.1.start", NUMBERS[:2])
     found = local(at_rest)

@@ -91,7 +91,8 @@ class Solution(Samples):
     def continued(self, duration: float | None = None, **kwargs: Any) -> Solution:
         """Go on from the last state: what follows, with times that count on.
 
-        Two runs of 5 s are one of 10 s, to the bit on the same machine. The first row is the last one of this run.
+        Two runs of 5 s are one of 10 s, to the bit on the same machine (systems of lines: where both are of fewer than
+        20 000 steps or both of more, else to rounding). The first row is the last one of this run.
 
         Args:
             duration: further time [s]; default what an interrupted run has left, else the duration of this one.

@@ -162,6 +162,26 @@ def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypat
     assert kept.energy_drift == whole.energy_drift
 
 
+@linux
+def test_rows_on_disk_are_joined_and_looked_at_without_standing_in_memory(tmp_path):
+    kept, part = OnDisk(tmp_path), np.arange(rows.BLOCK * 300.0).reshape(rows.BLOCK, 300)
+    for i in range(3):
+        kept.append([part + i])
+    (rest,) = kept.joined(kept.count)
+    whole = kept.join(part[0] - 1.0, rest)
+    assert resident(tmp_path) < 0.5 * part.nbytes  # of six times as much
+    some = rows.every_so_often(whole, 7)
+    assert resident(tmp_path) < 0.5 * part.nbytes
+    np.testing.assert_array_equal(some, np.concatenate([part[:1] - 1.0, part, part + 1, part + 2])[::7])
+
+
+def resident(folder):
+    """Bytes of the files of a folder that this process holds in memory."""
+    lines = Path("/proc/self/smaps").read_text().splitlines()
+    starts = [i for i, line in enumerate(lines) if str(folder) in line]
+    return sum(1024 * int(next(x for x in lines[i:] if x.startswith("Rss:")).split()[1]) for i in starts)
+
+
 def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
     """The process ends between two pieces, half of the third written; the next start saves what was whole."""
     monkeypatch.setattr(pieces, "SECONDS", 0.0)

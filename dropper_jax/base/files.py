@@ -32,6 +32,15 @@ def read_lines(path: Path) -> list[str]:
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
+def folder_without(folder: str | Path, last: str) -> Path:
+    """A folder, made where it is not there, without the file that is written last and speaks of all others: one of an
+    earlier result would speak of this one's, were it ended midway."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / last).unlink(missing_ok=True)
+    return folder
+
+
 def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], object]) -> Path:
     """Write a file under a temporary name in its folder, then rename it.
 

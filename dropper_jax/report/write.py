@@ -6,13 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.report.figures import draw_extremes, draw_run
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.text import markdown
 from dropper_jax.run.solution import Solution
+
+#: Name of what is written last.
+REPORT = "report.md"
 
 
 def write_report(
@@ -26,8 +29,7 @@ def write_report(
     Returns:
         path of report.md.
     """
-    folder, settings = Path(folder), settings or Settings()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder, settings = folder_without(folder, REPORT), settings or Settings()
     pictures = []
     for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):
         place = folder if len(solutions) == 1 else folder / f"run-{number}"
@@ -37,4 +39,4 @@ def write_report(
     if any(isinstance(one, dict) and "gumbel_mode" in one for one in found["extremes"].values()):
         pictures[-1]["extremes"] = draw_extremes(found["extremes"], folder).name
     atomic_write(folder / "report.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n")
-    return atomic_write(folder / "report.md", markdown(found, pictures))
+    return atomic_write(folder / REPORT, markdown(found, pictures))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.markdown import literal
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.plots import style
@@ -78,8 +78,7 @@ def summary(result: ChannelFit) -> list[tuple[str, str]]:
 def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; of several runs
     with values of their own one scene each, `fitted_RUN.toml`."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = folder_without(folder, "report.md")
     runs = result.point.problem.data.runs
     files = [picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.files import atomic_write
+from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.markdown import literal
 from dropper_jax.base.toml_text import as_toml
 from fitting.calibration.decision import verdict
@@ -26,8 +26,7 @@ PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
 
 def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = folder_without(folder, "report.md")
     fitted_values = fitted_scene(result.scene, result.model, result.parameters, result.values)
     files = [atomic_write(folder / "fitted.toml", as_toml(fitted_values.as_written()))]
     whole = {}

@@ -186,8 +186,11 @@ def files_of(folder: Path) -> dict[str, object]:
 @pytest.mark.parametrize("how", HOWS)
 @pytest.mark.parametrize("moment", range(MOMENTS))
 def test_what_a_fit_writes_is_whole_or_not_there(commands, fit, tmp_path, how, moment):
-    """Half of the moments lie in the writing. The next fit to the same places takes away what a killed one left."""
+    """Half of the moments lie in the writing, over the report of an earlier fit. The next fit to the same places takes
+    away what a killed one left."""
     words, good, takes = fit
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "report.md").write_text("earlier")
     rng = random.Random(f"{how} {moment}")
     argv = [*words, *outputs(tmp_path)]
     if moment % 2:
@@ -196,6 +199,9 @@ def test_what_a_fit_writes_is_whole_or_not_there(commands, fit, tmp_path, how, m
     else:
         commands.end(argv, how, rng.uniform(0.0, takes))
     found = files_of(tmp_path)
+    if found.get("report.md") == ["earlier"]:
+        del found["report.md"]
+        assert "fitted.toml" not in found  # an earlier report beside a newer result would be taken for its own
     for name, content in found.items():
         assert content == good[name], name
     if "report.md" in found:  # it names all others

@@ -20,8 +20,6 @@
 # three rows of four longlines slow the current for each other.
 
 # %%
-import os
-
 import matplotlib.pyplot as plt
 import numpy as np
 from IPython.display import Image, display
@@ -30,12 +28,13 @@ import dropper_jax as dj
 from dropper_jax.cli.output import table
 from dropper_jax.plots import style
 from fitting.cases import assess, run_cases
+from fitting.cli.optimise import text
+from fitting.optimise.picture import design_picture
 from fitting.optimise.run import optimise
 from fitting.optimise.variables import read_variables
 from fitting.season import season, write_season
 from fitting.site import read_site
 
-FAST = bool(os.environ.get("DROPPER_NOTEBOOKS_FAST"))
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %% [markdown]
@@ -46,8 +45,8 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
 # %%
 plain = dict(read_site("small-longline").table)
-plain["run"] = {"duration": 20.0 if FAST else 60.0, "seeds": 1, "skip": 10.0 if FAST else 15.0}
-plain["cases"] = {"currents": [0.9], "states": ["intact", "west-leg"], "break_time": 12.0 if FAST else 30.0}
+plain["run"] = {"duration": 60.0, "seeds": 1, "skip": 15.0}
+plain["cases"] = {"currents": [0.9], "states": ["intact", "west-leg"], "break_time": 30.0}
 plain["factors"] = {"intact": 3.0, "broken": 1.67, "source": "example"}
 plain["name"] = "small-longline"
 site = read_site(plain)
@@ -76,15 +75,11 @@ print(words)
 # derivatives against differences before it begins, and a design counts where its whole runs meet every limit.
 
 # %%
-if not FAST:
-    plain["optimise"] = {"window": 45.0, "before": 30.0, "rounds": 3}
-    site = read_site(plain)
-    from fitting.cli.optimise import text
-    from fitting.optimise.picture import design_picture
-
-    found = optimise(site)
-    print(text(found))
-    display(Image(str(design_picture(site, found, "design.png"))))
+plain["optimise"] = {"window": 45.0, "before": 30.0, "rounds": 3}
+site = read_site(plain)
+found = optimise(site)
+print(text(found))
+display(Image(str(design_picture(site, found, "design.png"))))
 
 # %% [markdown]
 # ## The leg breaks, and the rest holds
@@ -93,13 +88,12 @@ if not FAST:
 # gradients.
 
 # %%
-if not FAST:
-    variables = read_variables(plain["variable"], site.scene)
-    design = {v.path.removeprefix("parameters."): float(x) for v, x in zip(variables, found.after, strict=True)}
-    better = read_site({**plain, "parameters": {**plain["parameters"], **design}})
-    after, words = used(better, "after")
-    print({name: round(value, 4) for name, value in design.items()})
-    print(words)
+variables = read_variables(plain["variable"], site.scene)
+design = {v.path.removeprefix("parameters."): float(x) for v, x in zip(variables, found.after, strict=True)}
+better = read_site({**plain, "parameters": {**plain["parameters"], **design}})
+after, words = used(better, "after")
+print({name: round(value, 4) for name, value in design.items()})
+print(words)
 
 # %% [markdown]
 # ## The season
@@ -111,7 +105,7 @@ if not FAST:
 bay = dict(read_site("exposed-bay").table)
 bay["name"] = "bay"
 bay["parameters"] = {**bay["parameters"], "droppers": 2}
-bay["season"] = {**bay["season"], "levels": [0.0], "currents": [0.0] if FAST else [0.0, 0.5]}
+bay["season"] = {**bay["season"], "levels": [0.0], "currents": [0.0, 0.5]}
 months = season(read_site(bay))
 rows = [("month", "floats", "allowed", "to carry [kN]", "backbone [m]")]
 rows += [
@@ -137,8 +131,7 @@ display(Image("season/season.png"))
 # from it, and the legs behind are pulled less.
 
 # %%
-size = {"parameters.columns": 1} if FAST else {}
-farm = dj.load_scene("longline-rows").with_values(size)
+farm = dj.load_scene("longline-rows")
 plain = farm.as_written()
 plain["effects"]["morison_drag"] = {}
 alone = dj.load_scene(plain)

@@ -75,6 +75,14 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
         ("fixed = fitted_scene", None),
         ("draws, weight = result.posterior.draws", None),
     ],
+    "10-design-a-farm": [
+        ('{"duration": 60.0, "seeds": 1, "skip": 15.0}', '{"duration": 20.0, "seeds": 1, "skip": 10.0}'),
+        ('"break_time": 30.0', '"break_time": 12.0'),
+        ('plain["optimise"] = {"window": 45.0', None),
+        ('variables = read_variables(plain["variable"]', None),
+        ("[0.0, 0.5]", "[0.0]"),
+        ('dj.load_scene("longline-rows")', 'dj.load_scene("longline-rows").with_values({"parameters.columns": 1})'),
+    ],
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -140,6 +141,7 @@ OTHERS = [
 @pytest.mark.parametrize(("scheme", "choice"), OTHERS, ids=[name for name, _ in OTHERS])
 def test_other_implicit_schemes_make_the_same_steps_under_the_loop_of_the_page(page, scheme, choice):
     stepper, model, s = begun(RIGID["drag"], scheme, **choice)
+    stepper = replace(stepper, iterations=24, tolerance=1e-15)  # what a correction leaves grows over the steps
 
     def stage(s, h):
         problem = stepper.integrator.problem(model, s, h)

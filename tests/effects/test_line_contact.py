@@ -230,7 +230,7 @@ def beside(kind, **body):
 def test_a_body_that_falls_on_a_line_bounces_and_keeps_all_energy():
     solution = dj.simulate({**beside("body"), "sea": {"depth": 50.0, "density": 1e-3}}, dt=0.002, duration=0.4)
     assert solution.status == "ok", solution.failure
-    assert solution.settings["solver"] == "dense"
+    assert solution.settings["solver"] == "network"
     speed = solution.body("float")["body_velocity"][:, 2]
     assert speed[0] < -1.9
     assert speed[-1] > 0.0

@@ -162,3 +162,26 @@ def test_command_screens_globally(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["runs"] == 24
     assert found["first"][0] == pytest.approx(found["first"][1], rel=0.2)
+
+
+@pytest.mark.parametrize("statistic", ["max", "min"])
+def test_extremes_move_with_the_signal_and_not_with_where_the_samples_fall(statistic):
+    """Of `a sin(w t + p)` sampled 20 times a period: d max/dp = 0, d max/da = 1, the same of the least value."""
+    t = jnp.arange(40) * (2 * jnp.pi / 20)
+    sign = 1.0 if statistic == "max" else -1.0
+
+    def extreme(a, p):
+        return STATISTICS[statistic](jnp.stack([a * jnp.sin(t + p), 0.3 * jnp.cos(t)], axis=1))
+
+    for p in jnp.linspace(0.0, 0.3, 7):
+        value, (by_a, by_p) = jax.value_and_grad(extreme, argnums=(0, 1))(2.0, p)
+        np.testing.assert_allclose(value, sign * 2.0, atol=1e-3)
+        np.testing.assert_allclose(by_a, sign, atol=1e-3)
+        assert abs(by_p) < 0.006  # of the samples alone up to 0.31
+
+
+def test_extremes_at_the_ends_of_a_signal_and_of_flat_ones_are_the_samples():
+    for x in ([3.0, 1.0, 2.0], [1.0, 2.0, 3.0], [2.0, 2.0, 2.0], [3.0], [1.0, 3.0]):
+        value, slope = jax.value_and_grad(lambda x: STATISTICS["max"](x[:, None]))(jnp.array(x))
+        assert value == max(x)
+        np.testing.assert_allclose(jnp.sum(slope), 1.0)

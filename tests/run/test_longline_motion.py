@@ -68,10 +68,12 @@ def scaled(model, factors):
 
 
 def assert_differences_agree(value, slopes, size=1e-5):
+    """To 1e-5, or to what values known to 2e-12 leave of a difference."""
+    known = 2e-12 * abs(float(value(jnp.ones(len(slopes))))) / size
     for i, slope in enumerate(slopes):
         ahead = jnp.ones(len(slopes)).at[i].add(size)
         behind = jnp.ones(len(slopes)).at[i].add(-size)
-        assert float((value(ahead) - value(behind)) / (2 * size)) == pytest.approx(float(slope), rel=1e-5), i
+        assert float((value(ahead) - value(behind)) / (2 * size)) == pytest.approx(float(slope), rel=1e-5, abs=known), i
 
 
 @pytest.mark.check
@@ -84,7 +86,8 @@ def test_gradients_of_the_mean_tension_of_a_driven_chain_agree_with_differences(
     run = both_modes(mean_tension)
     _, reverse, forward = run(jnp.ones(4))
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
-    assert_differences_agree(lambda x: run(x)[0], forward)
+    # curvature jumps where a damper begins to pull, so that differences come near with their size, not with its square
+    assert_differences_agree(lambda x: run(x)[0], forward, size=1e-7)
 
 
 @pytest.mark.check

@@ -50,8 +50,8 @@ Image("tornado.png", width=640)
 # %% [markdown]
 # Gravity leads, but with the wrong sign: more weight, less tension? The scene lifts the dropper with a force that
 # stays what it is; a heavier dropper is lifted less, falls less, and jerks less. The derivative follows the whole
-# computation, the static pose before the release included, and answers the question as it was asked. The mass next to
-# the lifted node does nearly all of it; damping hardly matters for the first jerk.
+# computation, the static pose before the release included, and answers the question as it was asked. The masses around
+# the lifted node do most of it, the last ones nothing; damping hardly matters for the first jerk.
 #
 # Can these numbers be believed? A difference quotient, which needs two more runs per number, should agree:
 

@@ -69,7 +69,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         cases.append({**_labels(storm), "runs": len(good), "failed": len(bad)})
         if not good:
             continue
-        cases[-1] |= _places(site, runs, good)
+        cases[-1] |= _places(site, storm, runs, good)
         maxima = runs.maxima(good)
         for part in site.parts:
             rows[part.name].append(_part_row(site, part, storm, maxima, runs, good))
@@ -112,13 +112,14 @@ def _labels(storm: Storm) -> dict[str, Any]:
     }
 
 
-def _places(site: Site, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+def _places(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
     """Largest excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
     index = {line.name: i for i, line in enumerate(runs.lines)}
     if site.exclusion is not None:
         rows = [index[name] for name in site.matching(site.exclusion.lines)]
-        found["excursion_m"] = characteristic(np.array([run["excursion"][rows].max() for run in good]), site.run)
+        way = np.array([run["excursion"][rows].max() for run in good])
+        found["excursion_m"] = characteristic(way, site.run_of(storm))
     if site.backbone is not None:
         rows = [index[name] for name in site.matching(site.backbone.lines)]
         depth = good[0]["depth"][rows]
@@ -130,8 +131,8 @@ def _part_row(
     site: Site, part: Part, storm: Storm, maxima: dict[str, np.ndarray], runs: Runs, good: Sequence[Found]
 ) -> dict[str, Any]:
     """A part in a case, by its worst line."""
-    factor = part.factor[storm.kind]
-    found = [characteristic(maxima[name], site.run) for name in part.lines]
+    factor, run = part.factor[storm.kind], site.run_of(storm)
+    found = [characteristic(maxima[name], run) for name in part.lines]
     share = np.array([load["value"] for load in found]) * factor / part.capacity
     worst = int(np.argmax(share))
     load, scale = found[worst], factor / float(part.capacity[worst])
@@ -153,7 +154,7 @@ def _part_row(
         "utilisation": float(share[worst]),
         "utilisation_error": None if load["error"] is None else load["error"] * scale,
         "after_break_s": float(first["when"][at]) - site.break_time if storm.broken is not None else None,
-        "damage_per_hour": _damage(part, good, site.run.duration - site.run.skip),
+        "damage_per_hour": _damage(part, good, run.duration - run.skip),
     }
 
 
@@ -213,20 +214,20 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
 
 def _anchor_row(site: Site, name: str, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
     """A held point in a case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima."""
-    number = runs.held.index(name)
-    loads = [run["held_loads"][:, number].astype(float) for run in good]
+    number, run = runs.held.index(name), site.run_of(storm)
+    loads = [found["held_loads"][:, number].astype(float) for found in good]
     anchor = anchor_of(site, name)
     row: dict[str, Any] = {
         "case": storm.number,
-        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), site.run),
-        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), site.run),
+        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
+        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
         "uplift_deg": max(_uplift(load) for load in loads),
         "utilisation": None,
         "utilisation_error": None,
     }
     if anchor is not None:
         factor = anchor.factor[storm.kind]
-        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), site.run)
+        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
         error = None if used["error"] is None else factor * used["error"]
         row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
     return row

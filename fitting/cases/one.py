@@ -58,7 +58,7 @@ class Runner:
         model = build_model(scene)
         stepper = stepper_of(model, scene.run, track_work=False)
         start, places, rest = self._start(scene, model, case.storm)
-        tally = Tally(scene, self.site.run.skip, places, self.curved)
+        tally = Tally(scene, self.site.run_of(case.storm).skip, places, self.curved)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
         carry, done, told = run.carry, 0, {"status": np.array(0)}
         retried = 0
@@ -95,7 +95,7 @@ class Runner:
         return self._starts[key]
 
 
-def _nodes(model: Model, r: Any, t: np.ndarray) -> jax.Array:
+def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> jax.Array:
     """All nodes (k, nodes, 3) [m], line after line, of saved free nodes."""
     return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, np.asarray(t, model.dtype))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,9 @@ def step_errors(
     return {name: _error(site, folder, row, steps, seeds) for name, row in worst.items()}
 
 
-def _error(site: Site, folder: str | Path, row: dict[str, Any], steps: list[float], seeds: Any) -> dict[str, Any]:
+def _error(
+    site: Site, folder: str | Path, row: dict[str, Any], steps: list[float], seeds: Sequence[int]
+) -> dict[str, Any]:
     means = []
     for dt in steps:
         runs = Runs(site, folder, dt)

@@ -21,7 +21,7 @@ from fitting.cases.tally import Found
 from fitting.site import Case, Site
 
 #: Changes where files of before cannot be used any more.
-FORMAT = 1
+FORMAT = 2
 RUNS = "runs"
 
 

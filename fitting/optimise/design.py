@@ -243,7 +243,8 @@ class Design:
         numbers = sorted({case.storm.number for case in self.cases})
         for number in numbers:
             own = [i for i, case in enumerate(self.cases) if case.storm.number == number]
-            share = weights(np.array([hard[i] for i in own]), self.site.run)
+            run = self.site.run_of(self.cases[own[0]].storm)
+            share = weights(np.array([hard[i] for i in own]), run)
             mean = np.sum([w * hard[i] for w, i in zip(share, own, strict=True)], axis=0)
             way = np.sum([w[:, None] * slope[i] for w, i in zip(share, own, strict=True)], axis=0)
             case = self.cases[own[0]]

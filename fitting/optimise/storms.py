@@ -49,9 +49,7 @@ def full_storm(
     found = gone.trajectory
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
-    # of a case in which a line breaks only what comes after is its own
-    begin = site.run.skip if case.storm.broken is None else max(site.run.skip, site.break_time)
-    first = int(np.floor(begin / run.dt))
+    first = int(np.floor(site.run_of(case.storm).skip / run.dt))
     hard, when = [], []
     for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
         peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))

@@ -83,6 +83,12 @@ class Site:
         given = self.lists.break_time
         return 0.5 * (self.run.skip + self.run.duration) if given is None else given
 
+    def run_of(self, storm: Storm) -> RunValues:
+        """Values of the run of a load case: where a line breaks, what comes before counts for nothing."""
+        if storm.broken is None:
+            return self.run
+        return dataclasses.replace(self.run, skip=max(self.run.skip, self.break_time))
+
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of states that are there: `intact`, `broken`."""

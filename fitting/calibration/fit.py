@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -135,7 +136,7 @@ def fit(
     asked = profile_names(prepared, profile)
     loss = loss_of(huber, student)
     if auto_free:
-        again = lambda prepared, method, loss: estimate(prepared, method, loss, continuity, iterations, progress)  # noqa: E731
+        again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
         at = free_by_advice(prepared, again, "windows" if method == "gradient" else method, loss, progress=progress)
         prepared, solution, found, freed = at.prepared, at.solution, at.found, at.names
         if method == "gradient":

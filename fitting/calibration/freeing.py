@@ -10,8 +10,9 @@ method that was asked for, whose joined windows see smaller faults, in the same 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -38,8 +39,13 @@ APART = 3.0
 #: misfit of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
 
-#: Fits what is prepared by a method with a loss.
-Fit = Callable[[Prepared, str, Loss], Solution]
+
+class Fit(Protocol):
+    """Fits what is prepared by a method with a loss; `frozen` parameters (k,) are held where they start."""
+
+    def __call__(
+        self, prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None
+    ) -> Solution: ...
 
 
 @dataclass
@@ -244,7 +250,9 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
     windows = at.prepared.windows
     fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
     prepared = replace(at.prepared, windows=fewer)
-    solution = fit(prepared, "windows", at.loss)
+    # a jump that only these windows see
+    unseen = ~np.any(at.solution.evaluation.jacobian[~off], axis=(0, 1, 2))
+    solution = fit(prepared, "windows", at.loss, frozen=unseen if unseen.any() else None)
     return solution if solution.status == "ok" else at.solution
 
 

@@ -59,10 +59,15 @@ def alone(solution: Solution) -> int:
 
 
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
-    """The jump that explains most, by windows simulated on through the next ones; None where there is none."""
+    """The jump that explains most, by windows simulated on through the next ones; None where there is none.
+
+    Windows that the solution left out lead no others: what they were fitted to has the jump in it.
+    """
     # as the traces claim their noise: what a jump leaves would be taken for noise
     windows = replace(prepared.windows, substeps=solution.windows.substeps)
+    fitted = (solution.windows.weight > 0).any(axis=(1, 2))
     right = np.flatnonzero(windows.follows)
+    right = right[fitted[right - 1]]
     if not len(right):
         return None
     both = _doubled(windows, right)

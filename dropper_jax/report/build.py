@@ -19,6 +19,7 @@ from dropper_jax.report.distance import line_distances
 from dropper_jax.report.extremes import storm_extreme
 from dropper_jax.report.fatigue import line_fatigue
 from dropper_jax.report.motion import accelerations, watch_circles
+from dropper_jax.report.parts import parts
 from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
@@ -44,6 +45,8 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
     settings = settings or Settings()
     part = record(solution, settings.skip)
     used = solution.settings
+    tension, snap = line_tensions(part, settings), line_snaps(part, settings)
+    fatigue = _optional(line_fatigue, part, settings)
     return {
         "scene": solution.scene.name,
         "status": solution.status,
@@ -57,11 +60,12 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "retried_steps": solution.retried_steps,
         "notes": list(part.notes),
         "broken": list(solution.broken),
-        "tension": line_tensions(part, settings),
+        "parts": parts(tension, snap, fatigue),
+        "tension": tension,
         "anchors": anchors(part) or {"skipped": "no point is held"},
         "bending": line_bending(part) if bends(part.scene) else {"skipped": "the scene has no [effects.bending]"},
-        "snap": line_snaps(part, settings),
-        "fatigue": _optional(line_fatigue, part, settings),
+        "snap": snap,
+        "fatigue": fatigue,
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
         "submergence": _submergence(part),

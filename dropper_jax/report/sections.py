@@ -22,13 +22,13 @@ def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list
     return f"Left out: {values['skipped']}." if isinstance(values, dict) else write(values)
 
 
-def _largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
+def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
     """The `MOST_ROWS` largest, in their own order."""
     kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:MOST_ROWS]
     return [lines[i] for i in sorted(kept)]
 
 
-def _with_rest(text: str, shown: int, total: int, which: str = "largest", what: str = "lines") -> str:
+def with_rest(text: str, shown: int, total: int, which: str = "largest", what: str = "lines") -> str:
     return text if shown == total else f"{text}\n\nThe {which} {shown} of {total} {what}; report.json has all."
 
 
@@ -38,7 +38,7 @@ def _names(lines: list[dict[str, Any]]) -> str:
 
 
 def tension(lines: list[dict[str, Any]]) -> str:
-    rows, shown = [], _largest(lines, lambda line: line["largest"]["n"])
+    rows, shown = [], largest(lines, lambda line: line["largest"]["n"])
     for line in shown:
         used = line["utilisation"]
         rows.append(
@@ -63,7 +63,7 @@ def tension(lines: list[dict[str, Any]]) -> str:
         "utilisation",
         "with the safety factor",
     ]
-    return _with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "utilisation")
+    return with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "utilisation")
 
 
 def _without_load(lines: list[dict[str, Any]], key: str) -> str:
@@ -76,7 +76,7 @@ def _without_load(lines: list[dict[str, Any]], key: str) -> str:
 
 
 def anchors(anchors: list[dict[str, Any]]) -> str:
-    rows, shown = [], _largest(anchors, lambda a: a["total_n"]["max"])
+    rows, shown = [], largest(anchors, lambda a: a["total_n"]["max"])
     for a in shown:
         angle = a["uplift_rad"]
         rows.append(
@@ -97,7 +97,7 @@ def anchors(anchors: list[dict[str, Any]]) -> str:
         "uplift angle, mean / max [deg]",
         "at the largest load [deg]",
     ]
-    return _with_rest(table(head, rows), len(shown), len(anchors), what="points") + _holding(shown)
+    return with_rest(table(head, rows), len(shown), len(anchors), what="points") + _holding(shown)
 
 
 def _holding(anchors: list[dict[str, Any]]) -> str:
@@ -122,7 +122,7 @@ def _holding(anchors: list[dict[str, Any]]) -> str:
 
 def snaps(lines: list[dict[str, Any]]) -> str:
     rows, some = [], [line for line in lines if line["largest_share_slack"] > 0]
-    shown = _largest(some, lambda line: line["shown"][0]["peak_n"] if line["shown"] else 0.0)
+    shown = largest(some, lambda line: line["shown"][0]["peak_n"] if line["shown"] else 0.0)
     for line in shown:
         first = line["shown"][0] if line["shown"] else None
         text = (
@@ -143,13 +143,13 @@ def _apart(
 ) -> str:
     """The table of some lines, and the names of the others after a word."""
     others = [line for line in lines if line not in some]
-    text = _with_rest(table(head, rows), len(shown), len(some)) if rows else ""
+    text = with_rest(table(head, rows), len(shown), len(some)) if rows else ""
     which = _names(others) if some else "all lines"
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 
 def fatigue(lines: list[dict[str, Any]]) -> str:
-    rows, shown = [], _largest(lines, lambda line: max(line["equivalent_range_n"]))
+    rows, shown = [], largest(lines, lambda line: max(line["equivalent_range_n"]))
     for line in shown:
         worst = int(np.argmax(line["equivalent_range_n"]))
         with_load = line["damage"] is not None
@@ -164,11 +164,11 @@ def fatigue(lines: list[dict[str, Any]]) -> str:
             ]
         )
     head = ["line", "cycles", "equivalent range [N]", "largest range [N]", "damage per year", "life [years]"]
-    return _with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "damage")
+    return with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "damage")
 
 
 def watch(points: list[dict[str, Any]]) -> str:
-    shown = _largest(points, lambda p: p["radius_max_m"])
+    shown = largest(points, lambda p: p["radius_max_m"])
     rows = [
         [
             p["point"] + (f" ({p['buoy']})" if p["buoy"] else ""),
@@ -179,13 +179,13 @@ def watch(points: list[dict[str, Any]]) -> str:
         for p in shown
     ]
     head = ["point", "radius, max / 95 % [m]", "from the static place [m]", "range of x / y / z [m]"]
-    return _with_rest(table(head, rows), len(shown), len(points), what="points")
+    return with_rest(table(head, rows), len(shown), len(points), what="points")
 
 
 def water(section: dict[str, Any]) -> str:
     if "skipped" in section:
         return f"Left out: {section['skipped']}."
-    shown = _largest(section["lines"], lambda line: -min(line["least_depth_m"]))
+    shown = largest(section["lines"], lambda line: -min(line["least_depth_m"]))
     rows = [
         [
             line["line"],
@@ -196,7 +196,7 @@ def water(section: dict[str, Any]) -> str:
         for line in shown
     ]
     head = ["line", "under water, driest node [% of time]", "least depth [m]", "largest depth [m]"]
-    text = _with_rest(table(head, rows), len(shown), len(section["lines"]), "highest")
+    text = with_rest(table(head, rows), len(shown), len(section["lines"]), "highest")
     if not section["buoys"]:
         return text
     rows = [
@@ -223,7 +223,7 @@ def water(section: dict[str, Any]) -> str:
 
 def acceleration(lines: list[dict[str, Any]]) -> str:
     some = [line for line in lines if line["largest_m_per_s2"] >= ROUNDING]
-    shown = _largest(some, lambda line: line["largest_m_per_s2"])
+    shown = largest(some, lambda line: line["largest_m_per_s2"])
     rows = [
         [
             line["line"],
@@ -238,7 +238,7 @@ def acceleration(lines: list[dict[str, Any]]) -> str:
 
 
 def distance(lines: list[dict[str, Any]]) -> str:
-    rows, shown = [], _largest(lines, lambda line: -(line["least_distance_m"] or math.inf))
+    rows, shown = [], largest(lines, lambda line: -(line["least_distance_m"] or math.inf))
     for line in shown:
         if line["nearest"] is None:
             rows.append([line["line"], "none", "no links apart from shared points", "-"])
@@ -253,7 +253,7 @@ def distance(lines: list[dict[str, Any]]) -> str:
             ]
         )
     text = table(["line", "nearest line", "least distance of the axes [m]", "touch"], rows)
-    return _with_rest(text, len(shown), len(lines), "nearest")
+    return with_rest(text, len(shown), len(lines), "nearest")
 
 
 def _place_of(line: dict[str, Any]) -> str:
@@ -263,7 +263,7 @@ def _place_of(line: dict[str, Any]) -> str:
 
 def seabed(lines: list[dict[str, Any]]) -> str:
     some = [line for line in lines if line["share_with_contact"] > 0]
-    shown = _largest(some, lambda line: line["length_m"]["mean"])
+    shown = largest(some, lambda line: line["length_m"]["mean"])
     rows = [
         [
             line["line"],

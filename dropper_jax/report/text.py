@@ -8,6 +8,7 @@ from dropper_jax.base.markdown import literal
 from dropper_jax.report import sections
 from dropper_jax.report.bodies import bodies_text
 from dropper_jax.report.crop import crop_text
+from dropper_jax.report.parts import parts_text
 from dropper_jax.report.sections import newton, table
 
 #: Runs whose values stand side by side.
@@ -58,6 +59,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
 
     return [
         "\n".join(f"- {literal(note)}" for note in run["notes"]),
+        *parts_text(run.get("parts")),
         "## Tension",
         sections.tension(run["tension"]),
         picture("tension_range"),

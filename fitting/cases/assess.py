@@ -10,16 +10,15 @@ import numpy as np
 
 from dropper_jax.report.fatigue import YEAR, damage
 from dropper_jax.scene import whole_lines
+from fitting.cases.anchors import anchor_found, anchor_row
 from fitting.cases.characteristic import ENOUGH, characteristic
 from fitting.cases.flags import flags_of
 from fitting.cases.one import STATUS
 from fitting.cases.store import Store
 from fitting.cases.tally import Found
-from fitting.site import Anchor, Case, Part, Site, Storm
+from fitting.site import Case, Part, Site, Storm
 
 SCHEMA = 1
-#: Share of an anchor's mean load below which a load has no direction.
-LOADED = 0.01
 
 
 class Runs:
@@ -66,15 +65,16 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
     for storm in site.storms:
         good, bad = runs.of(storm)
         failed += bad
-        cases.append({**_labels(storm), "runs": len(good), "failed": len(bad)})
+        cases.append({**_labels(site, storm), "runs": len(good), "failed": len(bad)})
         if not good:
             continue
         cases[-1] |= _places(site, storm, runs, good)
         maxima = runs.maxima(good)
         for part in site.parts:
             rows[part.name].append(_part_row(site, part, storm, maxima, runs, good))
-        for name in runs.held:
-            held[name].append(_anchor_row(site, name, storm, runs, good))
+        for number, name in enumerate(runs.held):
+            loads = [run["held_loads"][:, number].astype(float) for run in good]
+            held[name].append(anchor_row(site, name, storm, loads))
     parts = [_part(part, rows[part.name], site, None if step is None else step.get(part.name)) for part in site.parts]
     found = {
         "schema": SCHEMA,
@@ -89,7 +89,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         "factors": {"source": site.factors.source, "edition": site.factors.edition},
         "cases": cases,
         "parts": parts,
-        "anchors": [_anchor(site, name, held[name]) for name in runs.held],
+        "anchors": [anchor_found(site, name, held[name]) for name in runs.held],
         "exclusion": _exclusion(site, cases),
         "backbone": _backbone(site, cases),
         "failed": failed,
@@ -99,7 +99,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
     return {"status": "failed" if failed else "ok", **found}
 
 
-def _labels(storm: Storm) -> dict[str, Any]:
+def _labels(site: Site, storm: Storm) -> dict[str, Any]:
     return {
         "case": storm.number,
         "name": storm.name,
@@ -109,6 +109,7 @@ def _labels(storm: Storm) -> dict[str, Any]:
         "level_m": storm.level,
         "month": storm.month,
         "state": storm.state,
+        "break_s": None if storm.broken is None else site.break_time,
     }
 
 
@@ -210,52 +211,6 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
     hours = sum(state.hours for state in given)
     life = 1.0 / yearly if yearly > 0.0 else None
     return {**found, "damage_per_year": yearly, "life_years": life, "share_of_year": hours * 3600.0 / YEAR}
-
-
-def _anchor_row(site: Site, name: str, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
-    """A held point in a case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima."""
-    number, run = runs.held.index(name), site.run_of(storm)
-    loads = [found["held_loads"][:, number].astype(float) for found in good]
-    anchor = anchor_of(site, name)
-    row: dict[str, Any] = {
-        "case": storm.number,
-        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
-        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
-        "uplift_deg": max(_uplift(load) for load in loads),
-        "utilisation": None,
-        "utilisation_error": None,
-    }
-    if anchor is not None:
-        factor = anchor.factor[storm.kind]
-        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
-        error = None if used["error"] is None else factor * used["error"]
-        row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
-    return row
-
-
-def _uplift(load: np.ndarray) -> float:
-    """Largest angle [deg] of loads (k, 2) over the horizontal, of those that have a direction."""
-    size = np.hypot(*load.T)
-    loaded = size >= max(LOADED * size.mean(), 1e-12)
-    return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
-
-
-def anchor_of(site: Site, name: str) -> Anchor | None:
-    """What holds a point, None where the site does not say."""
-    return next((anchor for anchor in site.anchors if name in anchor.points), None)
-
-
-def _anchor(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    anchor = anchor_of(site, name)
-    by = (lambda row: row["total_n"]["value"]) if anchor is None else (lambda row: row["utilisation"])
-    return {
-        "point": name,
-        "anchor": None if anchor is None else anchor.name,
-        "cases": rows,
-        "worst": max(rows, key=by) if rows else None,
-        "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
-        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
-    }
 
 
 def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:

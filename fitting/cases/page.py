@@ -91,8 +91,13 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         _step(part["step"]),
         f"{row['at_rest_n']:.0f}",
         f"**{row['utilisation']:.2f}**" + _plus(row["utilisation_error"]),
-        storms[row["case"]]["name"],
+        _named(storms[row["case"]]),
     ]
+
+
+def _named(case: dict[str, Any]) -> str:
+    """The label of a case, whose end says what breaks, with the time of the break."""
+    return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
 
 
 def _step(step: dict[str, Any] | None) -> str:
@@ -122,7 +127,7 @@ def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         f"{row['upward_n']['value']:.0f}",
         f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
         used + _plus(row["utilisation_error"]),
-        storms[row["case"]]["name"],
+        _named(storms[row["case"]]),
     ]
 
 
@@ -133,7 +138,7 @@ def _place_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         lines.append("- No exclusion zone is given.")
     else:
         lines.append(
-            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {storms[zone['case']]['name']}."
+            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {_named(storms[zone['case']])}."
         )
     if backbone is not None:
         low, high = ("-" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
@@ -166,7 +171,7 @@ def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
         for row in part["cases"]:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), storms[n]["name"], part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST]]
+    rows = [[str(n), _named(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST]]
     more = f"\n\n{len(ordered) - MOST} more in cases.csv." if len(ordered) > MOST else ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 

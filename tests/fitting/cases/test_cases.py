@@ -21,6 +21,7 @@ from dropper_jax.report.tension import anchors
 from fitting.cases import assess, run_cases, write_page
 from fitting.cases.characteristic import characteristic
 from fitting.cases.one import Runner
+from fitting.cases.page import page
 from fitting.cases.steps import step_errors
 from fitting.cases.store import Store
 from fitting.site import Case, read_site
@@ -267,6 +268,16 @@ def test_the_page_and_the_table_name_parts_by_group(found, tmp_path):
     assert len(rows) == 4 + 2 * 4  # a part and two anchors in four cases
     assert {row["state"] for row in rows} == {"intact", "west-leg"}
     assert files["picture"].stat().st_size > 5000
+
+
+def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
+    times = {case["state"]: case["break_s"] for case in found["cases"]}
+    assert times == {"intact": None, "west-leg": 8.0}
+    rows = [row for row in page(found).splitlines() if row.startswith("| ") and "storm, 0 deg" in row]
+    broken = [row for row in rows if "broken" in row]
+    assert 0 < len(broken) < len(rows)
+    assert all("west-leg broken at 8 s |" in row for row in broken)
+    assert not any(" at " in row for row in rows if row not in broken)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from farm_design import RANGES
+from farm_design import problem
 
 from dropper_jax.base.files import atomic_write
 from fitting.optimise.models import Still, sea_of, still, still_model
@@ -23,32 +23,12 @@ from fitting.optimise.quantities import part_load
 from fitting.optimise.rest import Rest, near_rest, rest
 from fitting.optimise.storm import RAMP, peaks
 from fitting.optimise.storms import full_storm
-from fitting.optimise.variables import read_variables, with_design
-from fitting.site import read_site
+from fitting.optimise.variables import with_design
 
 FILE = Path(__file__).parent / "results" / "farm_chaos.json"
 #: Share by which a variable is moved, and how many variables are.
 SHARE, STRONGEST = 0.03, 5
 DURATION = 60.0
-
-
-def problem(loops, seeds):
-    """Site, variables and their start."""
-    table = {
-        "scene": "looped-longline",
-        "parameters": {"loops": loops},
-        "run": {"duration": DURATION, "seeds": seeds, "skip": RAMP, "ramp": RAMP},
-        "sea_state": [{"name": "storm", "hs": 4.2, "tp": 9.5, "count": 60}],
-        "cases": {"currents": [0.9]},
-        "factors": {"intact": 1.0},
-        "part": [{"name": "legs", "lines": "*-leg"}],
-        "unchecked": ["backbone", "loop-*"],
-    }
-    site = read_site(table)
-    names = {name: ends for name, ends in RANGES.items() if name != "depth"} | {"line_type.backbone.mass": (0.3, 1.2)}
-    tables = [{"name": name, "low": low, "high": high} for name, (low, high) in names.items()]
-    variables = read_variables(tables, site.scene)
-    return site, variables, np.array([v.value for v in variables])
 
 
 class Runs:
@@ -125,7 +105,8 @@ def main():
     parser.add_argument("--seconds", type=float, default=1e9)
     args = parser.parse_args()
     begun = time.perf_counter()
-    site, variables, x = problem(args.loops, args.seeds)
+    values = {"duration": DURATION, "seeds": args.seeds, "skip": RAMP, "ramp": RAMP}
+    site, variables, x = problem(args.loops, values)
     names = [v.name for v in variables]
     runs = Runs(site, variables, x)
     own = {"loops": args.loops, "seeds": args.seeds}

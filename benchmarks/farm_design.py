@@ -46,16 +46,18 @@ RANGES = {
     "line_type.leg.can": (0.5, 1.5),
     "line_type.leg.mass": (0.5, 1.5),
 }
+#: Values of the site's run.
+RUN = {"duration": 60.0, "seeds": 1, "skip": 15.0}
 #: Steps of the differences over the ranges.
 STEPS = (1e-6, 1e-7, 1e-5)
 
 
-def problem(loops):
-    """Site, variables and their start."""
+def problem(loops, run=RUN):
+    """Site, variables and their start, with these values of the site's run."""
     table = {
         "scene": "looped-longline",
         "parameters": {"loops": loops},
-        "run": {"duration": 60.0, "seeds": 1, "skip": 15.0},
+        "run": run,
         "sea_state": [{"name": "storm", "hs": 4.2, "tp": 9.5, "count": 60}],
         "cases": {"currents": [0.9]},
         "factors": {"intact": 1.0},

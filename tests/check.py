@@ -68,17 +68,23 @@ def as_users(name: str, *where: str, without: str = "slow or check") -> Part:
 
 
 #: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
-APART = ("fitting", "effects", "stepping", "integrators")
+APART = ("fitting", "effects", "stepping", "integrators", "docs")
+#: Every command and piece of Python of the pages.
+PAGES = "tests/docs/test_everything_runs.py"
+#: The catalogue in short, which `hard cases` runs in full.
+SHORT_CASES = "tests/study/test_stability.py::test_hard_case_keeps_its_claim"
 #: Longest first.
 PARTS = (
     marked("fitting", "tests/fitting"),
+    marked("rest", "tests", *(f"--ignore=tests/{name}" for name in APART), f"--deselect={SHORT_CASES}"),
+    Part("hard cases", ("-m", "dropper_jax", "stability", "--quiet")),
     as_users("effects", "tests/effects"),
+    marked("pages", PAGES),
+    marked("effects", "tests/effects"),
+    marked("docs", "tests/docs", f"--ignore={PAGES}"),
     as_users("stepping", "tests/stepping"),
     as_users("derivatives", "tests/stepping/test_step_derivatives.py", without="check"),
-    marked("rest", "tests", *(f"--ignore=tests/{name}" for name in APART)),
-    marked("effects", "tests/effects"),
     Part("many scenes", ("benchmarks/many_scenes.py",)),
-    Part("hard cases", ("-m", "dropper_jax", "stability", "--quiet")),
     Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
     as_users("schemes", "tests/integrators", "tests/solvers", "tests/view"),
     marked("steps", "tests/stepping", "tests/integrators"),

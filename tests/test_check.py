@@ -53,10 +53,13 @@ def test_all_good_is_exit_status_0_and_an_unknown_part_2(check, tmp_path, capsys
 
 
 def test_every_folder_with_marked_tests_belongs_to_a_part(check):
-    """`check rest` takes all of tests/ but what it ignores; each ignored folder is in another part of that mark."""
+    """What a part of marked tests ignores is another such part; what it leaves out by name, a part runs in full."""
     marked = [part.call[part.call.index("check") + 1 :] for part in check.PARTS if part.name.startswith("check ")]
-    (rest,) = (where for where in marked if where[0] == "tests")
-    ignored = {word.removeprefix("--ignore=") for word in rest[1:]}
-    assert ignored == {word for where in marked if where is not rest for word in where}
+    taken = [word for where in marked for word in where if not word.startswith("--")]
+    ignored = [word.removeprefix("--ignore=") for where in marked for word in where if word.startswith("--ignore=")]
+    assert sorted(taken) == sorted(["tests", *ignored])
+    left_out = [word for where in marked for word in where if word.startswith("--deselect=")]
+    assert left_out == [f"--deselect={check.SHORT_CASES}"]
+    assert any(part.call[:3] == ("-m", "dropper_jax", "stability") for part in check.PARTS)
     named = [word for part in check.PARTS for word in part.call if word.startswith(("tests/", "benchmarks/"))]
     assert all((ROOT / word).exists() for word in named)

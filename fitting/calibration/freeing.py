@@ -18,13 +18,12 @@ import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
-from fitting.calibration.jumps import SEVERAL, alone, far_off, lost_frames
+from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.whitening import log_volume
-from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.place import LOST, LostPlace
 from fitting.parameters.priors import rig_priors
@@ -251,7 +250,8 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
     fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
     prepared = replace(at.prepared, windows=fewer)
     # a jump that only these windows see
-    unseen = ~np.any(at.solution.evaluation.jacobian[~off], axis=(0, 1, 2))
+    slopes = at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :]
+    unseen = ~np.any(slopes, axis=(0, 1, 2))
     solution = fit(prepared, "windows", at.loss, frozen=unseen if unseen.any() else None)
     return solution if solution.status == "ok" else at.solution
 
@@ -266,14 +266,9 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         name = f"{LOST}.{lost.run}.{lost.frame}"
         trace = at.prepared.traces[lost.run]
         # the window with the jump begins where the one before it ends
-        after = np.flatnonzero(
-            (at.prepared.windows.begin <= trace.t[lost.frame]) & (at.prepared.windows.run == lost.run)
-        )
-        starts, n = Starts(*(part.copy() for part in clean.starts)), trace.links
-        if len(after) and after[-1]:
-            ends = clean.evaluation.end[after[-1] - 1]
-            starts.theta[after[-1]], starts.omega[after[-1]] = ends[:n], ends[n:]
-        clean = replace(clean, starts=starts)
+        windows = at.prepared.windows
+        own = np.flatnonzero((windows.begin <= trace.t[lost.frame]) & (windows.run == lost.run))[-1:]
+        clean = replace(clean, starts=led(clean, np.isin(np.arange(windows.count), own)))
         prepared = with_freed(at.prepared, [name], clean, simulator, lost.frames * trace.interval)
         solution = fit(prepared, "windows", at.loss)
         gain = likelihood(solution) - likelihood(at.solution)

@@ -61,17 +61,16 @@ def alone(solution: Solution) -> int:
 def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     """The jump that explains most, by windows simulated on through the next ones; None where there is none.
 
-    Windows that the solution left out lead no others: what they were fitted to has the jump in it.
+    Windows that the solution left out begin where those before them end: their own samples have the jump among them.
     """
     # as the traces claim their noise: what a jump leaves would be taken for noise
     windows = replace(prepared.windows, substeps=solution.windows.substeps)
     fitted = (solution.windows.weight > 0).any(axis=(1, 2))
     right = np.flatnonzero(windows.follows)
-    right = right[fitted[right - 1]]
     if not len(right):
         return None
     both = _doubled(windows, right)
-    starts = Starts(*(part[right - 1] for part in solution.starts))
+    starts = Starts(*(part[right - 1] for part in led(solution, ~fitted)))
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
         return None
@@ -81,14 +80,25 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
         slots = np.flatnonzero(np.r_[True, np.diff(times[pair]) > 0] & (np.arange(times.shape[1]) >= 0))
         slots = slots[np.argsort(times[pair, slots])]
         angle, measured, weight = found[pair, slots], both.theta[pair, slots], both.weight[pair, slots]
-        gain, at, lag = _best_jump(
-            angle, measured, weight, (windows.weight[right[pair] - 1] > 0).any(axis=1).sum() // 2
-        )
+        left = right[pair] - 1
+        seen = (windows.weight[left] > 0).any(axis=1).sum() // 2 if fitted[left] else 0
+        gain, at, lag = _best_jump(angle, measured, weight, seen)
         if gain > best:
             run = int(both.run[pair])
             t = prepared.traces[run].t
             best, where = gain, Lost(run, int(np.argmin(np.abs(t - times[pair, slots[at]]))), lag)
     return where
+
+
+def led(solution: Solution, which: np.ndarray) -> Starts:
+    """Starts of all windows, of some (K,) bool where the windows before them end."""
+    starts = Starts(*(part.copy() for part in solution.starts))
+    ends, n = solution.evaluation.end, starts.theta.shape[1]
+    # one after another: of two that are left out, the second has nothing to begin with
+    after = np.flatnonzero(which & solution.windows.follows)
+    after = after[~which[after - 1]]
+    starts.theta[after], starts.omega[after] = ends[after - 1, :n], ends[after - 1, n:]
+    return starts
 
 
 def far_off(solution: Solution) -> np.ndarray:

@@ -1,12 +1,20 @@
-// One of two runs side by side: what is done to one view is told to the other.
-const pair = { other: null, quiet: false };
+// One of two runs side by side: what is done to one view is told to the other, also where that one comes later.
+const pair = { seen: null, acted: false, quiet: false };
+function seen_here() {
+  return { now: state.now, playing: state.playing, speed: byId("speed").value, turn: eye.turn, rise: eye.rise, zoom: eye.zoom, shift: eye.shift };
+}
+function send(what) { window.parent.postMessage({ ...what, of: window.name }, "*"); }
 function tell_other() {
   if (window.parent === window || pair.quiet) return;
-  const seen = { now: state.now, playing: state.playing, speed: byId("speed").value, turn: eye.turn, rise: eye.rise, zoom: eye.zoom, shift: eye.shift };
-  window.parent.postMessage({ dropper: seen, of: window.name }, "*");
+  const before = pair.seen;
+  pair.seen = JSON.stringify(seen_here());
+  if (before === null) send({ asks: true });  // the first picture is nobody's act
+  else if (before !== pair.seen) { pair.acted = true; send({ dropper: seen_here() }); }
 }
 addEventListener("message", ({ data }) => {
-  if (!data || !data.dropper || data.of === window.name || window.parent === window) return;
+  if (!data || data.of === window.name || window.parent === window) return;
+  if (data.asks && pair.acted) send({ dropper: seen_here() });
+  if (!data.dropper) return;
   const { now, playing, speed, ...view } = data.dropper;
   pair.quiet = true;
   Object.assign(eye, view); byId("speed").value = speed;
@@ -14,4 +22,5 @@ addEventListener("message", ({ data }) => {
   if (state.playing) play(false);  // the clock that runs is the other one's
   draw();
   pair.quiet = false;
+  pair.seen = JSON.stringify(seen_here());
 });

@@ -1,0 +1,154 @@
+"""The search by gradients beside differential evolution and CMA-ES, at equal processor time on the packaged small site.
+
+    python benchmarks/farm_search.py gradient
+    python benchmarks/farm_search.py de --seed 1      # SciPy's; likewise `cma --seed 1` with the package `cma`
+
+Every way minimises the material within the same bounds under the same constraints of whole runs. The searches without
+gradients have the constraints as a penalty of the same price as the search by gradients and start from the same design;
+sizes of catalogues are left out for all, so that one problem is compared. The processor time counts from when all
+programs are compiled. Writes `results/farm_search.json`.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from fitting.optimise.run import read_problem
+from fitting.optimise.search import PRICE, Search, sought, violation
+from fitting.optimise.storms import full_storm
+from fitting.optimise.variables import with_design
+from fitting.site import read_site
+
+FILE = Path(__file__).parent / "results" / "farm_search.json"
+
+
+def problem():
+    """The packaged small site without catalogues."""
+    table = dict(read_site("small-longline").table)
+    table["variable"] = [{k: v for k, v in row.items() if k != "catalogue"} for row in table["variable"]]
+    return read_problem(read_site({**table, "name": "small-longline"}))
+
+
+class OutOfTimeError(Exception):
+    pass
+
+
+class Judge:
+    """Designs by whole runs alone, with the best feasible one over processor time."""
+
+    def __init__(self, design, limit):
+        self.design, self.limit, self.rows = design, limit, []
+        self.runs, self.best, self.scale = 0, np.inf, 1.0
+        self.low = np.array([v.low for v in design.variables])
+        self.span = np.array([v.span for v in design.variables])
+        self.begun = time.process_time()
+
+    @property
+    def spent(self):
+        return time.process_time() - self.begun
+
+    def values(self, x):
+        known = {}
+        stands = [self.design.stand(x, case, known) for case in self.design.cases]
+        scene = with_design(self.design.site.scene, self.design.variables, x)
+        full = []
+        for case, stand in zip(self.design.cases, stands, strict=True):
+            quantities = self.design.quantities(case, stand.still)
+            full.append(full_storm(self.design.site, scene, case, quantities, stand.rest.state))
+            if full[-1].message:
+                raise SceneError(full[-1].message)
+        return self.design.measured(x, full)
+
+    def seen(self, x, found):
+        self.runs += 1
+        if found.worst <= 1.0 + 1e-9 and found.objective < self.best:
+            self.best = found.objective
+            self.rows.append([round(self.spent, 1), self.runs, found.objective, np.asarray(x).tolist()])
+
+    def __call__(self, u):
+        """Merit of a design in shares of the ranges."""
+        if self.spent > self.limit:
+            raise OutOfTimeError
+        x = self.low + np.clip(u, 0.0, 1.0) * self.span
+        try:
+            found = self.values(x)
+        except SceneError:
+            return 1e3
+        self.seen(x, found)
+        return found.objective / self.scale + PRICE * violation(found, 1.0)
+
+
+def by_gradient(judge):
+    """The package's own search; processor time and best design after every renewal."""
+    design = judge.design
+    search = Search(design.start, design.settings.reach)
+    plain = design.measured
+
+    def measured(x, full):
+        found = plain(x, full)
+        judge.seen(x, found)
+        return found
+
+    design.measured = measured
+    sought(search, design, lambda: None, lambda *_: None)
+
+
+def by_evolution(judge, seed):
+    from scipy.optimize import differential_evolution
+
+    start = (judge.design.start - judge.low) / judge.span
+    differential_evolution(
+        judge, [(0.0, 1.0)] * len(start), x0=start, rng=seed, popsize=5, maxiter=10_000, tol=0.0, polish=False
+    )
+
+
+def by_cma(judge, seed):
+    import cma
+
+    start = (judge.design.start - judge.low) / judge.span
+    settings = {"bounds": [0.0, 1.0], "seed": seed, "verbose": -9}
+    cma.fmin2(judge, start, 0.15, settings)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("way", choices=("gradient", "de", "cma"))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--limit", type=float, default=None, help="processor time [s]; that of the gradient's search")
+    args = parser.parse_args()
+    kept = json.loads(FILE.read_text()) if FILE.exists() else {}
+    design = problem()
+    design.settings = replace(design.settings, rounds=6)
+    judge = Judge(design, args.limit or kept.get("gradient", {}).get("cpu_s", np.inf))
+    start = judge.values(design.start)  # compiles the whole run
+    judge.scale = start.objective
+    if args.way == "gradient":  # and here the windows
+        windows, _ = design.renewed(design.start, lambda *_: None)
+        design.values(design.start, windows, lambda *_: None)
+    judge.begun = time.process_time()
+    try:
+        if args.way == "gradient":
+            by_gradient(judge)
+        elif args.way == "de":
+            by_evolution(judge, args.seed)
+        else:
+            by_cma(judge, args.seed)
+    except OutOfTimeError:
+        pass
+    best = min((row[2] for row in judge.rows), default=start.objective)
+    name = args.way if args.way == "gradient" else f"{args.way}-{args.seed}"
+    own = {"cpu_s": judge.spent, "designs": judge.runs, "start": start.objective, "best": best}
+    kept = json.loads(FILE.read_text()) if FILE.exists() else {}
+    kept[name] = own | {"reduction": 1.0 - best / start.objective, "rows": judge.rows}
+    atomic_write(FILE, json.dumps(kept, indent=1))
+    print(name, {key: value for key, value in kept[name].items() if key != "rows"})
+
+
+if __name__ == "__main__":
+    main()

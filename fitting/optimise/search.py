@@ -129,8 +129,8 @@ def run_round(
             failure = f"objective {there.objective:.5g}, worst {there.worst:.3f}"
         search.history.append({**row, "values": trial.tolist()})
         say(tried / (3 * settings.renew), failure)
-        if won < POOR * gain:
-            search.reach *= SHRINK
+        if won < POOR * gain:  # a step that did not use its reach would be tried again
+            search.reach = SHRINK * min(search.reach, float(np.max(np.abs(step.step) / span)))
         elif won > GOOD * gain:
             search.reach = min(search.reach * GROW, LARGEST)
         if won >= LEAST * gain:

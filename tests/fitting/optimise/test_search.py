@@ -8,7 +8,7 @@ import pytest
 
 from fitting.optimise.abreast import abreast
 from fitting.optimise.run import told
-from fitting.optimise.search import RESIDUAL, Search, measure
+from fitting.optimise.search import RESIDUAL, Search, measure, run_round
 from fitting.optimise.values import Values
 
 
@@ -59,3 +59,22 @@ def test_what_a_run_abreast_raises_is_raised():
 
     with pytest.raises(ValueError, match="two"):
         abreast(one, list(range(5)), lambda _: None, workers=2)
+
+
+def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
+    """The objective rises whatever its slope says, and the bound is nearer than the reach."""
+    tried = []
+
+    def looked(x, windows, say):
+        tried.append(float(x[0]))
+        objective = 1.0 + (0.0 if x[0] == 0.5 else 1.0)
+        return Values(objective, np.array([1.0]), ("a",), np.array([0.5]), np.zeros((1, 1)))
+
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3),
+        variables=[SimpleNamespace(low=0.45, high=1.5, span=1.0)],
+        values=looked,
+    )
+    run_round(Search(np.array([0.5]), 0.4, scale=1.0), design, (), lambda: None, lambda *_: None)
+    assert tried[:2] == [0.5, 0.45]
+    assert len(set(tried)) == len(tried) > 2

@@ -2,9 +2,11 @@
 
     min  c.d + P sum s    over  |d| <= reach, g + J d <= 1 - margin + s, s >= 0
 
-A step that lowers the merit `objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza
-1989); a storm is run and differentiated once for each. After some steps the windows are found anew from whole runs: a
-design counts where its whole runs meet all constraints, and the best of these is what the search ends with.
+Where the constraints bend away within the reach, a step d that fails is mended by a second one: the same programme with
+`g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989); a storm is run and
+differentiated once for each. After some steps the windows are found anew from whole runs: a design counts where its
+whole runs meet all constraints, and the best of these is what the search ends with.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ PRICE = 10.0
 #: Least part of the predicted gain that a step must bring, and the parts beyond which the reach shrinks or grows.
 LEAST, POOR, GOOD = 0.05, 0.25, 0.6
 SHRINK, GROW, SMALLEST, LARGEST = 0.4, 1.6, 2e-3, 0.5
+#: Part of the first reach that every round begins with at least.
+AGAIN = 0.25
 #: How far constraints of the best design may lie above 1: rounding.
 ROUNDING = 1e-9
 #: Difference of windows from whole runs, in limits, above which windows are found anew after every step.
@@ -100,43 +104,91 @@ def run_round(
     search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
 ) -> Values:
     """Steps of one round; the values at its end."""
-    settings, limit = design.settings, 1.0 - design.settings.margin
-    span = np.array([v.span for v in design.variables])
-    low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
-    fixed = np.zeros(len(span), bool) if search.fixed is None else search.fixed
+    settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
-    here = design.values(search.x, windows, say)
-    merit = lambda v: v.objective / search.scale + PRICE * violation(v, limit)  # noqa: E731
-    taken = tried = 0
+    one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
-    while taken < renew and tried < 3 * settings.renew and search.reach > SMALLEST:
-        tried += 1
-        room = np.where(fixed, 0.0, search.reach * span)
-        step = programme(
-            here, np.maximum(low - search.x, -room), np.minimum(high - search.x, room), search.scale, limit
-        )
-        gain = merit(here) - (step.objective / search.scale + PRICE * step.violation)
-        if gain < 1e-4 * settings.enough + 1e-9:
+    search.reach = max(search.reach, AGAIN * settings.reach)
+    while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST:
+        first = last = one.attempt(one.here)
+        if first is None:
             break
-        trial = np.clip(search.x + step.step, low, high)
-        there, failure = _tried(design, trial, windows, say)
-        won = -np.inf if there is None else merit(here) - merit(there)
-        row = {"round": search.round + 1, "taken": won >= LEAST * gain, "reach": search.reach}
-        if there is None:
+        if not first.good and first.values is not None and violation(first.values, one.limit) > 0.0:
+            seen = first.values.value - one.here.slopes[:, : len(first.step)] @ first.step
+            last = one.attempt(dataclasses.replace(one.here, value=seen)) or first
+        if last.good and last.values is not None:
+            search.x, one.here, one.taken = last.x, last.values, one.taken + 1
+        if last.won < POOR * last.gain:  # a step that did not use its reach would be tried again
+            search.reach = SHRINK * min(search.reach, first.size)
+        elif last.won > GOOD * last.gain:
+            search.reach = min(search.reach * GROW, LARGEST)
+        save()
+    return one.here
+
+
+@dataclasses.dataclass(frozen=True)
+class _Attempt:
+    """A design that was tried: its step (p,), largest share of the ranges, foretold and true gain of merit."""
+
+    x: np.ndarray
+    step: np.ndarray
+    size: float
+    values: Values | None
+    gain: float
+    won: float
+
+    @property
+    def good(self) -> bool:
+        return self.won >= LEAST * self.gain
+
+
+class _Round:
+    """A round where it is: values there, steps tried and taken."""
+
+    def __init__(
+        self,
+        search: Search,
+        design: Design,
+        windows: tuple[Window, ...],
+        save: Callable[[], None],
+        say: Say,
+        here: Values,
+    ) -> None:
+        self.search, self.design, self.windows, self.save, self.say = search, design, windows, save, say
+        self.here, self.taken, self.tried = here, 0, 0
+        self.limit = 1.0 - design.settings.margin
+        self.low, self.high, self.span = (
+            np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high", "span")
+        )
+
+    def merit(self, values: Values) -> float:
+        return values.objective / self.search.scale + PRICE * violation(values, self.limit)
+
+    def attempt(self, model: Values) -> _Attempt | None:
+        """The step of a model's linear programme within the reach, run; None where it promises nothing."""
+        search, settings = self.search, self.design.settings
+        fixed = False if search.fixed is None else search.fixed
+        room = np.where(fixed, 0.0, search.reach * self.span)
+        bounds = np.maximum(self.low - search.x, -room), np.minimum(self.high - search.x, room)
+        step = programme(model, *bounds, search.scale, self.limit)
+        gain = self.merit(self.here) - (step.objective / search.scale + PRICE * step.violation)
+        if gain < 1e-4 * settings.enough + 1e-9:
+            return None
+        self.tried += 1
+        x = np.clip(search.x + step.step, self.low, self.high)
+        found, failure = _tried(self.design, x, self.windows, self.say)
+        won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
+        attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / self.span)), found, gain, won)
+        row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach}
+        if found is None:
             row |= {"failure": failure}
         else:
-            row |= {"objective": there.objective, "worst": there.worst}
-            failure = f"objective {there.objective:.5g}, worst {there.worst:.3f}"
-        search.history.append({**row, "values": trial.tolist()})
-        say(tried / (3 * settings.renew), failure)
-        if won < POOR * gain:  # a step that did not use its reach would be tried again
-            search.reach = SHRINK * min(search.reach, float(np.max(np.abs(step.step) / span)))
-        elif won > GOOD * gain:
-            search.reach = min(search.reach * GROW, LARGEST)
-        if won >= LEAST * gain:
-            search.x, here, taken = trial, there, taken + 1
-        save()
-    return here
+            row |= {"objective": found.objective, "worst": found.worst}
+            failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
+        search.history.append({**row, "values": x.tolist()})
+        self.say(self.tried / (3 * settings.renew), failure)
+        self.save()
+        return attempt
 
 
 def _tried(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:

@@ -71,10 +71,31 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
         return Values(objective, np.array([1.0]), ("a",), np.array([0.5]), np.zeros((1, 1)))
 
     design = SimpleNamespace(
-        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3),
+        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3, reach=0.4),
         variables=[SimpleNamespace(low=0.45, high=1.5, span=1.0)],
         values=looked,
     )
     run_round(Search(np.array([0.5]), 0.4, scale=1.0), design, (), lambda: None, lambda *_: None)
     assert tried[:2] == [0.5, 0.45]
     assert len(set(tried)) == len(tried) > 2
+
+
+def test_steps_along_a_curved_limit_stay_long():
+    """min -x - y within x^2 + y^2 <= 2 from a point of the circle: -2 at 45 degrees."""
+    tried = []
+
+    def looked(x, windows, say):
+        tried.append(x)
+        return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
+
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=0.0, renew=6, enough=1e-3, reach=0.3),
+        variables=[SimpleNamespace(low=-2.0, high=2.0, span=1.0)] * 2,
+        values=looked,
+    )
+    angle = np.pi / 4 + 1.0
+    search = Search(np.sqrt(2) * np.array([np.cos(angle), np.sin(angle)]), 0.3, scale=1.0)
+    found = run_round(search, design, (), lambda: None, lambda *_: None)
+    assert found.objective == pytest.approx(-2.0, abs=0.015)
+    assert found.value[0] < 1.001  # 1.02 by linear steps alone
+    assert len(tried) <= 20

@@ -22,7 +22,7 @@ SEED = 1 if FILES <= 60 else int.from_bytes(os.urandom(3))
 @pytest.mark.slow
 def test_damaged_files_are_refused_in_one_line_or_read(tmp_path):
     call = [sys.executable, str(Path(__file__).with_name("worker.py")), str(tmp_path), str(SEED), str(FILES)]
-    done = subprocess.run(call, capture_output=True, text=True, errors="replace", check=False)
+    done = subprocess.run(call, capture_output=True, text=True, errors="replace", check=False, cwd=tmp_path)
     last = (done.stderr.strip().splitlines() or [""])[-1]
     assert done.returncode == 0, f"ended by {done.returncode} in case {last}: {done.stderr[-2000:]}"
     found = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]

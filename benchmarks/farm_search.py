@@ -20,7 +20,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from fitting.optimise.run import read_problem
-from fitting.optimise.search import PRICE, Search, sought, violation
+from fitting.optimise.search import PRICE, ROUNDING, Search, sought, violation
 from fitting.optimise.storms import full_storm
 from fitting.optimise.variables import with_design
 from fitting.site import read_site
@@ -67,7 +67,7 @@ class Judge:
 
     def seen(self, x, found):
         self.runs += 1
-        if found.worst <= 1.0 + 1e-9 and found.objective < self.best:
+        if found.worst <= 1.0 + ROUNDING and found.objective < self.best:
             self.best = found.objective
             self.rows.append([round(self.spent, 1), self.runs, found.objective, np.asarray(x).tolist()])
 

@@ -43,7 +43,7 @@ class Search:
         x: the design (p,); `reach`: share of the ranges; `round`: rounds done.
         scale: objective at the start.
         best: the best design whose whole runs meet all constraints, its objective; None while there is none.
-        fixed: variables that have been set to a size of their catalogue (p,).
+        fixed: variables that have been set to a size of their catalogue (p,); `sized`: rounds done by then.
         history: one row per evaluation.
         residual: largest difference of the last windows' constraints from those of whole runs, in limits, measured
             before windows and factors were found anew; None before the first time. `best_residual`: of the best design.
@@ -57,6 +57,7 @@ class Search:
     best_objective: float = np.inf
     before: dict[str, Any] | None = None
     fixed: np.ndarray | None = None
+    sized: int = 0
     history: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     done: bool = False
     residual: float | None = None
@@ -186,7 +187,7 @@ class _Round:
             row |= {"objective": found.objective, "worst": found.worst}
             failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
         search.history.append({**row, "values": x.tolist()})
-        self.say(self.tried / (3 * settings.renew), failure)
+        self.say(min(self.tried / (3 * settings.renew), 1.0), failure)
         self.save()
         return attempt
 
@@ -251,7 +252,7 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
         search.before = {"x": search.x.tolist(), "objective": found.objective, "constraints": listed(found)}
         save()
     last, still_better = search.best_objective, True
-    while search.round < settings.rounds and still_better:
+    while search.round < search.sized + settings.rounds and still_better:
         here = run_round(search, design, windows, save, say)
         search.round += 1
         windows, found, _ = measure(search, design, say, here)
@@ -259,7 +260,7 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
         gained = last - search.best_objective if np.isfinite(last) else np.inf
         still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and search.reach > SMALLEST)
         last = search.best_objective
-        if not still_better and search.fixed is None:
+        if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:
                 search.x = search.best.copy()
             x = snapped(search, design, here)
@@ -267,7 +268,7 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
                 continue
             # sizes are set, the rest is sought anew beside them
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
-            search.x, search.reach, still_better = x, settings.reach, True
+            search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
             search.best, search.best_objective, last = None, np.inf, np.inf
             there, _ = _tried(design, search.x, windows, say)
             windows, found, _ = measure(search, design, say, there)

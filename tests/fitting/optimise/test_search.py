@@ -8,7 +8,7 @@ import pytest
 
 from fitting.optimise.abreast import abreast
 from fitting.optimise.run import told
-from fitting.optimise.search import RESIDUAL, Search, measure, run_round
+from fitting.optimise.search import RESIDUAL, Search, measure, run_round, sought
 from fitting.optimise.values import Values
 
 
@@ -99,3 +99,31 @@ def test_steps_along_a_curved_limit_stay_long():
     assert found.objective == pytest.approx(-2.0, abs=0.015)
     assert found.value[0] < 1.001  # 1.02 by linear steps alone
     assert len(tried) <= 20
+
+
+@pytest.mark.parametrize("rounds", [1, 20])
+def test_sizes_of_a_catalogue_are_taken_though_all_rounds_were_used(rounds):
+    """min -x - y within x^2 + y^2 <= 2, where x comes in halves: (1, 1)."""
+
+    def looked(x, *_):
+        return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
+
+    sizes = (0.0, 0.5, 1.0, 1.5, 2.0)
+    halves = SimpleNamespace(
+        low=0.0, high=2.0, span=2.0, catalogue=sizes, sizes=lambda x: [s for s in sizes if abs(s - x) < 0.5]
+    )
+    any_size = SimpleNamespace(low=0.0, high=2.0, span=2.0, catalogue=())
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=1e-3, renew=3, enough=1e-3, reach=0.1, rounds=rounds),
+        variables=[halves, any_size],
+        values=looked,
+        renewed=lambda x, say: ((), []),
+        measured=looked,
+    )
+    search = Search(np.array([0.3, 0.6]), 0.1)
+    sought(search, design, lambda: None, lambda *_: None)
+    assert search.done
+    assert search.best[0] in sizes
+    assert search.best @ search.best / 2 <= 1.0 + 1e-9
+    if rounds > 1:
+        np.testing.assert_allclose(search.best, [1.0, 1.0], atol=2e-3)

@@ -3,9 +3,10 @@
     python benchmarks/laws.py [--links 1 2 3 7] [--draws 2] [--noise white filtered]
 
 Chains of point masses with a free end, let go at some 60 degrees, simulated with a finer step by another scheme than
-the fits take, watched with noise. Every law of up to three parts, its coefficients of a size that each part takes a
-fair share of the energy: a part counts as strong where leaving it out costs 10 in log likelihood. A row per truth: the
-law alone, among those left undecided, or wrong. Writes results/laws.json.
+the fits take, watched with noise. Truths are every law of one or two parts; each part of two takes a third of the
+energy at least. Where leaving a part out costs 10 in log likelihood the truth is strong: it should be found alone. Then
+pairs are watched with as much more noise as leaves a part worth 1 to 6, which is weak: laws should stay undecided,
+the true one among them. A row per truth; writes results/laws.json, which holds what was done when it is run again.
 """
 
 from __future__ import annotations
@@ -27,7 +28,11 @@ from fitting.calibration.preparation import prepare
 from fitting.traces.trace import Convention, Trace
 
 RESULTS = Path(__file__).parent / "results" / "laws.json"
-RATE, DURATION, NOISE, FINE = 60.0, 12.0, 0.002, 8
+RATE, NOISE, FINE, WINDOW = 60.0, 5e-4, 8, 1.4
+#: Watched for [s]: one link shows laws by one amplitude alone, as it falls.
+DURATION = {1: 24.0, 2: 12.0, 3: 12.0, 7: 12.0}
+#: What a part of a weak truth is worth in log likelihood, and most noise [rad].
+WEAK, MOST = (1.0, 6.0), 0.1
 #: Log likelihood that leaving a part out must cost for the part to be strong.
 STRONG = 10.0
 #: Coefficients at which each part alone takes about half of the energy in the time watched, of a chain of 0.6 m and
@@ -50,7 +55,7 @@ def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
         effects["joint_friction"] = {**joints, "axis": [0.0, 1.0, 0.0]}
     angles = [1.1 - 0.5 * j / max(links - 1, 1) for j in range(links)]
     return {
-        "run": {"dt": 1 / RATE / FINE, "duration": DURATION, "save_every": FINE},
+        "run": {"dt": 1 / RATE / FINE, "duration": DURATION[links], "save_every": FINE},
         "point": [
             {"name": "top", "position": [0.0, 0.0, 0.0]},
             {"name": "low", "kind": "free", "position": [0.6, 0.0, 0.0]},
@@ -61,15 +66,15 @@ def chain(links: int, values: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def watched(run: Any, noise: str, rng: np.random.Generator) -> Trace:
-    """The run as a trace, with white noise or noise that remembers 0.8 of itself."""
+def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE) -> Trace:
+    """The run as a trace, with white noise or noise that remembers 0.8 of itself, of deviation `size` [rad]."""
     d = np.diff(run.positions, axis=1)
     angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
     e = rng.standard_normal(angle.shape)
     if noise == "filtered":
         for i in range(1, len(e)):
             e[i] = 0.8 * e[i - 1] + 0.6 * e[i]
-    return Trace("chain", run.t, angle + NOISE * e, convention=Convention("down", 1, "rad"))
+    return Trace("chain", run.t, angle + size * e, convention=Convention("down", 1, "rad"))
 
 
 def main() -> None:
@@ -80,43 +85,52 @@ def main() -> None:
     parser.add_argument("--noise", nargs="+", default=["white", "filtered"])
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
-    rows: list[dict[str, Any]] = []
+    rows = json.loads(args.out.read_text()) if args.out.exists() else []
+    done = {(row["links"], row["law"], row["draw"], row["noise"], row["weak"]) for row in rows}
     for links in args.links:
         for law in args.laws:
             for draw in range(args.draws):
-                rng = np.random.default_rng([links, list(LADDER).index(law), draw])
+                index = list(LADDER).index(law)
+                rng = np.random.default_rng([links, index, draw])
                 values = {part: SIZES[part] / len(LADDER[law]) * rng.uniform(0.7, 1.4) for part in LADDER[law]}
                 run = dj.simulate(chain(links, values))
                 if run.status not in ("ok", "energy_drift"):
                     sys.exit(f"{law}: {run.failure}")
-                for noise in args.noise:
-                    rows.append(one(links, law, values, noise, watched(run, noise, rng)))
-                    args.out.write_text(json.dumps(rows, indent=1) + "\n")
+                for k, noise in enumerate(args.noise):
+                    size, cost = NOISE, np.inf
+                    for weak in (False, True):
+                        name = {"links": links, "law": law, "draw": draw, "noise": noise, "weak": weak}
+                        rng = np.random.default_rng([links, index, draw, k, int(weak)])
+                        if weak:
+                            size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
+                        if (weak and (draw or len(LADDER[law]) < 2 or not size <= MOST)) or not np.isfinite(size):
+                            continue
+                        if tuple(name.values()) not in done:
+                            rows.append({**name, **one(links, law, watched(run, noise, rng, size)), "values": values})
+                            rows[-1]["sigma"] = size
+                            args.out.write_text(json.dumps(rows, indent=1) + "\n")
+                        cost = next(row["cost_of_a_part"] for row in rows if all(row[key] == name[key] for key in name))
     for strong in (True, False):
         some = [row for row in rows if row["strong"] == strong]
         alone, inside = sum(row["alone"] for row in some), sum(row["inside"] for row in some)
         print(f"{'strong' if strong else 'weak'}: alone {alone}, inside {inside}, of {len(some)}")
 
 
-def one(links: int, law: str, values: dict[str, float], noise: str, trace: Trace) -> dict[str, Any]:
+def one(links: int, law: str, trace: Trace) -> dict[str, Any]:
     """One trace compared."""
     begun = time.process_time()
     scene = chain(links, dict.fromkeys(("linear", "quadratic"), 0.01))
-    prepared = prepare(trace, scene, ["b_l", "b_q"])
-    laws = compare(prepared)
+    laws = compare(prepare(trace, scene, ["b_l", "b_q"], window=WINDOW))
     by_name = {other: row for row in laws for other in (row.name, *row.equals)}
     truth = by_name[law]
     poorer = [by_name[o] for o in LADDER if set(LADDER[o]) < set(LADDER[law]) and by_name[o].name != truth.name]
     cost = min((row.cost - truth.cost for row in poorer), default=np.inf)
     found = {
-        "links": links, "law": law, "noise": noise, "values": values, "verdict": verdict(laws),
-        "strong": bool(cost >= STRONG), "cost_of_a_part": float(cost),
+        "verdict": verdict(laws), "strong": bool(cost >= STRONG), "cost_of_a_part": float(cost),
         "alone": truth.possible and sum(row.possible for row in laws) == 1, "inside": truth.possible,
         "refuted": truth.refuted, "seconds": time.process_time() - begun,
     }  # fmt: skip
-    print(
-        links, noise, law, "->", found["verdict"], f"({cost:.1f}) {truth.refuted} {found['seconds']:.0f} s", flush=True
-    )
+    print(links, law, "->", found["verdict"], f"({cost:.1f}) {truth.refuted} {found['seconds']:.0f} s", flush=True)
     return found
 
 

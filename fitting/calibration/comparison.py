@@ -13,52 +13,32 @@ correlation, N (1 - rho)/(1 + rho), rho that of the law that fits best, whose re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.load.scene import Scene
-from dropper_jax.run.build import build
 from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
-from fitting.calibration.decision import decide
+from fitting.calibration.decision import decide, decide_joined
+from fitting.calibration.joining import join_laws
 from fitting.calibration.law import Law
-from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS, contains
-from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
+from fitting.calibration.law_fits import Family, family_of, fit_law
+from fitting.calibration.laws import LADDER, PARTS, contains
+from fitting.calibration.prepared import Prepared
 from fitting.calibration.unseen import taken, unseen
-from fitting.estimate.gauss_newton import continue_windows, fit_windows
+from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import refine
-from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import lag_one
-from fitting.estimate.windows import Starts, Windows, first_starts
-from fitting.parameters.parameter import resolve, with_effects
+from fitting.estimate.windows import Windows
 
 #: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
 MOST_CORRELATED = 0.999
 #: Cosine of two coefficients' derivatives beyond which they are one; drag is weighted within a step, joints are not.
 SAME = 1 - 1e-4
-
-
-@dataclass(frozen=True)
-class Family:
-    """A simulator with every coefficient of some laws.
-
-    Attributes:
-        owner: the part that each parameter belongs to (None: of none).
-        substeps: parts of a step: laws with dry friction take a scheme of second order.
-    """
-
-    simulator: Simulator
-    owner: tuple[str | None, ...]
-    substeps: int
-
-    def used(self, law: str) -> np.ndarray:
-        """Which parameters a law has free (k,) bool."""
-        return np.array([part is None or part in LADDER[law] for part in self.owner])
 
 
 def compare(
@@ -78,11 +58,11 @@ def compare(
     say = progress or silent
     laws = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
     others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
-    families = {dry: _family(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
+    families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
     fullest = laws[-1]
     say(0.95, f"law {fullest}: noise")
     widest = "dry" in LADDER[fullest]
-    first = _fitted(prepared, families[widest], fullest, [], iterations)
+    first = fit_law(prepared, families[widest], fullest, [], iterations)
     noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     first = refine(noisy(first, again=continue_windows))
     prepared = prepared.noisy(first.problem.noise)
@@ -97,7 +77,7 @@ def compare(
         inner = [one for name, one in found.items() if contains(law, name)]
         inner += [first] if law == fullest else []
         family = families["dry" in LADDER[law]]
-        found[law] = _fitted(prepared, family, law, inner, iterations)
+        found[law] = fit_law(prepared, family, law, inner, iterations)
     windows = prepared.windows
     kinds = (blocks(windows.run), last_third(windows.begin, windows.run), other_runs(windows.run))
     folds, ahead, beside = (fair(each, windows.released) for each in kinds)
@@ -117,7 +97,14 @@ def compare(
         )
     rows = with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
     scores = [replace(one, log_score=one.log_score / memory) for one in scores]
-    return _with_errors(decide(rows, scores), scores)
+    rows = _with_errors(decide(rows, scores), scores)
+    left = {row.name: found[row.name] for row in rows if row.possible}
+    if len(left) == 1:
+        return rows
+    dry = any("dry" in LADDER[law] for law in left)
+    joined = join_laws(prepared, families[dry], left, say)
+    open_parts = {law: unseen(one, families[dry].owner, per_unit[dry]) for law, one in joined.items()}
+    return decide_joined(rows, {law: one.cost / memory for law, one in joined.items()}, open_parts)
 
 
 def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
@@ -129,63 +116,6 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
     error = np.std(apart, axis=1, ddof=1 if known.sum() > 1 else 0) / np.sqrt(max(known.sum(), 1))
     scale = max(2 * rows[best].held_out, 1e-300)
     return [replace(row, held_out_error=float(e) / scale) for row, e in zip(rows, error, strict=True)]
-
-
-def _family(prepared: Prepared, others: list[str], dry: bool) -> Family:
-    """With every coefficient of the laws with or without dry friction."""
-    parts = [part for part in PARTS if dry or part != "dry"]
-    names = [PARTS[part] for part in parts]
-    table = prepared.scene.to_dict()
-    friction = table["effects"].setdefault("joint_friction", {})
-    joints = len(prepared.scene.lines[0].length) + 1
-    for part in OF_JOINTS:
-        field = PARTS[part].rpartition(".")[2]
-        each = isinstance(friction.get(field), list) or any(
-            p.name.startswith(PARTS[part] + ".") for p in prepared.parameters
-        )
-        friction[field] = [0.0] * joints if each else 0.0
-    friction.setdefault("axis", [0.0, 1.0, 0.0])
-    if not dry:
-        friction.pop("dry", None)
-    model, _ = build(with_effects(Scene.from_dict(table), names))
-    release = prepared.simulator.release
-    release = None if release is None else replace(release)  # its poses are of one model
-    same = {p.name: p for p in prepared.parameters if p.name in others}
-    parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
-    owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
-    simulator = Simulator(model, parameters, release=release)
-    finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
-    return Family(simulator, owner, max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9))))
-
-
-def _fitted(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
-    """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
-    used, parameters = family.used(law), family.simulator.parameters
-    known = {p.name: p.value for p in prepared.parameters}
-    sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
-    begun = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
-    windows = replace(prepared.windows, substeps=family.substeps)
-    problem = replace(
-        prepared.problem(), simulator=family.simulator, windows=windows, parameters=tuple(parameters), frozen=~used
-    )
-    starts: Starts | None = None
-    tries = [np.where(used, begun, 0.0)]
-    if inner:
-        best = min(inner, key=lambda one: one.cost)
-        own = {p.name: v for p, v in zip(best.problem.parameters, best.values, strict=True)}
-        starts = best.starts
-        tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
-    starts = starts or first_starts(
-        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.smooth
-    )
-    found: list[Solution] = []
-    for values in tries:
-        one = fit_windows(problem, values, starts, iterations=iterations)
-        found.append(one)
-        # on the way from a law that it contains it cannot end worse; what went wrong is tried from elsewhere
-        if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
-            break
-    return min(found, key=lambda one: (one.status != "ok", one.cost))
 
 
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:

@@ -14,6 +14,7 @@ leaves is refuted too. What is left is possible; one law alone is decided.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import comb
 
@@ -29,6 +30,8 @@ LACKS, NEEDLESS = 0.01, 0.03
 #: A law that does not contain the better one is refuted by a log score so many of its standard errors worse, and by at
 #: least so much; or by a likelihood that is so much worse at as many coefficients or more.
 STANDARD_ERRORS, WORSE = 2.5, 3.0
+#: Log likelihood with joined windows by which a law is worse than another one of no more coefficients, and refuted.
+JOINED = 4.0
 #: Draws of windows for the laws' shares.
 DRAWS = 1000
 
@@ -50,16 +53,50 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
             rows, (logs - logs[best]).sum(1), spread, shares(logs, np.random.default_rng(0)), strict=True
         )
     ]
-    rows = _refuted(rows, logs)
+    # where a fit did not converge its cost is an upper limit: a law that stands by it stands
+    reasons = ["" if np.isfinite(row.cost) else row.status for row in rows]
+    if all(reasons):
+        reasons = [""] * len(rows)
+    alive = [i for i, reason in enumerate(reasons) if not reason]
+    reasons = _by_prediction(rows, _by_likelihood(rows, reasons), logs, alive)
+    reasons = [
+        f"{row.status}; {reason}" if reason and row.status not in ("ok", reason) else reason
+        for row, reason in zip(rows, reasons, strict=True)
+    ]
+    return _chosen([replace(row, refuted=reason) for row, reason in zip(rows, reasons, strict=True)])
+
+
+def decide_joined(rows: list[Law], costs: Mapping[str, float], unseen: Mapping[str, tuple[str, ...]]) -> list[Law]:
+    """The laws decided, with what windows that are joined tell of those that were left.
+
+    Args:
+        costs: of laws with joined windows, minus their log likelihoods, by name.
+        unseen: parts of them that may take a tenth of the energy for all that joined windows tell.
+    """
+    rows = [replace(row, joined=costs[row.name], unseen=unseen[row.name]) if row.name in costs else row for row in rows]
+    left = [i for i, row in enumerate(rows) if row.name in costs]
+    some = [replace(rows[i], cost=rows[i].joined) for i in left]
+    reasons = _by_likelihood(some, [""] * len(some))
+    for i, a in enumerate(some):
+        for b in some:
+            apart = a.cost - b.cost
+            if not reasons[i] and a.coefficients >= b.coefficients and not contains(a.name, b.name) and apart > JOINED:
+                reasons[i] = f"is less likely than {b.name}, by {apart:.1f} in log likelihood"
+    for i, reason in zip(left, reasons, strict=True):
+        rows[i] = replace(rows[i], refuted=reason)
+    return _chosen(rows)
+
+
+def _chosen(rows: list[Law]) -> list[Law]:
+    """The laws, the simplest possible one chosen."""
     left = [i for i, row in enumerate(rows) if row.possible]
     simplest = min(left, key=lambda i: (rows[i].coefficients, -rows[i].score))
     return [replace(row, chosen=i == simplest) for i, row in enumerate(rows)]
 
 
-def _refuted(rows: list[Law], logs: np.ndarray) -> list[Law]:
-    reasons = ["" if row.status == "ok" else row.status for row in rows]
-    if all(reasons):
-        reasons = [""] * len(rows)
+def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
+    """Why laws are left behind that others contain, or that contain others."""
+    reasons = list(reasons)
     alive = [i for i, reason in enumerate(reasons) if not reason]
     for i in alive:
         for j in alive:
@@ -74,8 +111,18 @@ def _refuted(rows: list[Law], logs: np.ndarray) -> list[Law]:
             if not reasons[j] and not reasons[i] and contains(rows[j].name, rows[i].name):
                 p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
                 more = set(LADDER[rows[j].name]) - set(LADDER[rows[i].name])
-                if p > NEEDLESS and not more & set(rows[j].unseen):
+                # of several parts more, one alone would have to be open
+                between = [k for k in alive if contains(rows[k].name, rows[i].name)]
+                between = [k for k in between if contains(rows[j].name, rows[k].name)]
+                open_parts = any(not reasons[k] for k in between) if between else more & set(rows[j].unseen)
+                if p > NEEDLESS and not open_parts:
                     reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
+    return reasons
+
+
+def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive: list[int]) -> list[str]:
+    """Why laws are left behind that predict worse than others of no more coefficients."""
+    reasons = list(reasons)
     for i in alive:
         for j in alive:
             if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
@@ -85,7 +132,7 @@ def _refuted(rows: list[Law], logs: np.ndarray) -> list[Law]:
                 likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
                 if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
                     reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
-    return [replace(row, refuted=reason) for row, reason in zip(rows, reasons, strict=True)]
+    return reasons
 
 
 def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:

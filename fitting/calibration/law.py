@@ -18,6 +18,7 @@ class Law:
         free: parameters fitted, those of no damping law too.
         bic: less is better.
         cost: minus the log likelihood of the fitted windows, in units of independent samples.
+        joined: the same with windows joined, of laws that separate windows leave undecided; else NaN.
         score, score_error: log score of windows predicted from others, less that of the best law, and its standard
             error.
         extrapolated: RMS angle error [rad] of the last third of every run, predicted from what comes before.
@@ -39,6 +40,7 @@ class Law:
     free: int
     bic: float = np.nan
     cost: float = np.nan
+    joined: float = np.nan
     score: float = np.nan
     score_error: float = np.nan
     extrapolated: float = np.nan
@@ -67,6 +69,7 @@ class Law:
             "values",
             "chosen",
             "cost",
+            "joined",
             "score",
             "score_error",
             "extrapolated",

@@ -8,7 +8,9 @@ importance sampling it takes no motion for linear in its starts; it costs an eva
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -105,12 +107,15 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
         _, (found, divergent) = jax.lax.scan(once, state, jax.random.split(run, draws))
         return found, divergent, settings["step_size"]
 
+    keys = list(jax.random.split(jax.random.key(seed), CHAINS))
+    progress(0.0, "posterior: compilation")
+    run = chain.lower(keys[0]).compile()
     kept, diverged = [], 0
-    for i, key in enumerate(jax.random.split(jax.random.key(seed), CHAINS)):
-        progress(i / CHAINS, f"posterior: chain {i + 1} of {CHAINS}")
-        found, divergent, _ = chain(key)
-        kept.append(np.asarray(found))
-        diverged += int(np.sum(divergent))
+    with ThreadPoolExecutor(min(CHAINS, os.cpu_count() or 1)) as side_by_side:
+        for i, (found, divergent, _) in enumerate(side_by_side.map(lambda key: jax.block_until_ready(run(key)), keys)):
+            progress((i + 1) / CHAINS, f"posterior: {i + 1} of {CHAINS} chains")
+            kept.append(np.asarray(found))
+            diverged += int(np.sum(divergent))
     several = np.stack(kept)
     points = solution.values[free] + several.reshape(-1, len(free))
     return Chains(

@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
+import dropper_jax as dj
+from fitting.calibration.comparison import compare
 from fitting.calibration.cross_validation import Scores, _one, blocks, last_third, other_runs
-from fitting.calibration.decision import chance, decide, shares, verdict
+from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, PARTS, contains
+from fitting.calibration.preparation import prepare
 from fitting.calibration.unseen import unseen
 from fitting.estimate.normal_equations import Prior
+from fitting.traces.trace import Convention, Trace
 
 
 def test_every_subset_of_the_parts_is_a_law_that_stands_after_those_it_contains():
@@ -116,6 +120,52 @@ def test_a_part_that_no_trace_could_have_shown_keeps_its_law_possible():
     assert verdict(decide(rows, logs)) == "linear"
 
 
+def test_two_parts_more_are_open_only_where_one_of_them_is():
+    """Linear drag is imitated by quadratic drag and dry friction together, whatever the traces exclude of each."""
+    names = ("linear", "linear + quadratic", "linear + dry", "linear + quadratic + dry")
+    rows = [law(n, c) for n, c in zip(names, (20.0, 19.9, 19.9, 19.8), strict=True)]
+    rows[3] = replace(rows[3], unseen=("linear", "quadratic", "dry"))
+    logs = scores(-30.0, -30.5, -30.4, -31.0)
+    assert verdict(decide(rows, logs)) == "linear"
+    rows[2] = replace(rows[2], unseen=("dry",))
+    assert verdict(decide(rows, logs)) == "undecided {linear, linear + dry, linear + quadratic + dry}"
+
+
+def test_a_law_that_did_not_converge_stands_where_its_cost_does():
+    """Its cost is an upper limit; where that is too high, it may be the fit's fault, and is said so."""
+    names = ("none", "dry", "linear + dry")
+    costs = (90.0, 20.0, 19.9)
+    rows = [replace(law(n, c), status="not_converged") for n, c in zip(names, costs, strict=True)]
+    found = decide(rows[:2] + [replace(rows[2], status="ok")], scores(-95.0, -30.0, -30.5))
+    assert verdict(found) == "dry"
+    assert found[0].refuted.startswith("not_converged; lacks what dry has")
+
+
+def test_joined_windows_decide_between_the_laws_that_separate_ones_leave():
+    names = ("linear", "quadratic", "linear + quadratic", "linear + dry", "linear + quadratic + dry")
+    rows = [law(n, c) for n, c in zip(names, (20.0, 50.0, 19.8, 19.9, 19.8), strict=True)]
+    rows = [replace(row, unseen=() if row.name == "linear" else ("quadratic", "dry")) for row in rows]
+    rows = decide(rows, scores(-30.0, -60.0, -30.2, -30.1, -30.3))
+    left = [row.name for row in rows if row.possible]
+    assert left == ["linear", "linear + quadratic", "linear + dry", "linear + quadratic + dry"]
+    costs = dict(zip(left, (31.0, 30.9, 22.0, 21.9), strict=True))
+    found = decide_joined(rows, costs, dict.fromkeys(left, ()))
+    assert verdict(found) == "linear + dry"
+    assert {row.name: row.joined for row in found if row.name in left} == costs
+    assert [row.name for row in found if row.chosen] == ["linear + dry"]
+    open_parts = {**dict.fromkeys(left, ()), "linear + quadratic + dry": ("quadratic",)}
+    assert verdict(decide_joined(rows, costs, open_parts)) == "undecided {linear + dry, linear + quadratic + dry}"
+    assert verdict(decide_joined(rows, {}, {})) == verdict(rows)
+
+
+def test_joined_windows_refute_a_law_that_is_much_less_likely():
+    rows = [law("linear + quadratic", 20.0), law("quadratic + dry", 20.5)]
+    rows = decide(rows, scores(-30.0, -30.2))
+    for apart, words in ((3.0, "undecided {linear + quadratic, quadratic + dry}"), (5.0, "linear + quadratic")):
+        costs = {"linear + quadratic": 25.0, "quadratic + dry": 25.0 + apart}
+        assert verdict(decide_joined(rows, costs, dict.fromkeys(costs, ()))) == words
+
+
 @pytest.mark.parametrize(("deviation", "left_open"), [(0.05, False), (0.2, True)])
 def test_a_part_is_excluded_where_its_upper_limit_takes_less_than_a_tenth(deviation, left_open):
     """Coefficients 1.0 and -0.05 +- deviation, which take 3 and 2 J each per unit: a tenth of 3 J is 0.15 of it."""
@@ -131,3 +181,29 @@ def test_shares_follow_the_scores_and_sum_to_one():
     found = shares(np.array([np.full(10, -1.0), np.full(10, -1.3), np.full(10, -3.0)]), np.random.default_rng(1))
     assert found.sum() == pytest.approx(1.0)
     assert found[1] / found[0] == pytest.approx(np.exp(-3.0), rel=1e-6)
+
+
+@pytest.mark.check
+def test_a_pendulum_whose_windows_leave_laws_open_is_decided_where_they_are_joined():
+    """Linear drag of one link, simulated with a finer step by another scheme, 2 mrad of noise."""
+    scene = {
+        "run": {"dt": 1 / 480, "duration": 12.0, "save_every": 8},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "bob", "kind": "free", "position": [0.6, 0.0, 0.0]},
+        ],
+        "line": [{"name": "rod", "from": "top", "to": "bob", "links": 1, "length": 0.6, "mass": 0.3}],
+        "effects": {"weight": {}, "linear_damping": {"b_l": 0.0186}},
+        "start": {"kind": "angles", "zero": "down", "polar": [1.1]},
+    }
+    run = dj.simulate(scene)
+    d = np.diff(run.positions, axis=1)
+    angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
+    angle += 2e-3 * np.random.default_rng(0).standard_normal(angle.shape)
+    trace = Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
+    laws = compare(prepare(trace, scene, ["b_l"]))
+    joined = [law for law in laws if np.isfinite(law.joined)]
+    assert len(joined) > 1
+    assert verdict(laws) == "linear"
+    by_name = {law.name: law.joined for law in joined}
+    assert all(by_name[a] <= by_name[b] + 1e-6 for a in by_name for b in by_name if contains(a, b))

@@ -1,0 +1,92 @@
+"""Fits of damping laws to the same windows, each a subset of one family's coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build
+from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.problem import Solution
+from fitting.estimate.simulator import Simulator
+from fitting.estimate.windows import Starts, first_starts
+from fitting.parameters.parameter import resolve, with_effects
+
+
+@dataclass(frozen=True)
+class Family:
+    """A simulator with every coefficient of some laws.
+
+    Attributes:
+        owner: the part that each parameter belongs to (None: of none).
+        substeps: parts of a step: laws with dry friction take a scheme of second order.
+    """
+
+    simulator: Simulator
+    owner: tuple[str | None, ...]
+    substeps: int
+
+    def used(self, law: str) -> np.ndarray:
+        """Which parameters a law has free (k,) bool."""
+        return np.array([part is None or part in LADDER[law] for part in self.owner])
+
+
+def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
+    """With every coefficient of the laws with or without dry friction."""
+    parts = [part for part in PARTS if dry or part != "dry"]
+    names = [PARTS[part] for part in parts]
+    table = prepared.scene.to_dict()
+    friction = table["effects"].setdefault("joint_friction", {})
+    joints = len(prepared.scene.lines[0].length) + 1
+    for part in OF_JOINTS:
+        field = PARTS[part].rpartition(".")[2]
+        each = isinstance(friction.get(field), list) or any(
+            p.name.startswith(PARTS[part] + ".") for p in prepared.parameters
+        )
+        friction[field] = [0.0] * joints if each else 0.0
+    friction.setdefault("axis", [0.0, 1.0, 0.0])
+    if not dry:
+        friction.pop("dry", None)
+    model, _ = build(with_effects(Scene.from_dict(table), names))
+    release = prepared.simulator.release
+    release = None if release is None else replace(release)  # its poses are of one model
+    same = {p.name: p for p in prepared.parameters if p.name in others}
+    parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
+    owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
+    simulator = Simulator(model, parameters, release=release)
+    finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
+    return Family(simulator, owner, max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9))))
+
+
+def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
+    """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
+    used, parameters = family.used(law), family.simulator.parameters
+    known = {p.name: p.value for p in prepared.parameters}
+    sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
+    begun = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
+    windows = replace(prepared.windows, substeps=family.substeps)
+    problem = replace(
+        prepared.problem(), simulator=family.simulator, windows=windows, parameters=tuple(parameters), frozen=~used
+    )
+    starts: Starts | None = None
+    tries = [np.where(used, begun, 0.0)]
+    if inner:
+        best = min(inner, key=lambda one: one.cost)
+        own = {p.name: v for p, v in zip(best.problem.parameters, best.values, strict=True)}
+        starts = best.starts
+        tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
+    starts = starts or first_starts(
+        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.smooth
+    )
+    found: list[Solution] = []
+    for values in tries:
+        one = fit_windows(problem, values, starts, iterations=iterations)
+        found.append(one)
+        # on the way from a law that it contains it cannot end worse; what went wrong is tried from elsewhere
+        if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
+            break
+    return min(found, key=lambda one: (one.status != "ok", one.cost))

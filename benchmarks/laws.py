@@ -28,7 +28,7 @@ from fitting.calibration.preparation import prepare
 from fitting.traces.trace import Convention, Trace
 
 RESULTS = Path(__file__).parent / "results" / "laws.json"
-RATE, NOISE, FINE, WINDOW = 60.0, 5e-4, 8, 1.4
+RATE, NOISE, FINE, WINDOW = 60.0, 5e-4, 32, 1.4
 #: Watched for [s]: one link shows laws by one amplitude alone, as it falls.
 DURATION = {1: 24.0, 2: 12.0, 3: 12.0, 7: 12.0}
 #: What a part of a weak truth is worth in log likelihood, and most noise [rad].
@@ -103,7 +103,9 @@ def main() -> None:
                         rng = np.random.default_rng([links, index, draw, k, int(weak)])
                         if weak:
                             size = NOISE * float(np.sqrt(cost / rng.uniform(*WEAK)))
-                        if (weak and (draw or len(LADDER[law]) < 2 or not size <= MOST)) or not np.isfinite(size):
+                        if (
+                            weak and (draw or links > 2 or len(LADDER[law]) < 2 or not size <= MOST)
+                        ) or not np.isfinite(size):
                             continue
                         if tuple(name.values()) not in done:
                             rows.append({**name, **one(links, law, watched(run, noise, rng, size)), "values": values})

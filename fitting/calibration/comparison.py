@@ -29,6 +29,7 @@ from fitting.calibration.laws import LADDER, PARTS, contains
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.unseen import taken, unseen
 from fitting.estimate.gauss_newton import continue_windows
+from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import refine
@@ -67,6 +68,13 @@ def compare(
     first = refine(noisy(first, again=continue_windows))
     prepared = prepared.noisy(first.problem.noise)
     families[widest] = replace(families[widest], substeps=first.windows.substeps)
+    firsts = {fullest: first}
+    for dry, family in families.items():
+        # a step's error would tell the schemes apart, and so laws
+        law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
+        if law != fullest:
+            firsts[law] = refine(fit_law(prepared, family, law, [first], iterations))
+            families[dry] = replace(family, substeps=firsts[law].windows.substeps)
     memory = first.problem.memory
     same = _same_parts(laws, prepared, first)
     found: dict[str, Solution] = {}
@@ -75,7 +83,7 @@ def compare(
             continue
         say(0.95, f"law {i + 1} of {len(laws)}: {law}")
         inner = [one for name, one in found.items() if contains(law, name)]
-        inner += [first] if law == fullest else []
+        inner += [firsts[law]] if law in firsts else []
         family = families["dry" in LADDER[law]]
         found[law] = fit_law(prepared, family, law, inner, iterations)
     windows = prepared.windows
@@ -88,6 +96,7 @@ def compare(
             replace(
                 _row(law, one, families["dry" in LADDER[law]]),
                 cost=one.cost / memory,
+                unreached=unreached(one) / memory,
                 held_out=scored.rms,
                 extrapolated=score(one, ahead).rms if ahead else np.nan,
                 other_run=score(one, beside).rms if beside else np.nan,
@@ -155,6 +164,17 @@ def _row(law: str, solution: Solution, family: Family) -> Law:
             p.name: float(v) for p, v, on in zip(solution.problem.parameters, solution.values, used, strict=True) if on
         },
     )
+
+
+def unreached(solution: Solution) -> float:
+    """What the Gauss-Newton step from here would lower the cost by, of parameters that may move: g' S^-1 g / 2."""
+    g, (low, high) = solution.gradient, solution.problem.bounds(solution.values)
+    free = ~solution.problem.held
+    free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
+    if not free.any():
+        return 0.0
+    some = np.ix_(free, free)
+    return 0.5 * float(g[free] @ solve_spd(solution.information[some], g[free]))
 
 
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:

@@ -25,8 +25,9 @@ from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law import Law
 from fitting.calibration.laws import LADDER, contains
 
-#: Probability below which a lack counts as shown, and above which an addition counts as needless.
-LACKS, NEEDLESS = 0.01, 0.03
+#: Probability below which a lack counts as shown (a hundredth over some ten laws), and above which an addition
+#: counts as needless.
+LACKS, NEEDLESS = 0.001, 0.01
 #: A law that does not contain the better one is refuted by a log score so many of its standard errors worse, and by at
 #: least so much; or by a likelihood that is so much worse at as many coefficients or more.
 STANDARD_ERRORS, WORSE = 2.5, 3.0
@@ -101,7 +102,8 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
     for i in alive:
         for j in alive:
             if contains(rows[j].name, rows[i].name):
-                p = chance(rows[i].cost - rows[j].cost, rows[j].coefficients - rows[i].coefficients)
+                gain = rows[i].cost - rows[i].unreached - rows[j].cost
+                p = chance(gain, rows[j].coefficients - rows[i].coefficients)
                 if p < LACKS:
                     reasons[i] = f"lacks what {rows[j].name} has (p = {p:.1g})"
                     break

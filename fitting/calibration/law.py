@@ -18,6 +18,8 @@ class Law:
         free: parameters fitted, those of no damping law too.
         bic: less is better.
         cost: minus the log likelihood of the fitted windows, in units of independent samples.
+        unreached: what the fit's own model would gain still, in log likelihood: much where dry joints make the cost
+            rough, and steps that should lower it do not.
         joined: the same with windows joined, of laws that separate windows leave undecided; else NaN.
         score, score_error: log score of windows predicted from others, less that of the best law, and its standard
             error.
@@ -40,6 +42,7 @@ class Law:
     free: int
     bic: float = np.nan
     cost: float = np.nan
+    unreached: float = 0.0
     joined: float = np.nan
     score: float = np.nan
     score_error: float = np.nan
@@ -69,6 +72,7 @@ class Law:
             "values",
             "chosen",
             "cost",
+            "unreached",
             "joined",
             "score",
             "score_error",

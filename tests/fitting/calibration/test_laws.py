@@ -95,8 +95,8 @@ def scores(*totals: float) -> list[Scores]:
     [
         # quadratic drag is asked for, a viscous joint is not
         ((50.0, 20.0, 25.0, 19.8), (-60.0, -30.0, -36.0, -30.5), "linear"),
-        # the second part is worth 2.0 in log likelihood: neither shown nor needless
-        ((50.0, 20.0, 30.0, 17.5), (-60.0, -30.0, -44.0, -29.8), "undecided {linear, linear + quadratic}"),
+        # the second part is worth 3.5 in log likelihood: neither shown nor needless
+        ((50.0, 20.0, 30.0, 16.5), (-60.0, -30.0, -44.0, -29.8), "undecided {linear, linear + quadratic}"),
         ((50.0, 20.0, 30.0, 10.0), (-60.0, -30.0, -44.0, -20.0), "linear + quadratic"),
         ((50.0, 20.0, 20.5, 19.8), (-60.0, -30.0, -30.2, -30.4), "undecided {linear, quadratic}"),
     ],
@@ -139,6 +139,14 @@ def test_a_law_that_did_not_converge_stands_where_its_cost_does():
     found = decide(rows[:2] + [replace(rows[2], status="ok")], scores(-95.0, -30.0, -30.5))
     assert verdict(found) == "dry"
     assert found[0].refuted.startswith("not_converged; lacks what dry has")
+
+
+def test_what_a_rough_cost_keeps_from_a_fit_is_no_evidence_for_a_larger_law():
+    names, logs = ("none", "dry", "linear + dry"), scores(-95.0, -30.0, -30.5)
+    rows = [law(n, c) for n, c in zip(names, (90.0, 30.0, 20.0), strict=True)]
+    assert verdict(decide(rows, logs)) == "linear + dry"
+    rows[1] = replace(rows[1], unreached=9.0)
+    assert verdict(decide(rows, logs)) == "undecided {dry, linear + dry}"
 
 
 def test_joined_windows_decide_between_the_laws_that_separate_ones_leave():

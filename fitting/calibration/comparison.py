@@ -60,23 +60,9 @@ def compare(
     laws = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
     others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
     families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
-    fullest = laws[-1]
-    say(0.95, f"law {fullest}: noise")
-    widest = "dry" in LADDER[fullest]
-    first = fit_law(prepared, families[widest], fullest, [], iterations)
-    noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
-    first = refine(noisy(first, again=continue_windows))
-    prepared = prepared.noisy(first.problem.noise)
-    families[widest] = replace(families[widest], substeps=first.windows.substeps)
-    firsts = {fullest: first}
-    for dry, family in families.items():
-        # a step's error would tell the schemes apart, and so laws
-        law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
-        if law != fullest:
-            firsts[law] = refine(fit_law(prepared, family, law, [first], iterations))
-            families[dry] = replace(family, substeps=firsts[law].windows.substeps)
-    memory = first.problem.memory
-    same = _same_parts(laws, prepared, first)
+    prepared, families, firsts = _first_fits(prepared, families, laws, iterations, say)
+    first = firsts[laws[-1]]
+    memory, same = first.problem.memory, _same_parts(laws, prepared, first)
     found: dict[str, Solution] = {}
     for i, law in enumerate(laws):
         if set(same) & set(LADDER[law]):
@@ -84,27 +70,15 @@ def compare(
         say(0.95, f"law {i + 1} of {len(laws)}: {law}")
         inner = [one for name, one in found.items() if contains(law, name)]
         inner += [firsts[law]] if law in firsts else []
-        family = families["dry" in LADDER[law]]
-        found[law] = fit_law(prepared, family, law, inner, iterations)
-    windows = prepared.windows
-    kinds = (blocks(windows.run), last_third(windows.begin, windows.run), other_runs(windows.run))
-    folds, ahead, beside = (fair(each, windows.released) for each in kinds)
+        found[law] = fit_law(prepared, families["dry" in LADDER[law]], law, inner, iterations)
+    folds = fair(blocks(prepared.windows.run), prepared.windows.released)
     scores = [score(one, folds) for one in found.values()]
-    rows, per_unit = [], {dry: taken(prepared, one.simulator, one.owner) for dry, one in families.items()}
-    for (law, one), scored in zip(found.items(), scores, strict=True):
-        rows.append(
-            replace(
-                _row(law, one, families["dry" in LADDER[law]]),
-                cost=one.cost / memory,
-                unreached=unreached(one) / memory,
-                held_out=scored.rms,
-                extrapolated=score(one, ahead).rms if ahead else np.nan,
-                other_run=score(one, beside).rms if beside else np.nan,
-                equals=_equals(law, same, laws),
-                unseen=unseen(one, families["dry" in LADDER[law]].owner, per_unit["dry" in LADDER[law]]),
-            )
-        )
-    rows = with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
+    per_unit = {dry: taken(prepared, one.simulator, one.owner) for dry, one in families.items()}
+    open_parts = lambda law, one, dry: unseen(one, families[dry].owner, per_unit[dry])  # noqa: E731
+    rows = [
+        replace(row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name]))
+        for row, one in zip(_rows(prepared, families, found, scores, memory), found.values(), strict=True)
+    ]
     scores = [replace(one, log_score=one.log_score / memory) for one in scores]
     rows = _with_errors(decide(rows, scores), scores)
     left = {row.name: found[row.name] for row in rows if row.possible}
@@ -112,8 +86,58 @@ def compare(
         return rows
     dry = any("dry" in LADDER[law] for law in left)
     joined = join_laws(prepared, families[dry], left, say)
-    open_parts = {law: unseen(one, families[dry].owner, per_unit[dry]) for law, one in joined.items()}
-    return decide_joined(rows, {law: one.cost / memory for law, one in joined.items()}, open_parts)
+    costs = {law: one.cost / memory for law, one in joined.items()}
+    return decide_joined(rows, costs, {law: open_parts(law, one, dry) for law, one in joined.items()})
+
+
+def _first_fits(
+    prepared: Prepared, families: dict[bool, Family], laws: Sequence[str], iterations: int, say: Progress
+) -> tuple[Prepared, dict[bool, Family], dict[str, Solution]]:
+    """The noise that the fullest law leaves, families with steps as fine as it asks for, and their fullest laws."""
+    families, fullest = dict(families), laws[-1]
+    say(0.95, f"law {fullest}: noise")
+    widest = "dry" in LADDER[fullest]
+    first = fit_law(prepared, families[widest], fullest, [], iterations)
+    noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    first = refine(noisy(first, again=continue_windows))
+    prepared = prepared.noisy(first.problem.noise)
+    families[widest] = replace(families[widest], substeps=first.windows.substeps)
+    found = {fullest: first}
+    for dry, family in families.items():
+        # a step's error would tell the schemes apart, and so laws
+        law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
+        if law != fullest:
+            found[law] = refine(fit_law(prepared, family, law, [first], iterations))
+            families[dry] = replace(family, substeps=found[law].windows.substeps)
+    return prepared, families, found
+
+
+def _rows(
+    prepared: Prepared,
+    families: dict[bool, Family],
+    found: dict[str, Solution],
+    scores: Sequence[Scores],
+    memory: float,
+) -> list[Law]:
+    """The laws' rows, their costs in units of independent samples, before anything is decided."""
+    windows = prepared.windows
+    kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
+    ahead, beside = (fair(each, windows.released) for each in kinds)
+    rows = [
+        replace(
+            _row(law, one, families["dry" in LADDER[law]]),
+            cost=one.cost / memory,
+            unreached=unreached(one) / memory,
+            held_out=scored.rms,
+            extrapolated=score(one, ahead).rms if ahead else np.nan,
+            other_run=score(one, beside).rms if beside else np.nan,
+        )
+        for (law, one), scored in zip(found.items(), scores, strict=True)
+    ]
+    # with its further parts at zero a law is one that it contains, whatever the error of its scheme's step
+    inner = [[one.cost for one in rows if contains(row.name, one.name)] for row in rows]
+    rows = [replace(row, cost=min([row.cost, *costs])) for row, costs in zip(rows, inner, strict=True)]
+    return with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
 
 
 def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:

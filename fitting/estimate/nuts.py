@@ -30,8 +30,10 @@ from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
 from fitting.traces.planar import chart, wrap
 
-#: Chains, and steps of each that find the length of a leap and are thrown away.
-CHAINS, WARM_UP = 4, 150
+#: Chains, and steps of each that find the length of a leap and are thrown away: y is nearly standard normal already.
+CHAINS, WARM_UP = 4, 60
+#: Share of leaps that should be accepted, and length of the first.
+ACCEPTED, FIRST_LEAP = 0.8, 0.1
 #: Windows side by side in one evaluation.
 TOGETHER = 8
 #: Ratio of the chains' spread together to that within each, beyond which they do not agree.
@@ -84,6 +86,7 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
     """
     try:
         import blackjax
+        from blackjax.adaptation.step_size import dual_averaging_adaptation
         from blackjax.diagnostics import effective_sample_size, potential_scale_reduction
     except ImportError:
         raise SceneError("sampler: 'nuts' needs blackjax; pip install 'dropper-jax[posterior]'") from None
@@ -92,27 +95,35 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
     target = Density(solution, free)
     place, density = target.place, target.function()
 
+    kernel, unit = blackjax.nuts.build_kernel(), jnp.ones(len(place))
+    begin, learn, learnt = dual_averaging_adaptation(ACCEPTED)
+
     @jax.jit
-    def chain(key: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def chain(key: jax.Array) -> tuple[jax.Array, jax.Array]:
         first, warm, run = jax.random.split(key, 3)
-        start = 0.5 * jax.random.normal(first, (len(place),))
-        adapt = blackjax.window_adaptation(blackjax.nuts, density, initial_step_size=0.3, target_acceptance_rate=0.8)
-        (state, settings), _ = adapt.run(warm, start, WARM_UP)
-        kernel = blackjax.nuts(density, **settings)
+        state = blackjax.nuts.init(0.5 * jax.random.normal(first, (len(place),)), density)
+
+        def find(carry: Any, key: jax.Array) -> tuple[Any, None]:
+            state, leap = carry
+            state, info = kernel(key, state, density, jnp.exp(leap.log_step_size), unit)
+            return (state, learn(leap, info.acceptance_rate)), None
+
+        (state, leap), _ = jax.lax.scan(find, (state, begin(FIRST_LEAP)), jax.random.split(warm, WARM_UP))
+        length = learnt(leap)
 
         def once(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
-            state, info = kernel.step(key, state)
+            state, info = kernel(key, state, density, length, unit)
             return state, (state.position @ jnp.asarray(place[:, -len(free) :]), info.is_divergent)
 
         _, (found, divergent) = jax.lax.scan(once, state, jax.random.split(run, draws))
-        return found, divergent, settings["step_size"]
+        return found, divergent
 
     keys = list(jax.random.split(jax.random.key(seed), CHAINS))
     progress(0.0, "posterior: compilation")
     run = chain.lower(keys[0]).compile()
     kept, diverged = [], 0
     with ThreadPoolExecutor(min(CHAINS, os.cpu_count() or 1)) as side_by_side:
-        for i, (found, divergent, _) in enumerate(side_by_side.map(lambda key: jax.block_until_ready(run(key)), keys)):
+        for i, (found, divergent) in enumerate(side_by_side.map(lambda key: jax.block_until_ready(run(key)), keys)):
             progress((i + 1) / CHAINS, f"posterior: {i + 1} of {CHAINS} chains")
             kept.append(np.asarray(found))
             diverged += int(np.sum(divergent))

@@ -96,3 +96,17 @@ def test_the_density_of_starts_and_parameters_and_its_slope(pendulum):
         ends = [float(both(jnp.asarray(y + sign * step))[0]) for sign in (1, -1)]
         assert (ends[0] - ends[1]) / 2e-4 == pytest.approx(float(slope[i]), rel=2e-4, abs=2e-4)
     assert float(best - value) == pytest.approx(0.5 * y @ y, rel=0.05)
+
+
+@pytest.mark.check
+def test_chains_of_a_nearly_normal_posterior_are_its_normal_law(pendulum):
+    pytest.importorskip("blackjax")
+    from fitting.estimate.nuts import nuts
+
+    u, found = pendulum.uncertainty, nuts(pendulum.solution, 200, seed=1)
+    assert not found.divergent
+    assert np.max(found.rhat) < 1.01
+    assert found.effective > 400
+    assert not found.warnings
+    for p, end in ((0.05, u.low), (0.5, pendulum.values), (0.95, u.high)):
+        np.testing.assert_allclose((found.quantile(p) - end) / u.std_error, 0.0, atol=0.3)

@@ -84,7 +84,11 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=2)
     parser.add_argument("--noise", nargs="+", default=["white", "filtered"])
     parser.add_argument("--out", type=Path, default=RESULTS)
+    parser.add_argument("--table", action="store_true", help="only count the rows that are there")
     args = parser.parse_args()
+    if args.table:
+        print(table(json.loads(args.out.read_text())))
+        return
     rows = json.loads(args.out.read_text()) if args.out.exists() else []
     done = {(row["links"], row["law"], row["draw"], row["noise"], row["weak"]) for row in rows}
     for links in args.links:
@@ -112,10 +116,21 @@ def main() -> None:
                             rows[-1]["sigma"] = size
                             args.out.write_text(json.dumps(rows, indent=1) + "\n")
                         cost = next(row["cost_of_a_part"] for row in rows if all(row[key] == name[key] for key in name))
-    for strong in (True, False):
-        some = [row for row in rows if row["strong"] == strong]
-        alone, inside = sum(row["alone"] for row in some), sum(row["inside"] for row in some)
-        print(f"{'strong' if strong else 'weak'}: alone {alone}, inside {inside}, of {len(some)}")
+    print(table(rows))
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The rows counted, as docs/calibration.md has them."""
+    lines = ["| links | right law alone | right law possible | weak parts: right law possible | of these undecided |"]
+    lines.append("| --- " * 5 + "|")
+    for links in sorted({row["links"] for row in rows}):
+        mine = [row for row in rows if row["links"] == links]
+        strong = [row for row in mine if row["strong"] and not row["weak"]]
+        weak = [row for row in mine if row["weak"]]
+        alone, inside = (sum(row[key] for row in strong) for key in ("alone", "inside"))
+        possible, left = sum(r["inside"] for r in weak), sum(r["inside"] and not r["alone"] for r in weak)
+        lines.append(f"| {links} | {alone} of {len(strong)} | {inside} | {possible} of {len(weak)} | {left} |")
+    return "\n".join(lines)
 
 
 def one(links: int, law: str, trace: Trace) -> dict[str, Any]:

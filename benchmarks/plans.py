@@ -55,7 +55,7 @@ PAIRS: tuple[tuple[str, tuple[str, ...], tuple[Any, ...], tuple[Any, ...]], ...]
     ("links", DRAG, (chain("one", [1.0]), 6.0, 0.01), (chain("three", [1.0, 0.8, 0.6]), 6.0, 0.01)),
     (
         "duration, a length not known",
-        (*DRAG, "lines.rod.length"),
+        (*DRAG, "line.0.length"),
         (chain("short", [1.2]), 4.0, 0.01),
         (chain("long", [1.2]), 10.0, 0.01),
     ),

@@ -21,7 +21,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
-from fitting.calibration.decision import decide, decide_joined
+from fitting.calibration.decision import decide, decide_joined, deviation
 from fitting.calibration.joining import join_laws
 from fitting.calibration.law import Law
 from fitting.calibration.law_fits import Family, family_of, fit_law
@@ -146,7 +146,7 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
     best = int(np.argmin([row.held_out for row in rows]))
     known = scores[best].count > 0
     apart = (mean - mean[best])[:, known]
-    error = np.std(apart, axis=1, ddof=1 if known.sum() > 1 else 0) / np.sqrt(max(known.sum(), 1))
+    error = deviation(apart) / np.sqrt(max(known.sum(), 1))
     scale = max(2 * rows[best].held_out, 1e-300)
     return [replace(row, held_out_error=float(e) / scale) for row, e in zip(rows, error, strict=True)]
 

@@ -47,7 +47,7 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     """The laws with scores against the best, shares, why they are left behind, and the simplest possible one chosen."""
     logs = np.array([s.log_score for s in scores])
     best = int(np.argmax(logs.sum(1)))
-    spread = np.sqrt(logs.shape[1]) * np.std(logs - logs[best], axis=1, ddof=1 if logs.shape[1] > 1 else 0)
+    spread = deviation(logs - logs[best]) * np.sqrt(logs.shape[1])
     rows = [
         replace(row, score=float(total), score_error=float(error), share=float(share))
         for row, total, error, share in zip(
@@ -129,12 +129,18 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
         for j in alive:
             if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
                 apart = logs[j] - logs[i]
-                error = np.sqrt(len(apart)) * np.std(apart)
+                error = np.sqrt(len(apart)) * np.std(apart) if len(apart) else 0.0
                 predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
                 likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
                 if not contains(rows[i].name, rows[j].name) and (predicts or likelier):
                     reasons[i] = f"predicts worse than {rows[j].name}, by {apart.sum():.1f} +- {error:.1f}"
     return reasons
+
+
+def deviation(rows: np.ndarray) -> np.ndarray:
+    """Standard deviations of rows (laws, windows); NaN where no window is scored (a run of one window)."""
+    count = rows.shape[1]
+    return np.std(rows, axis=1, ddof=1 if count > 1 else 0) if count else np.full(len(rows), np.nan)
 
 
 def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:

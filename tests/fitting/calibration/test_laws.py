@@ -141,6 +141,14 @@ def test_a_law_that_did_not_converge_stands_where_its_cost_does():
     assert found[0].refuted.startswith("not_converged; lacks what dry has")
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_trace_of_one_window_is_decided_by_likelihood_alone():
+    none = Scores(np.zeros(0), np.zeros(0), np.zeros(0, int))
+    rows = decide([law("none", 50.0), law("linear", 20.0), law("linear + quadratic", 19.8)], [none] * 3)
+    assert verdict(rows) == "linear"
+    assert np.isnan([row.score_error for row in rows]).all()
+
+
 def test_what_a_rough_cost_keeps_from_a_fit_is_no_evidence_for_a_larger_law():
     names, logs = ("none", "dry", "linear + dry"), scores(-95.0, -30.0, -30.5)
     rows = [law(n, c) for n, c in zip(names, (90.0, 30.0, 20.0), strict=True)]

@@ -47,7 +47,7 @@ def settle_convention(trace: Trace, model: Model, asked: Convention) -> tuple[Tr
             f"{trace.name}: zero={own[0]}, sign={own[1]} is {scored[own]:.2f} rad from the scene's pose, "
             f"zero={best[0]}, sign={best[1]} only {scored[best]:.2f}; allowed: the convention that fits"
         )
-    warnings = []
+    warnings = [f"{trace.name}: {warning}" for warning in trace.warnings]
     if named.zero is None or (named.sign is None and own[1] != 1):
         warnings.append(f"{trace.name}: angles taken as zero={own[0]}, sign={own[1]} (guessed from the scene's pose)")
     return trace.in_model_convention(Convention(own[0], own[1], named.unit or "rad")), warnings

@@ -15,7 +15,7 @@ class CsvTable(NamedTuple):
     """A file's name, its comments, the names of its columns, and its rows, still unread."""
 
     file: str
-    comments: str
+    comments: tuple[str, ...]
     names: list[str]
     rows: list[list[str]]
 
@@ -43,7 +43,7 @@ def read_csv(path: Path, columns: str) -> CsvTable:
         raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns {columns}") from None
     except OSError as error:
         raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
-    comments = [line[1:] for line in text.splitlines() if line.lstrip().startswith("#")]
+    comments = tuple(line.lstrip()[1:].strip() for line in text.splitlines() if line.lstrip().startswith("#"))
     body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if len(body) < 2:
         raise SceneError(f"{path.name}: has no samples; allowed: a header {columns} and rows of numbers")
@@ -54,7 +54,7 @@ def read_csv(path: Path, columns: str) -> CsvTable:
     names = [name.strip() for name in rows[0]]
     if "t" not in names:
         raise SceneError(f"{path.name}: has no column 't'; found: {', '.join(names)[:80]}")
-    return CsvTable(path.name, " ".join(comments), names, rows[1:])
+    return CsvTable(path.name, comments, names, rows[1:])
 
 
 def refuse_twice(file: str, names: list[str]) -> None:

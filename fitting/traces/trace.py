@@ -1,7 +1,8 @@
 """Angle traces: what tracking writes and fitting reads.
 
 A file is a CSV with columns `t, theta_1..n[, omega_1..n][, se_1..n]` and comment lines such as
-`# zero=down, sign=1, unit=rad`; a missing sample is empty. Inside, angles are from the horizontal, positive downwards.
+`# zero=down, sign=1, unit=rad`; a missing sample is empty. Comments `# warning: ...` are kept as warnings. Inside,
+angles are from the horizontal, positive downwards.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from dropper_jax.base.files import atomic_write
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
+#: What comments begin with that are warnings.
+WARNING = "warning: "
 #: Fewest samples of a trace that can be windowed at all.
 FEWEST = 10
 
@@ -50,6 +53,7 @@ class Trace:
         omega: rates (k, n) or None.
         se: standard errors (k, n) [rad] or None.
         convention: how the angles are counted in the file.
+        warnings: what whoever made it says of it, which a fit says again.
     """
 
     name: str
@@ -58,6 +62,7 @@ class Trace:
     omega: np.ndarray | None = None
     se: np.ndarray | None = None
     convention: Convention = Convention()
+    warnings: tuple[str, ...] = ()
 
     @property
     def links(self) -> int:
@@ -111,7 +116,8 @@ def read_trace(path: str | Path, links: int | None = None) -> Trace:
         theta=part("theta"),
         omega=part("omega") if "omega_1" in names else None,
         se=part("se") if "se_1" in names else None,
-        convention=_convention(path.name, table.comments),
+        convention=_convention(path.name, " ".join(c for c in table.comments if not c.startswith(WARNING))),
+        warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
     )
     check_trace(trace)
     return trace
@@ -240,7 +246,7 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
     text = io.StringIO()
     c = trace.convention
     text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}\n")
-    text.writelines(f"# {note}\n" for note in notes)
+    text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     for row in np.concatenate(columns, axis=1):

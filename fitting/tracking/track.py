@@ -14,8 +14,9 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.angles import four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
+from fitting.tracking.depth import changing_lengths
 from fitting.tracking.detection import Circles, Look, detect_at
-from fitting.tracking.flattening import Flat, level_error, link_lengths
+from fitting.tracking.flattening import Flat, level_error
 from fitting.tracking.following import follow_film
 from fitting.tracking.hindsight import Followed, look_again, unblurred
 from fitting.tracking.learning import scan
@@ -25,8 +26,6 @@ from fitting.tracking.video import COMPLETE, Video
 
 #: A marker that is not seen for longer [s] at the end is lost; one that comes back may have turned round unseen.
 LONGEST_GAP = 0.5
-#: Change of a link's measured length, as a share of it, from which the pictures are not of a plane motion.
-LENGTH_WARNING = 0.03
 #: What marks mean.
 WORDS = {"swapped": "swapped", "jumped": "jumped", "length": "off the lengths of their links"}
 
@@ -178,6 +177,7 @@ def track(
         others = [replace(followed.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
         level_unknown = level_error(followed.map, others, followed.pixels, followed.seen)
     trace = to_trace(film.path.stem, t, metres, _errors(followed, ~marks.links, level_unknown), known)
+    trace = replace(trace, warnings=changing_lengths(followed.flat, known))
     if not message and end is None and span[0] + len(circles) < COMPLETE * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     parameters = followed.map.parameters
@@ -193,7 +193,7 @@ def track(
         fps=film.fps,
         status="not_converged" if message else "ok",
         message=message,
-        warnings=_warnings(film, followed, marks, t, offset),
+        warnings=_warnings(film, followed, marks, trace.warnings, t, offset),
         marks=marks,
         slant=None if parameters is None or board_plane is not None else (float(parameters[0]), float(parameters[1])),
         exposure=followed.exposure / film.fps,
@@ -285,21 +285,15 @@ def _longest_gaps(seen: np.ndarray) -> np.ndarray:
     return longest
 
 
-def _warnings(film: Video, followed: Followed, marks: Marks, t: np.ndarray, offset: int) -> tuple[str, ...]:
+def _warnings(
+    film: Video, followed: Followed, marks: Marks, depth: tuple[str, ...], t: np.ndarray, offset: int
+) -> tuple[str, ...]:
     name, seen, found = film.path.name, followed.seen, []
     if offset:
         found.append(f"{name}: no link shows before frame {offset}; the trace begins there")
     if followed.straight:
         found.append(f"{name}: no joint bends; the nodes are taken in the order in which they lie on a line")
-    length = np.where(seen[:, 1:] & seen[:, :-1] & ~marks.links, link_lengths(followed.flat), np.nan)
-    known = [column[np.isfinite(column)] for column in length.T]
-    change = np.array([np.std(c) / np.mean(c) if len(c) else 0.0 for c in known])
-    if change.max() > LENGTH_WARNING:
-        worst, size = int(np.argmax(change)) + 1, 100 * float(change.max())
-        found.append(
-            f"{name}: link {worst} changes its length by {size:.2g} %: motion out of the plane, "
-            "a slanting camera (--plane) or an uncalibrated lens (--calibration)"
-        )
+    found += [f"{name}: {line}" for line in depth]
     gaps = _longest_gaps(seen) / film.fps
     for node in np.flatnonzero((~seen).any(axis=0)):
         long = (

@@ -1,0 +1,71 @@
+"""The posterior of the lab dropper's damping by importance sampling and by NUTS, and what both take.
+
+    python benchmarks/posterior.py [--draws 120]
+
+A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad) is fitted by `shooting`, then sampled both ways.
+Writes results/posterior.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from machine import describe
+
+import dropper_jax as dj
+from fitting.calibration.estimating import estimate
+from fitting.calibration.preparation import prepare
+from fitting.estimate.nuts import nuts
+from fitting.estimate.posterior import importance
+from fitting.estimate.uncertainty import uncertainty
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+
+RESULTS = Path(__file__).parent / "results" / "posterior.json"
+SCENE, DURATION, NOISE, OFF = "dropper-release-a", 16.0, 0.005, 1.5
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=120, help="of each of four chains")
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    scene = dj.load_scene(SCENE)
+    names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+    truth = [scene.value(name) for name in names]
+    trace = observe(simulate_truth(scene, DURATION, 60.0), Camera(rate=60.0, angle_noise=NOISE), seed=0)
+    wrong = scene.with_values({name: OFF * value for name, value in zip(names, truth, strict=True)})
+    solution, seconds = timed(lambda: estimate(prepare(trace, wrong, names), "shooting"))
+    print(f"shooting: {solution.status}, gap weight {solution.gap_weight:g}, {seconds}", flush=True)
+    fitted = uncertainty(solution)
+    rows: list[dict[str, Any]] = []
+    samplers = {"importance": lambda: importance(solution, 200), "NUTS": lambda: nuts(solution, args.draws)}
+    for name, sample in samplers.items():
+        found, seconds = timed(sample)
+        # quantiles about the optimum, in its standard errors: of a normal posterior -1.64, -0.67, 0, 0.67, 1.64
+        far = np.array([(found.quantile(p) - solution.values) / fitted.std_error for p in LEVELS])
+        rows.append({"sampler": name, **found.to_json(), **seconds, "quantiles_in_errors": far.tolist()})
+        rows[-1]["warnings"] = found.warnings
+        print(json.dumps(rows[-1], indent=1), flush=True)
+    found = {
+        "scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "values": solution.values.tolist(),
+        "std_error": fitted.std_error.tolist(), "gap_weight": solution.gap_weight, "levels": LEVELS, "rows": rows,
+        "machine": describe(),
+    }  # fmt: skip
+    args.out.write_text(json.dumps(found, indent=1) + "\n")
+
+
+def timed(work: Any) -> tuple[Any, dict[str, float]]:
+    """What a piece of work gives, and its seconds by the clock and of the processor."""
+    clock, processor = time.perf_counter(), time.process_time()
+    found = work()
+    return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""Motion out of the plane, by links that seem to shorten and no camera that looks on from one place explains.
+
+A link that swings out of the plane by psi is seen with cos psi of its length. So is one that a slanting camera or a
+bending lens shows too short, but always by as much in the same place and direction:
+
+    log l = a + (1, x, z) (b cos 2 theta + c sin 2 theta) + (x, z, x^2, x z, z^2) d + rest,
+
+where theta is the link's angle and (x, z) its middle. What of the rest goes on from one frame to the next is no noise
+of the marks: it is motion out of the plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.tracking.flattening import link_lengths
+
+#: Deviation of a link's length, as a share of it, from which motion out of the plane is named (a swing of 0.1 rad),
+#: and from which any change of lengths is.
+NAMED, CHANGED = 0.003, 0.03
+#: Fewest pairs of frames that tell.
+FEWEST = 30
+
+
+def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
+    """A line where links change their lengths, which rigid ones in the plane of motion do not.
+
+    Args:
+        flat: places (k, n, 2) in the plane of motion, in any unit.
+        used: (k, n - 1), frames in which a link is seen.
+    """
+    away = out_of_plane(flat, used)
+    worst = int(np.argmax(away))
+    if away[worst] > NAMED:
+        return (
+            f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, as no "
+            "camera that stands still shows a motion in the plane",
+        )
+    length = np.where(used, link_lengths(flat), np.nan)
+    known = [column[np.isfinite(column)] for column in length.T]
+    change = np.array([np.std(column) / np.mean(column) if len(column) else 0.0 for column in known])
+    worst = int(np.argmax(change))
+    if change[worst] > CHANGED:
+        return (
+            f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %: motion out of the plane, a slanting "
+            "camera (--plane) or an uncalibrated lens (--calibration)",
+        )
+    return ()
+
+
+def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Deviation of the links' lengths that motion out of the plane leaves (n - 1,), as shares of the lengths."""
+    length, middle = link_lengths(flat), 0.5 * (flat[:, 1:] + flat[:, :-1])
+    along = np.diff(flat, axis=1)
+    twice = 2 * np.arctan2(along[..., 1], along[..., 0])
+    found = np.zeros(length.shape[1])
+    for j in range(len(found)):
+        keep = used[:, j] & (length[:, j] > 0)
+        if keep.sum() < FEWEST:
+            continue
+        place = middle[keep, j] - middle[keep, j].mean(axis=0)
+        x, z = (place / max(np.abs(place).max(), 1e-300)).T
+        c, s, one = np.cos(twice[keep, j]), np.sin(twice[keep, j]), np.ones_like(x)
+        terms = [one, x, z, x * x, x * z, z * z, *(f * g for f in (one, x, z) for g in (c, s))]
+        columns = np.stack(terms, axis=1)
+        log_length = np.log(length[keep, j])
+        rest = np.full(len(keep), np.nan)
+        rest[keep] = log_length - columns @ np.linalg.lstsq(columns, log_length, rcond=None)[0]
+        pairs = rest[1:] * rest[:-1]
+        pairs = pairs[np.isfinite(pairs)]
+        if len(pairs) >= FEWEST:
+            found[j] = np.sqrt(max(float(pairs.mean()), 0.0))
+    return found

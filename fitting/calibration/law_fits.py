@@ -90,3 +90,8 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
         if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
             break
     return min(found, key=lambda one: (one.status != "ok", one.cost))
+
+
+def fit_from(near: Solution, law: Solution, used: np.ndarray, iterations: int) -> Solution:
+    """A law (its last fit) fitted once more from where another law of its family ended, less what it lacks."""
+    return fit_windows(law.problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)

@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
+from fitting.calibration import comparison
 from fitting.calibration.comparison import compare
 from fitting.calibration.cross_validation import Scores, _one, blocks, last_third, other_runs
 from fitting.calibration.decision import chance, decide, decide_joined, shares, verdict
@@ -197,6 +198,40 @@ def test_shares_follow_the_scores_and_sum_to_one():
     found = shares(np.array([np.full(10, -1.0), np.full(10, -1.3), np.full(10, -3.0)]), np.random.default_rng(1))
     assert found.sum() == pytest.approx(1.0)
     assert found[1] / found[0] == pytest.approx(np.exp(-3.0), rel=1e-6)
+
+
+def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(monkeypatch):
+    """Dry friction alone, whose own fit is made to end where it began, with far too little of it."""
+    scene = {
+        "run": {"dt": 1 / 240, "duration": 4.0, "save_every": 4},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "bob", "kind": "free", "position": [0.6, 0.0, 0.0]},
+        ],
+        "line": [{"name": "rod", "from": "top", "to": "bob", "links": 1, "length": 0.6, "mass": 0.3}],
+        "effects": {"weight": {}, "joint_friction": {"dry": 0.02, "axis": [0.0, 1.0, 0.0]}},
+        "start": {"kind": "angles", "zero": "down", "polar": [1.1]},
+    }
+    run = dj.simulate(scene)
+    d = np.diff(run.positions, axis=1)
+    angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
+    angle += 2e-3 * np.random.default_rng(0).standard_normal(angle.shape)
+    trace = Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
+    honest = comparison.fit_law
+
+    def stuck(prepared, family, law, inner, iterations):
+        found = honest(prepared, family, law, inner, iterations)
+        if law == "dry":
+            values = 0.3 * found.values
+            evaluation = found.problem.evaluate(values, found.starts)
+            cost = found.problem.data_cost(evaluation)
+            found = replace(found, values=values, evaluation=evaluation, cost=cost)
+        return found
+
+    monkeypatch.setattr(comparison, "fit_law", stuck)
+    laws = {law.name: law for law in compare(prepare(trace, scene, ["dry"]), laws=["dry", "linear + dry"])}
+    assert laws["dry"].values["effects.joint_friction.dry"] == pytest.approx(0.02, rel=0.05)
+    assert laws["dry"].cost < laws["linear + dry"].cost + 3
 
 
 @pytest.mark.check

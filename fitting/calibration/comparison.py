@@ -21,10 +21,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
-from fitting.calibration.decision import decide, decide_joined, deviation
+from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
 from fitting.calibration.joining import join_laws
 from fitting.calibration.law import Law
-from fitting.calibration.law_fits import Family, family_of, fit_from, fit_law
+from fitting.calibration.law_fits import Family, family_of, fit_again, fit_inside, fit_law
 from fitting.calibration.laws import LADDER, PARTS, contains
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.unseen import taken, unseen
@@ -71,20 +71,14 @@ def compare(
         inner = [one for name, one in found.items() if contains(law, name)]
         inner += [firsts[law]] if law in firsts else []
         found[law] = fit_law(prepared, families["dry" in LADDER[law]], law, inner, iterations)
-    for law, one in found.items():
-        more = [other for name, other in found.items() if contains(name, law)]
-        if "dry" in LADDER[law] and more:
-            # joints that stick and let go leave the cost rough: a larger law may have found the better valley
-            near = min(more, key=lambda other: other.cost)
-            again = fit_from(near, one, families[True].used(law), iterations)
-            found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
+    found, costs = _from_larger(found, families, iterations)
     folds = fair(blocks(prepared.windows.run), prepared.windows.released)
     scores = [score(one, folds) for one in found.values()]
     per_unit = {dry: taken(prepared, one.simulator, one.owner) for dry, one in families.items()}
     open_parts = lambda law, one, dry: unseen(one, families[dry].owner, per_unit[dry])  # noqa: E731
     rows = [
         replace(row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name]))
-        for row, one in zip(_rows(prepared, families, found, scores, memory), found.values(), strict=True)
+        for row, one in zip(_rows(prepared, families, found, costs, scores), found.values(), strict=True)
     ]
     scores = [replace(one, log_score=one.log_score / memory) for one in scores]
     rows = _with_errors(decide(rows, scores), scores)
@@ -119,12 +113,37 @@ def _first_fits(
     return prepared, families, found
 
 
+def _from_larger(
+    found: dict[str, Solution], families: dict[bool, Family], iterations: int
+) -> tuple[dict[str, Solution], dict[str, float]]:
+    """The laws, those that a larger one would refute fitted once more from where that ended; and their costs.
+
+    The cost of windows is rough, that of joints that stick and of chaotic chains most of all: the larger law may have
+    found the better valley. And its scheme may have another step's error, which may fit the noise better by chance: a
+    law's cost is the least that it has by its own scheme and by that of the larger law.
+    """
+    found, costs = dict(found), {law: one.cost / one.problem.memory for law, one in found.items()}
+    for law in reversed(list(found)):
+        more = {name: len(LADDER[name]) - len(LADDER[law]) for name in found if contains(name, law)}
+        against = {name: chance(costs[law] - costs[name], extra) for name, extra in more.items()}
+        if min(against.values(), default=1.0) >= LACKS:
+            continue
+        larger, one = min(against, key=against.__getitem__), found[law]
+        inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, iterations)
+        same = inside.problem.simulator is one.problem.simulator
+        again = inside if same else fit_again(one, inside, iterations)
+        found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
+        reached = [fit.cost / fit.problem.memory for fit in (again, inside) if fit.status == "ok"]
+        costs[law] = min([costs[law], *reached])
+    return found, costs
+
+
 def _rows(
     prepared: Prepared,
     families: dict[bool, Family],
     found: dict[str, Solution],
+    costs: dict[str, float],
     scores: Sequence[Scores],
-    memory: float,
 ) -> list[Law]:
     """The laws' rows, their costs in units of independent samples, before anything is decided."""
     windows = prepared.windows
@@ -133,8 +152,8 @@ def _rows(
     rows = [
         replace(
             _row(law, one, families["dry" in LADDER[law]]),
-            cost=one.cost / memory,
-            unreached=unreached(one) / memory,
+            cost=costs[law],
+            unreached=unreached(one) / one.problem.memory,
             held_out=scored.rms,
             extrapolated=score(one, ahead).rms if ahead else np.nan,
             other_run=score(one, beside).rms if beside else np.nan,
@@ -143,7 +162,7 @@ def _rows(
     ]
     # with its further parts at zero a law is one that it contains, whatever the error of its scheme's step
     inner = [[one.cost for one in rows if contains(row.name, one.name)] for row in rows]
-    rows = [replace(row, cost=min([row.cost, *costs])) for row, costs in zip(rows, inner, strict=True)]
+    rows = [replace(row, cost=min([row.cost, *less])) for row, less in zip(rows, inner, strict=True)]
     return with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
 
 

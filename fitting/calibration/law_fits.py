@@ -92,6 +92,15 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     return min(found, key=lambda one: (one.status != "ok", one.cost))
 
 
-def fit_from(near: Solution, law: Solution, used: np.ndarray, iterations: int) -> Solution:
-    """A law (its last fit) fitted once more from where another law of its family ended, less what it lacks."""
-    return fit_windows(law.problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)
+def fit_inside(near: Solution, owner: tuple[str | None, ...], law: str, iterations: int) -> Solution:
+    """A law fitted by the simulator and step of a larger law, from where that ended, less what it lacks."""
+    used = np.array([part is None or part in LADDER[law] for part in owner])
+    values = np.where(used, near.values, 0.0)
+    return fit_windows(replace(near.problem, frozen=~used), values, near.starts, iterations=iterations)
+
+
+def fit_again(law: Solution, inside: Solution, iterations: int) -> Solution:
+    """A law's fit once more from where it ended inside a larger law, whose simulator may have further parameters."""
+    own = {p.name: v for p, v in zip(inside.problem.parameters, inside.values, strict=True)}
+    values = np.array([own[p.name] for p in law.problem.parameters])
+    return fit_windows(law.problem, values, inside.starts, iterations=iterations)

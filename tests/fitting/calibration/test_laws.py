@@ -200,8 +200,12 @@ def test_shares_follow_the_scores_and_sum_to_one():
     assert found[1] / found[0] == pytest.approx(np.exp(-3.0), rel=1e-6)
 
 
-def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(monkeypatch):
-    """Dry friction alone, whose own fit is made to end where it began, with far too little of it."""
+@pytest.mark.parametrize(
+    ("law", "effect", "field", "truth"),
+    [("dry", "joint_friction", "dry", 0.02), ("linear", "linear_damping", "b_l", 0.03)],
+)
+def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, effect, field, truth, monkeypatch):
+    """A law whose own fit is made to end with far too little of it; the larger one has its scheme, or another."""
     scene = {
         "run": {"dt": 1 / 240, "duration": 4.0, "save_every": 4},
         "point": [
@@ -209,9 +213,11 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(monkeyp
             {"name": "bob", "kind": "free", "position": [0.6, 0.0, 0.0]},
         ],
         "line": [{"name": "rod", "from": "top", "to": "bob", "links": 1, "length": 0.6, "mass": 0.3}],
-        "effects": {"weight": {}, "joint_friction": {"dry": 0.02, "axis": [0.0, 1.0, 0.0]}},
+        "effects": {"weight": {}, effect: {field: truth}},
         "start": {"kind": "angles", "zero": "down", "polar": [1.1]},
     }
+    if law == "dry":
+        scene["effects"][effect]["axis"] = [0.0, 1.0, 0.0]
     run = dj.simulate(scene)
     d = np.diff(run.positions, axis=1)
     angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
@@ -219,9 +225,9 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(monkeyp
     trace = Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
     honest = comparison.fit_law
 
-    def stuck(prepared, family, law, inner, iterations):
-        found = honest(prepared, family, law, inner, iterations)
-        if law == "dry":
+    def stuck(prepared, family, name, inner, iterations):
+        found = honest(prepared, family, name, inner, iterations)
+        if name == law:
             values = 0.3 * found.values
             evaluation = found.problem.evaluate(values, found.starts)
             cost = found.problem.data_cost(evaluation)
@@ -229,9 +235,9 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(monkeyp
         return found
 
     monkeypatch.setattr(comparison, "fit_law", stuck)
-    laws = {law.name: law for law in compare(prepare(trace, scene, ["dry"]), laws=["dry", "linear + dry"])}
-    assert laws["dry"].values["effects.joint_friction.dry"] == pytest.approx(0.02, rel=0.05)
-    assert laws["dry"].cost < laws["linear + dry"].cost + 3
+    laws = {one.name: one for one in compare(prepare(trace, scene, [field]), laws=[law, "linear + dry"])}
+    assert laws[law].values[f"effects.{effect}.{field}"] == pytest.approx(truth, rel=0.05)
+    assert laws[law].cost < laws["linear + dry"].cost + 3
 
 
 @pytest.mark.check

@@ -40,6 +40,8 @@ from fitting.estimate.windows import Windows
 MOST_CORRELATED = 0.999
 #: Cosine of two coefficients' derivatives beyond which they are one; drag is weighted within a step, joints are not.
 SAME = 1 - 1e-4
+#: Most evaluations of a law from where a larger one ended: what lies in the same valley is not farther.
+NEAR = 8
 
 
 def compare(
@@ -129,12 +131,12 @@ def _from_larger(
         if min(against.values(), default=1.0) >= LACKS:
             continue
         larger, one = min(against, key=against.__getitem__), found[law]
-        inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, iterations)
-        same = inside.problem.simulator is one.problem.simulator
-        again = inside if same else fit_again(one, inside, iterations)
-        found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
-        reached = [fit.cost / fit.problem.memory for fit in (again, inside) if fit.status == "ok"]
-        costs[law] = min([costs[law], *reached])
+        inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, NEAR)
+        if inside.cost < one.cost:
+            costs[law] = inside.cost / inside.problem.memory
+            again = fit_again(one, inside, iterations)
+            found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
+            costs[law] = min(costs[law], found[law].cost / again.problem.memory)
     return found, costs
 
 

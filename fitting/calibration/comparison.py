@@ -24,7 +24,7 @@ from fitting.calibration.cross_validation import Scores, blocks, fair, last_thir
 from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation
 from fitting.calibration.joining import join_laws
 from fitting.calibration.law import Law
-from fitting.calibration.law_fits import Family, family_of, fit_again, fit_inside, fit_law
+from fitting.calibration.law_fits import Family, family_of, fit_again, fit_inside, fit_law, least_loss
 from fitting.calibration.laws import LADDER, PARTS, contains
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.unseen import taken, unseen
@@ -42,6 +42,9 @@ MOST_CORRELATED = 0.999
 SAME = 1 - 1e-4
 #: Most evaluations of a law from where a larger one ended: what lies in the same valley is not farther.
 NEAR = 8
+#: Times the cost of the fullest law beyond which a law is not worth finer steps; log likelihood that it loses, by the
+#: fullest law's covariance, beyond which no other valley will save it.
+FAR, HOPELESS = 10.0, 1000.0
 
 
 def compare(
@@ -73,7 +76,8 @@ def compare(
         inner = [one for name, one in found.items() if contains(law, name)]
         inner += [firsts[law]] if law in firsts else []
         found[law] = fit_law(prepared, families["dry" in LADDER[law]], law, inner, iterations)
-    found, costs = _from_larger(found, families, iterations)
+    near = [law for law in found if least_loss(first, families["dry" in LADDER[laws[-1]]].owner, law) < HOPELESS]
+    found, costs = _from_larger(found, near, families, iterations)
     folds = fair(blocks(prepared.windows.run), prepared.windows.released)
     scores = [score(one, folds) for one in found.values()]
     per_unit = {dry: taken(prepared, one.simulator, one.owner) for dry, one in families.items()}
@@ -104,6 +108,8 @@ def _first_fits(
     noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     first = refine(noisy(first, again=continue_windows))
     prepared = prepared.noisy(first.problem.noise)
+    enough = FAR * first.cost
+    families = {dry: replace(family, enough=enough) for dry, family in families.items()}
     families[widest] = replace(families[widest], substeps=first.windows.substeps)
     found = {fullest: first}
     for dry, family in families.items():
@@ -111,21 +117,21 @@ def _first_fits(
         law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
         if law != fullest:
             found[law] = refine(fit_law(prepared, family, law, [first], iterations))
-            families[dry] = replace(family, substeps=found[law].windows.substeps)
+            families[dry] = replace(families[dry], substeps=found[law].windows.substeps)
     return prepared, families, found
 
 
 def _from_larger(
-    found: dict[str, Solution], families: dict[bool, Family], iterations: int
+    found: dict[str, Solution], near: Sequence[str], families: dict[bool, Family], iterations: int
 ) -> tuple[dict[str, Solution], dict[str, float]]:
-    """The laws, those that a larger one would refute fitted once more from where that ended; and their costs.
+    """The laws, those `near` that a larger one would refute fitted once more from where that ended; and their costs.
 
     The cost of windows is rough, that of joints that stick and of chaotic chains most of all: the larger law may have
     found the better valley. And its scheme may have another step's error, which may fit the noise better by chance: a
     law's cost is the least that it has by its own scheme and by that of the larger law.
     """
     found, costs = dict(found), {law: one.cost / one.problem.memory for law, one in found.items()}
-    for law in reversed(list(found)):
+    for law in reversed(near):
         more = {name: len(LADDER[name]) - len(LADDER[law]) for name in found if contains(name, law)}
         against = {name: chance(costs[law] - costs[name], extra) for name, extra in more.items()}
         if min(against.values(), default=1.0) >= LACKS:

@@ -11,6 +11,7 @@ from dropper_jax.run.build import build
 from fitting.calibration.laws import LADDER, OF_JOINTS, PARTS
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, first_starts
@@ -24,11 +25,15 @@ class Family:
     Attributes:
         owner: the part that each parameter belongs to (None: of none).
         substeps: parts of a step: laws with dry friction take a scheme of second order.
+        rough: parts of a step by which a law is fitted first, to see whether it is worth finer ones.
+        enough: cost beyond which it is not.
     """
 
     simulator: Simulator
     owner: tuple[str | None, ...]
     substeps: int
+    rough: int
+    enough: float = np.inf
 
     def used(self, law: str) -> np.ndarray:
         """Which parameters a law has free (k,) bool."""
@@ -59,7 +64,8 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
     simulator = Simulator(model, parameters, release=release)
     finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
-    return Family(simulator, owner, max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9))))
+    substeps = max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9)))
+    return Family(simulator, owner, substeps, substeps)
 
 
 def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
@@ -68,7 +74,7 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     known = {p.name: p.value for p in prepared.parameters}
     sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
     begun = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
-    windows = replace(prepared.windows, substeps=family.substeps)
+    windows = replace(prepared.windows, substeps=family.rough)
     problem = replace(
         prepared.problem(), simulator=family.simulator, windows=windows, parameters=tuple(parameters), frozen=~used
     )
@@ -85,11 +91,28 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     found: list[Solution] = []
     for values in tries:
         one = fit_windows(problem, values, starts, iterations=iterations)
+        if family.rough < family.substeps and one.cost < family.enough:
+            finer = replace(problem, windows=replace(windows, substeps=family.substeps))
+            one = fit_windows(finer, one.values, one.starts, iterations=iterations)
         found.append(one)
         # on the way from a law that it contains it cannot end worse; what went wrong is tried from elsewhere
         if one.status == "ok" and (not inner or one.cost <= best.cost * (1 + 1e-6)):
             break
     return min(found, key=lambda one: (one.status != "ok", one.cost))
+
+
+def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float:
+    """Log likelihood that a law loses for what it lacks of a larger one, c' (C_cc)^-1 c / 2 of its coefficients c."""
+    free = np.flatnonzero(~full.problem.held)
+    lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
+    c, s = full.values[free][lacks], full.information[np.ix_(free, free)]
+    if not lacks.any():
+        return 0.0
+    left = s[np.ix_(lacks, lacks)]
+    if not lacks.all():
+        kept = s[np.ix_(~lacks, ~lacks)]
+        left = left - s[np.ix_(lacks, ~lacks)] @ solve_spd(kept, s[np.ix_(~lacks, lacks)])
+    return 0.5 * float(c @ left @ c) / full.problem.memory
 
 
 def fit_inside(near: Solution, owner: tuple[str | None, ...], law: str, iterations: int) -> Solution:

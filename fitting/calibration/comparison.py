@@ -40,8 +40,9 @@ from fitting.estimate.windows import Windows
 MOST_CORRELATED = 0.999
 #: Cosine of two coefficients' derivatives beyond which they are one; drag is weighted within a step, joints are not.
 SAME = 1 - 1e-4
-#: Most evaluations of a law from where a larger one ended: what lies in the same valley is not farther.
-NEAR = 8
+#: Most evaluations of a law from where a larger one ended: what lies in the same valley is not farther; and most larger
+#: ones that it is fitted from, of which each may have found a better valley.
+NEAR, TRIES = 8, 3
 #: Times the cost of the fullest law beyond which a law is not worth finer steps; log likelihood that it loses, by the
 #: fullest law's covariance, beyond which no other valley will save it.
 FAR, HOPELESS = 10.0, 1000.0
@@ -133,16 +134,17 @@ def _from_larger(
     found, costs = dict(found), {law: one.cost / one.problem.memory for law, one in found.items()}
     for law in reversed(near):
         more = {name: len(LADDER[name]) - len(LADDER[law]) for name in found if contains(name, law)}
-        against = {name: chance(costs[law] - costs[name], extra) for name, extra in more.items()}
-        if min(against.values(), default=1.0) >= LACKS:
-            continue
-        larger, one = min(against, key=against.__getitem__), found[law]
-        inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, NEAR)
-        if inside.cost < one.cost:
-            costs[law] = inside.cost / inside.problem.memory
-            again = fit_again(one, inside, iterations)
-            found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
-            costs[law] = min(costs[law], found[law].cost / again.problem.memory)
+        for _ in range(TRIES):
+            against = {name: chance(costs[law] - costs[name], extra) for name, extra in more.items()}
+            if min(against.values(), default=1.0) >= LACKS:
+                break
+            larger, one = min(against, key=against.__getitem__), found[law]
+            del more[larger]
+            inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, NEAR)
+            if inside.cost < one.cost:
+                again = fit_again(one, inside, iterations)
+                found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
+                costs[law] = min(costs[law], *(fit.cost / fit.problem.memory for fit in (inside, found[law])))
     return found, costs
 
 

@@ -33,7 +33,7 @@ from fitting.traces.planar import chart, wrap
 #: Chains, and steps of each that find the length of a leap and are thrown away: y is nearly standard normal already.
 CHAINS, WARM_UP = 4, 60
 #: Share of leaps that should be accepted, and length of the first.
-ACCEPTED, FIRST_LEAP = 0.9, 0.1
+ACCEPTED, FIRST_LEAP = 0.95, 0.1
 #: Windows side by side in one evaluation.
 TOGETHER = 8
 #: Ratio of the chains' spread together to that within each, beyond which they do not agree.

@@ -50,7 +50,7 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
     """Only the starts of windows, on a growing part of each."""
     starts = first_starts(
-        prepared.simulator.model_at(values), _seen_only(prepared.traces, windows), windows, prepared.smooth
+        prepared.simulator.model_at(values), _seen_only(prepared.traces, windows), windows, prepared.sigma
     )
     problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
     parts = GROWING if windows.length > 2 * prepared.windows.length else (1.0,)

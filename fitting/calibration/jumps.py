@@ -114,17 +114,19 @@ def _doubled(windows: Windows, right: np.ndarray) -> Windows:
     left = right - 1
     join = lambda a, b: np.concatenate([a[left], b[right]], axis=1)  # noqa: E731
     real = (windows.index + windows.fraction > 0) | (np.arange(windows.index.shape[1]) == 0)
-    whole = np.where(real, windows.index, windows.steps - 1).astype(windows.index.dtype)
+    whole = np.where(real, windows.index, windows.step_counts[:, None] - 1).astype(windows.index.dtype)
     more = {name: getattr(windows, name)[left] for name in ("begin", "run", "released")}
+    first = windows.step_counts[left]
     return replace(
         windows,
         **more,
         follows=np.zeros(len(left), bool),
         theta=join(windows.theta, windows.theta),
         weight=join(windows.weight, windows.weight),
-        index=join(whole, whole + windows.steps),
+        index=np.concatenate([whole[left], whole[right] + first[:, None]], axis=1),
         fraction=join(windows.fraction, windows.fraction),
         steps=2 * windows.steps,
+        step_counts=first + windows.step_counts[right],
         decay=None,
         jitter=None,
     )

@@ -86,7 +86,7 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
         starts = best.starts
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
     starts = starts or first_starts(
-        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.smooth
+        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.sigma
     )
     found: list[Solution] = []
     for values in tries:

@@ -25,7 +25,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Problem
 from fitting.estimate.shooting import JoinedWindows
-from fitting.estimate.windows import Windows
+from fitting.estimate.windows import PER_WINDOW, Windows
 from fitting.parameters.naming import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
@@ -130,7 +130,7 @@ def _errors(
 ) -> np.ndarray:
     """Standard errors (k,) from the windows that end within the duration."""
     windows = problem.windows
-    count = int(np.sum(windows.begin + windows.length <= duration * (1 + 1e-9)))
+    count = int(np.sum(windows.ends <= duration * (1 + 1e-9)))
     if not count:
         raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
     few = replace(problem, windows=first(windows, count))
@@ -145,7 +145,7 @@ def _errors(
 
 def first(windows: Windows, count: int) -> Windows:
     """The first windows, those that follow each other as before."""
-    whole = ("begin", "run", "follows", "theta", "weight", "index", "fraction", "released")
+    whole = (*PER_WINDOW, "follows")
     return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
 
 

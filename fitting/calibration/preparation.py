@@ -13,7 +13,7 @@ from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.prepared import SMOOTH_PART, STEPS_PER_PERIOD, Prepared
+from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.calibration.spans import check_spans, fitted_spans, only
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
@@ -21,7 +21,7 @@ from fitting.estimate.rest import rests
 from fitting.estimate.resting import advice_on_rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.window_scheme import choose_stepper
-from fitting.estimate.windows import Starts, Windows, check_step, cut, first_starts, time_step
+from fitting.estimate.windows import check_step, cut, fewest_frames, fill, first_starts, time_step
 from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.parameters.place import LostPlace
@@ -98,27 +98,28 @@ def prepare(
     if not rest and release is None:
         slowest = 2 * np.pi * np.sqrt(float(np.sum(model.line.length)) / 9.81)
         notes += [line for pair in zip(seen, sigma, strict=True) for line in advice_on_rest(*pair, slowest)]
-    length = window or chaos.first_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span)
+    interval = max(trace.interval for trace in runs)
+    fewest = fewest_frames(model.line.links, simulator.freedoms)
+    base = max(chaos.SHORTEST_PART * period, fewest * interval)
+    length = window or chaos.longest_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span, base)
+    frame = max(1, round(interval / dt))
+    base = min(max(1, round(base / dt / frame)), max(1, int(length / dt / frame + 1e-6))) * frame
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    if length < longest < ROOM * length:
-        simulator.room = int(longest / dt + 1e-6), max(len(tr.between(*span).t) for span in held_out for tr in runs)
-
-    def windowed(length: float) -> tuple[Windows, Starts, float]:
-        say(0.02, f"windows of {length:.3g} s: compiling")
-        windows = cut(runs, length, dt, sigma, spans)
-        if release is not None:
-            windows = release.mark(windows, runs)
-            simulator.parameters = release.bounded(simulator.parameters, windows)
-        starts = first_starts(model, seen, windows, SMOOTH_PART * period)
-        evaluation = simulator(values, starts, windows)
-        _check_effective(parameters, evaluation.jacobian, simulator.freedoms)
-        return windows, starts, chaos.lyapunov(simulator, windows, evaluation, values)
-
-    windows, starts, rate = windowed(length)
-    shorter = chaos.shorter_window(length, rate)
-    if window is None and shorter < length:
-        windows, starts, rate = windowed(shorter)
+    room = longest if length < longest < ROOM * length else length
+    simulator.room = int(room / dt + 1e-6), int(room / min(trace.interval for trace in runs) + 1.5)
+    say(0.02, f"windows of at most {length:.3g} s: compiling")
+    windows = cut(runs, base * dt, dt, sigma, spans)
+    starts = first_starts(model, seen, windows, sigma)
+    evaluation = simulator(values, starts, windows)
+    _check_effective(parameters, evaluation.jacobian, simulator.freedoms)
+    rate = chaos.lyapunov(simulator, windows, evaluation, values)
+    move = chaos.transitions(simulator, windows, evaluation, values)
+    windows = fill(runs, chaos.follow_motion(windows, move, int(length / dt + 1e-6)), dt, sigma)
+    if release is not None:
+        windows = release.mark(windows, runs)
+        simulator.parameters = release.bounded(simulator.parameters, windows)
+    starts = first_starts(model, seen, windows, sigma)
     if release is not None:
         residuals = lambda *at: simulator(*at).residual  # noqa: E731
         values = release.guess(residuals, simulator.parameters, windows, starts, values)

@@ -18,9 +18,6 @@ from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known
 from fitting.traces.trace import Trace
 
-#: Half width of the smoother for the starts, as a part of the shortest link's period.
-SMOOTH_PART = 0.12
-
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
 #: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that this is too coarse for halves it.
 #: Schemes that hold their own error are seen at least so often, for the cubics between.
@@ -81,11 +78,6 @@ class Prepared:
     def order(self) -> int:
         """Of the scheme that the windows' step was chosen for."""
         return self.simulator.stepper.integrator.order
-
-    @property
-    def smooth(self) -> float:
-        """Half width [s] of the smoother for the starts."""
-        return SMOOTH_PART * self.period
 
     @property
     def values(self) -> np.ndarray:

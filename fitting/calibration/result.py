@@ -183,6 +183,7 @@ class FitResult:
             "iterations": self.iterations,
             "seconds": self.seconds,
             "window_s": self.windows.length,
+            "shortest_window_s": float(self.windows.lengths.min()),
             "step_s": self.windows.dt / self.windows.substeps,
             "step_bias_std_errors": self.solution.step_bias,
             "gap_weight": self.solution.gap_weight,

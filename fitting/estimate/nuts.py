@@ -188,7 +188,8 @@ class Density:
         self.basis = jnp.asarray(chart(simulator.model_at(solution.values), solution.starts.theta))
         self.follows = np.flatnonzero(windows.follows & (solution.gap_weight is not None))
         self.scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
-        seen = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows))
+        counts = windows.step_counts.astype(np.int32)
+        seen = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows), counts)
         self.seen = tuple(jnp.asarray(a) for a in seen)
         # the programs may know more parameters than these
         self.known, self.where = simulator.whole(solution.values)

@@ -10,14 +10,47 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
+from fitting.calibration.lost_windows import recover_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
 from fitting.estimate.gradient import fit_gradient
 from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with
 from fitting.estimate.own_noise import posed, with_own_noise
-from fitting.estimate.problem import Solution
+from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
+
+
+#: Most iterations of a first fit before its windows are looked at one by one.
+FIRST = 15
+
+
+def with_sound_windows(
+    prepared: Prepared,
+    loss: Loss = LEAST_SQUARES,
+    iterations: int = 40,
+    progress: Progress = silent,
+    keep_jumps: bool = False,
+) -> Prepared:
+    """The preparation with windows that a fit can follow, which begin where their fit ended.
+
+    Lost windows are restarted, split or left out, see `lost_windows`.
+
+    Args:
+        keep_jumps: leave windows in which frames are missing as they are, for `freeing` to name.
+    """
+    say = lambda fraction, text: progress(0.05 + 0.3 * fraction, text)  # noqa: E731
+
+    def fit_again(problem: Problem, before: Solution) -> Solution:
+        found = fit_windows(problem, before.values, before.starts, iterations=FIRST, progress=say)
+        return replace(found, iterations=before.iterations + found.iterations)
+
+    problem = prepared.problem(begun_with(loss))
+    solution = fit_windows(
+        problem, prepared.values, prepared.starts, iterations=min(FIRST, iterations), progress=say
+    )
+    prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
+    return replace(prepared, begin=solution.values, starts=solution.starts, iterations=solution.iterations)
 
 
 def estimate(

@@ -13,7 +13,7 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
-from fitting.calibration.estimating import estimate
+from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
@@ -135,6 +135,7 @@ def fit(
     )
     asked = profile_names(prepared, profile)
     loss = loss_of(huber, student)
+    prepared = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
         at = free_by_advice(prepared, again, "windows" if method == "gradient" else method, loss, progress=progress)

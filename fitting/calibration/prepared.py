@@ -13,7 +13,7 @@ from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Problem
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Starts, Windows, cut
+from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known
 from fitting.traces.trace import Trace
@@ -26,7 +26,13 @@ STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything an estimator needs: what `prepare` made of the caller's input."""
+    """Everything an estimator needs: what `prepare` made of the caller's input.
+
+    Attributes:
+        left_out: (run, from, to) of windows that are not fitted since no start of their own explains them.
+        breaks: (run, time) where the motion jumps, so that windows are not joined there.
+        iterations: evaluations made for it.
+    """
 
     scene: Scene
     traces: list[Trace]
@@ -45,6 +51,9 @@ class Prepared:
     known: Known = Known()
     rest: Rest | None = None
     begin: np.ndarray | None = None
+    left_out: tuple[tuple[int, float, float], ...] = ()
+    breaks: tuple[tuple[int, float], ...] = ()
+    iterations: int = 0
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
@@ -62,6 +71,16 @@ class Prepared:
         """Windows of `length` [s] of these (run, from, to)."""
         windows = cut(self.traces, length, self.windows.dt, self.sigma, pieces)
         return windows if self.noise is None else self.noise.put(windows, self.traces)
+
+    def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
+        """The same cut in other windows, with the noise that is known of it, their starts from the samples."""
+        windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
+        if self.simulator.release is not None:
+            windows = self.simulator.release.mark(windows, self.traces)
+        windows = replace(windows, substeps=self.windows.substeps)
+        starts = first_starts(self.simulator.model, self.traces, windows, self.sigma)
+        windows = windows if self.noise is None else self.noise.put(windows, self.traces)
+        return replace(self, windows=windows, starts=starts)
 
     @property
     def floor(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How fast a motion forgets where it started, along the windows of a trace, and windows that are as long as that allows.
+"""How fast a motion forgets where it started, and windows that are as long as that allows.
 
 With M_k the transition of window k, the derivative of its end by its start in units of a gap's scale, errors grow over
 windows j to k by at most the largest singular value of M_k ... M_j. The largest Lyapunov exponent is the mean growth
@@ -73,7 +73,9 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
     found: list[Piece] = []
     product = np.eye(move.shape[1])
     for k, matrix in enumerate(move):
-        piece = Piece(int(windows.run[k]), float(windows.begin[k]), int(windows.step_counts[k]), bool(windows.follows[k]))
+        piece = windows.piece(k)
+        if windows.released[k]:  # the model says where it begins
+            matrix = np.eye(len(matrix))
         further = matrix @ product
         grown = np.linalg.norm(further, 2) if np.isfinite(further).all() else np.inf
         last = found[-1] if found else None

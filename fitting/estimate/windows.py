@@ -37,6 +37,15 @@ PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released"
 OF_NOISE = ("decay", "jitter")
 
 
+class Piece(NamedTuple):
+    """A window to be filled: its run, where it begins [s], its steps, and whether it begins where the last one ends."""
+
+    run: int
+    begin: float
+    steps: int
+    follows: bool
+
+
 @dataclass(frozen=True)
 class Windows:
     """K windows of S sample slots each, over any number of runs.
@@ -100,9 +109,19 @@ class Windows:
         return self.begin + self.lengths
 
     @property
+    def gap_shares(self) -> np.ndarray:
+        """Deviation that each gap allows over the mean window's (g,): process noise grows as the root of time."""
+        left = np.flatnonzero(self.follows) - 1
+        return np.sqrt(self.lengths[left] / self.lengths.mean())
+
+    @property
     def length(self) -> float:
         """Duration of the longest window [s]."""
         return float(self.lengths.max())
+
+    def piece(self, k: int) -> Piece:
+        """Window k without its samples."""
+        return Piece(int(self.run[k]), float(self.begin[k]), int(self.step_counts[k]), bool(self.follows[k]))
 
     def times(self) -> np.ndarray:
         """Times of all slots (K, S) [s]."""
@@ -129,6 +148,11 @@ class Windows:
         part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
 
+    def without(self, which: np.ndarray) -> Windows:
+        """The windows without some (K,) bool; those after them follow none."""
+        follows = self.follows & ~np.concatenate([[False], which[:-1]])
+        return replace(self.pick(~which), follows=follows[~which])
+
 
 def check_step(traces: Sequence[Trace], dt: float) -> None:
     """Refuse a step that a caller asks for and that is longer than the samples are apart.
@@ -151,15 +175,6 @@ def time_step(traces: Sequence[Trace], wanted: float) -> float:
         return wanted
     interval = max(intervals)
     return interval / max(1, int(np.ceil(interval / wanted - ROUNDED)))
-
-
-class Piece(NamedTuple):
-    """A window to be filled: its run, where it begins [s], its steps, and whether it begins where the last one ends."""
-
-    run: int
-    begin: float
-    steps: int
-    follows: bool
 
 
 #: Fewest frames of a window: fewer samples follow any start.
@@ -235,8 +250,7 @@ def _drop_empty(windows: Windows) -> Windows:
         return windows
     if not enough.any():
         raise SceneError("window: no window has two samples of every link; allowed: longer windows or denser traces")
-    follows = windows.follows & np.concatenate([[False], enough[:-1]])
-    return replace(windows.pick(enough), follows=follows[enough])
+    return windows.without(~enough)
 
 
 class Starts(NamedTuple):

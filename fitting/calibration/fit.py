@@ -145,9 +145,7 @@ def fit(
         solution = estimate(prepared, method, loss, continuity, iterations, progress, settings)
         found = advise(prepared, solution) if advice and solution.status == "ok" else []
         freed = []
-    prepared = replace(
-        prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, len(prepared.parameters)))
-    )
+    prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
     solution.problem = replace(solution.problem, known=prepared.known)
     result = summarise(prepared, method, solution)
     result.advice, result.freed = found, freed

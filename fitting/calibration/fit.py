@@ -155,7 +155,9 @@ def fit(
         index = [p.name for p in result.parameters].index(name)
         result.profiles.append(profiled(solution, name, float(result.uncertainty.std_error[index])))
     if bootstrap:
-        result.bootstrap = resampled(solution, bootstrap)
+        drawn = resampled(solution, bootstrap)
+        result.bootstrap = drawn.draws
+        result.warnings += [drawn.warning] if drawn.warning else []
     if posterior and solution.status == "ok":
         result.posterior = SAMPLERS[sampler](solution, posterior, progress=progress)
         result.warnings += result.posterior.warnings

@@ -151,8 +151,17 @@ def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, ready
     found = profile(solution, two.FREE[0], float(u.std_error[0]), points=2)
     assert found.converged
     assert [found.low, found.high] == pytest.approx([u.low[0], u.high[0]], abs=0.3 * u.std_error[0])
-    spread = bootstrap(solution, draws=400).std(axis=0)
+    spread = bootstrap(solution, draws=400).draws.std(axis=0)
     np.testing.assert_allclose(spread, u.std_error, rtol=0.6)
+
+
+def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(ten):
+    """Eight windows, of which the first few tell most: ten traces with white noise, whose errors their noise tells."""
+    drawn = [bootstrap(result.solution, draws=400) for result in ten]
+    ratio = [d.draws.std(axis=0) / result.uncertainty.std_error for d, result in zip(drawn, ten, strict=True)]
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)
+    assert all(1 < d.blocks < 15 for d in drawn)
+    assert all("blocks of time, fewer than 15" in d.warning for d in drawn)
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):

@@ -146,9 +146,7 @@ def fit(
         solution = estimate(prepared, method, loss, continuity, iterations, progress, settings)
         found = advise(prepared, solution) if advice and solution.status == "ok" else []
         freed = []
-    prepared = replace(
-        prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, len(prepared.parameters)))
-    )
+    prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
     solution.problem = replace(solution.problem, known=prepared.known)
     result = summarise(prepared, method, solution)
     result.advice, result.freed = found, freed
@@ -158,7 +156,9 @@ def fit(
         index = [p.name for p in result.parameters].index(name)
         result.profiles.append(profiled(solution, name, float(result.uncertainty.std_error[index])))
     if bootstrap:
-        result.bootstrap = resampled(solution, bootstrap)
+        drawn = resampled(solution, bootstrap)
+        result.bootstrap = drawn.draws
+        result.warnings += [drawn.warning] if drawn.warning else []
     if posterior and solution.status == "ok":
         result.posterior = SAMPLERS[sampler](solution, posterior, progress=progress)
         result.warnings += result.posterior.warnings

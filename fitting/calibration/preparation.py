@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
-from fitting.calibration.spans import check_spans, fitted_spans, only
+from fitting.calibration.spans import check_spans, fitted_parts, fitted_spans, without_held_starts
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import rests
@@ -26,7 +26,7 @@ from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.parameters.place import LostPlace
 from fitting.parameters.priors import rig_priors
-from fitting.traces.conventions import settle_convention
+from fitting.traces.conventions import resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
 
@@ -86,6 +86,13 @@ def prepare(
     held_out = check_spans(runs, held_out)
     rest = check_spans(runs, rest, "rest")
     spans = fitted_spans(runs, until, sorted([*held_out, *rest]))
+    sigma = [noise(trace) for trace in fitted_parts(runs, spans)]
+    slowest = 2 * np.pi * np.sqrt(float(np.sum(model.line.length)) / 9.81)
+    if release is None:
+        spans, more = without_held_starts(
+            spans, fitted_parts(runs, spans), sigma, slowest, lambda: resting_angles(model)
+        )
+        notes += more
     span = max(high - low for _, low, high in spans)
     period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
     if simulator is None:
@@ -96,11 +103,9 @@ def prepare(
         simulator = simulator.viewed(parameters)
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     # what is held out touches nothing, not even the noise or the first guess of a start
-    seen = [only(trace, [(low, high) for run, low, high in spans if run == i]) for i, trace in enumerate(runs)]
-    sigma = [noise(trace) for trace in seen]
+    seen = fitted_parts(runs, spans)
     poses = rests(runs, sigma, rest)
     if not rest and release is None:
-        slowest = 2 * np.pi * np.sqrt(float(np.sum(model.line.length)) / 9.81)
         notes += [line for pair in zip(seen, sigma, strict=True) for line in advice_on_rest(*pair, slowest)]
     interval = max(trace.interval for trace in runs)
     fewest = fewest_frames(model.line.links, simulator.freedoms)

@@ -50,7 +50,8 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
 
 
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Geometry:
-    members = tuple(Member(n.name, n.links, index[n.start], index[n.end]) for n in scene.lines)
+    far = scene.link_mass_nodes
+    members = tuple(Member(n.name, n.links, index[n.start], index[n.end], far[n.name] == "far") for n in scene.lines)
     held = tuple(p.kind == "fixed" for p in scene.points)
     return Graph(members, held + (False,) * corners) if scene.branched else Path(members, (True, held[members[0].end]))
 

@@ -93,6 +93,8 @@ def _things(scene: Scene) -> Iterator[str]:
             yield f"line {line.name!r}: MoorDyn joins the rows of a table by straight lines and ends at the last one"
         elif line.axial_law not in ("rope", "damped_rope"):
             yield f"line {line.name!r}: axial law {line.axial_law!r} is not represented; MoorDyn's lines do not push"
+        if scene.link_mass_nodes[line.name] == "far":
+            yield f"line {line.name!r}: nodes 'far' is not represented; MoorDyn's links have halves at both nodes"
         if line.breaking_load is not None:
             yield f"line {line.name!r}: breaking load is not represented"
     bodies = {point.name: point.body for point in scene.points}

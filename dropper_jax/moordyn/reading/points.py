@@ -25,8 +25,8 @@ class Ends:
     """Ends of lines: the points of the scene, its buoys and bodies, and the name of the point for each word of a file.
 
     Points on bodies are their attachments, and are not in `points`. `leaving` has, for each end of a rod that stays, by
-    the name of its point, the direction in which a line with bending stiffness leaves; `turning` the points on rods that
-    move.
+    the name of its point, the direction in which a line with bending stiffness leaves; `turning` the points on rods
+    that move.
     """
 
     points: list[dict[str, Any]] = field(default_factory=list)

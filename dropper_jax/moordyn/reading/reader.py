@@ -161,7 +161,7 @@ def _run(options: Options, notes: list[str]) -> dict[str, Any]:
 
 
 def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, notes: list[str]) -> dict[str, Any] | None:
-    """`[effects.bending]` of lines with EI, clamped as in MoorDyn where they end at rods that stay; None without any."""
+    """`[effects.bending]` of lines with EI, clamped where they end at rods that stay (as MoorDyn); None without any."""
     stiff = [line for line in lines if "EI" in types[line["type"]]]
     if not stiff:
         return None

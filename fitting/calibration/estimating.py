@@ -20,7 +20,6 @@ from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
 
-
 #: Most iterations of a first fit before its windows are looked at one by one.
 FIRST = 15
 

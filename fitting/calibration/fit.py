@@ -19,6 +19,7 @@ from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
+from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
 from fitting.estimate.loss import loss_of
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import importance
@@ -149,6 +150,9 @@ def fit(
     prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
     solution.problem = replace(solution.problem, known=prepared.known)
     result = summarise(prepared, method, solution)
+    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
+        result.wrong_file = name_wrong_file(prepared)
+        result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
     for name in asked:

@@ -15,6 +15,7 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.calibration.spans import check_spans, fitted_parts, fitted_spans, without_held_starts
+from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate import lyapunov as chaos
 from fitting.estimate.release import release_of
 from fitting.estimate.rest import rests
@@ -26,7 +27,7 @@ from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
 from fitting.parameters.place import LostPlace
 from fitting.parameters.priors import rig_priors
-from fitting.traces.conventions import resting_angles, settle_convention
+from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
 
@@ -72,8 +73,13 @@ def prepare(
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
-    read = [settle_convention(trace, model, asked) for trace in _as_traces(traces, model.line.links)]
-    runs, notes = [trace for trace, _ in read], [note for _, more in read for note in more]
+    read, notes = _as_traces(traces, model.line.links), []
+    for trace in read:
+        check_sampling(trace, model)
+        check_unit(trace, model, asked.over(trace.convention))
+        notes += refuse_wrong_file(trace, model, asked, names)
+    settled = [settle_convention(trace, model, asked) for trace in read]
+    runs, notes = [trace for trace, _ in settled], notes + [note for _, more in settled for note in more]
     if dt is not None:
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
@@ -95,6 +101,9 @@ def prepare(
         notes += more
     span = max(high - low for _, low, high in spans)
     period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
+    for i, trace in enumerate(runs):
+        if mine := [(low, high) for run, low, high in spans if run == i]:
+            refuse_rising_energy(trace, model, mine, period)
     if simulator is None:
         simulator = Simulator(model, parameters, choose_stepper(model, integrator), release)
     elif [p.name for p in simulator.compiled] == [p.name for p in parameters]:

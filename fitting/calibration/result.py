@@ -87,6 +87,7 @@ class FitResult:
         posterior: weighted draws of the parameters, where asked for.
         advice: what else may be wrong, where asked for, the largest gain first.
         freed: candidates that were freed for their gain, in their order.
+        wrong_file: the mistake in the traces that explains a misfit, in a line; empty where none does.
         energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
     """
 
@@ -108,6 +109,7 @@ class FitResult:
     energy: EnergyCheck | None = None
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
+    wrong_file: str = ""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -121,12 +123,12 @@ class FitResult:
 
     @property
     def status(self) -> str:
-        """`ok` or `not_converged`; `message` says why."""
-        return self.solution.status
+        """`ok`, `not_converged`, or `misfit` of a file that is named wrong; `message` says why."""
+        return "misfit" if self.wrong_file and self.solution.status == "ok" else self.solution.status
 
     @property
     def message(self) -> str:
-        return self.solution.message
+        return "; ".join(filter(None, (self.wrong_file, self.solution.message)))
 
     @property
     def outcome(self) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
-from fitting.traces.csv_table import check_times, read_csv, refuse_twice
+from fitting.traces.csv_table import check_times, placeholder, read_csv, refuse_twice
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
 #: What comments begin with that are warnings.
@@ -172,6 +172,12 @@ def check_trace(trace: Trace) -> None:
         raise SceneError(
             f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {known.min()} samples; allowed: at least {FEWEST}"
         )
+    for j, column in enumerate(theta.T):
+        if (mark := placeholder(column)) is not None:
+            raise SceneError(
+                f"{trace.name}: theta_{j + 1}: {mark:g} in {int((column == mark).sum())} rows, far from the rows "
+                "before and after them, seems to mark missing samples; allowed: empty cells where samples are missing"
+            )
     if np.nanmax(np.nanmax(theta, axis=0) - np.nanmin(theta, axis=0)) < 1e-9:
         raise SceneError(f"{trace.name}: theta: is constant, nothing moves; allowed: a motion")
     if trace.se is not None and not np.nanmin(trace.se) > 0:

@@ -1,0 +1,223 @@
+"""Random lab droppers that nobody tuned a fit for: does the default `fit` find their damping, or say that it does not?
+
+    python benchmarks/random_droppers.py [--seeds 0:60] [--kind plain] [--window S] [--out FILE]
+
+A draw is a chain of 3 to 12 links between two hooks, every fourth one with a free end. It is lifted at one or two nodes,
+released, and seen by a camera with white noise. Both damping coefficients start five times off. Every third draw
+moves faster than 40 rad/s, the others do not. The truth is simulated by another scheme at a much finer step than a fit takes. Each row
+compares the estimates, standard errors and noise of the default command with the truth. Writes
+results/random_droppers.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax import load_scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
+from fitting.traces.trace import Trace
+
+RESULTS = Path(__file__).parent / "results" / "random_droppers.json"
+NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+GRAVITY = 9.81
+#: Peak rate [rad/s] that every third draw exceeds, and how many rigs are tried at most.
+FAST, TRIES = 40.0, 200
+#: Steps of the truth per second; by a fourth-order scheme the truth is then exact to 1e-6 rad over a window.
+TRUTH_STEPS = 4800.0
+#: Kinds of draws: as they are, at 30 Hz, with 5 % of the samples and 0.2 s missing, held still for 2 s at first.
+KINDS = ("plain", "slow-camera", "missing", "still")
+STILL = 2.0
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A rig, what the camera saw of it, and the truth.
+
+    Attributes:
+        scene: with the true damping.
+        start: where the fit starts, by parameter.
+        trace: noisy angles.
+        truth: (b_l [kg/s], b_q [kg/m]).
+        noise: deviation of the angles [rad].
+        peak: largest rate of a link [rad/s].
+    """
+
+    seed: int
+    scene: Scene
+    start: dict[str, float]
+    trace: Trace
+    truth: np.ndarray
+    noise: float
+    peak: float
+
+
+def draw(seed: int, kind: str = "plain") -> Draw:
+    """The draw of a seed, drawn again until every third one moves faster than `FAST`, and the others do not."""
+    rng = np.random.default_rng([seed, 36])
+    for _ in range(TRIES):
+        found = _one(seed, rng, kind)
+        if found is not None and (found.peak > FAST) == (seed % 3 == 0):
+            return found
+    raise RuntimeError(f"seed {seed}: {TRIES} rigs on the wrong side of {FAST:g} rad/s")
+
+
+def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw | None:
+    links = int(rng.integers(3, 13))
+    length, mass = float(rng.uniform(0.04, 0.15)), float(rng.uniform(0.01, 0.08))
+    b_l, b_q = (mass * 10 ** rng.uniform(-1.6, -0.8) for _ in range(2))
+    free_end = seed % 4 == 3
+    lifted = int(rng.integers(1, 3))
+    nodes = sorted(int(i) for i in rng.choice(np.arange(1, links), min(lifted, links - 1), replace=False))
+    lift = rng.uniform(0.3, 1.0, len(nodes)) * links * mass * GRAVITY
+    # a free end hangs straight below any vertical force: it is pulled sideways
+    tilt = rng.uniform(0.5, 1.2, len(nodes)) * rng.choice([-1, 1]) if free_end else np.zeros(len(nodes))
+    gap = float(rng.uniform(0.2, 0.7)) * links * length
+    rate, duration = float(rng.choice([60, 80, 100, 120, 160, 200, 240])), float(rng.uniform(6, 14))
+    noise, low_or_high = float(rng.uniform(2e-3, 6e-3)), rng.choice([0.2, 5.0], 2)
+    rate = 30.0 if kind == "slow-camera" else rate
+    hook = {"name": "left", "position": [0.0, 0.0, 0.0]}
+    end = {"name": "right", "position": [0.0, 0.0, -links * length] if free_end else [gap, 0.0, 0.0]}
+    end |= {"kind": "free"} if free_end else {}
+    line = {"name": "rig", "from": "left", "to": "right", "links": links, "length": length, "mass": mass}
+    scene = load_scene(
+        {
+            "run": {"dt": 0.002, "duration": duration},
+            "point": [hook, end],
+            "line": [line],
+            "effects": {"weight": {}, "linear_damping": {"b_l": b_l}, "quadratic_damping": {"b_q": b_q}},
+            "start": {
+                "kind": "static",
+                "release_nodes": nodes,
+                "release_force": [[f * np.sin(a), 0.0, f * np.cos(a)] for f, a in zip(lift, tilt, strict=True)],
+            },
+        }
+    )
+    try:
+        motion = simulate_truth(scene, duration, rate, round(TRUTH_STEPS / rate), "rattle_4")
+    except SceneError:
+        return None
+    trace = observe(motion, Camera(rate=rate, angle_noise=noise), seed, f"rig-{seed}")
+    if kind == "missing":
+        trace = _with_missing(trace, rng)
+    if kind == "still":
+        trace = _with_still_start(trace, rng, noise)
+    return Draw(
+        seed,
+        scene,
+        dict(zip(NAMES, np.array([b_l, b_q]) * low_or_high, strict=True)),
+        trace,
+        np.array([b_l, b_q]),
+        noise,
+        _peak(motion),
+    )
+
+
+def _peak(motion: Motion) -> float:
+    link = np.diff(motion.nodes[..., [0, 2]], axis=1)
+    theta = np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0)
+    return float(np.abs(np.diff(theta, axis=0)).max() / (motion.t[1] - motion.t[0]))
+
+
+def _with_missing(trace: Trace, rng: np.random.Generator) -> Trace:
+    """5 % of the samples and one stretch of 0.2 s missing."""
+    begin = rng.uniform(trace.t[0] + 0.5, trace.t[-1] - 0.7)
+    gone = (rng.random(trace.theta.shape) < 0.05) | ((trace.t >= begin) & (trace.t < begin + 0.2))[:, None]
+    return replace(trace, theta=np.where(gone, np.nan, trace.theta))
+
+
+def _with_still_start(trace: Trace, rng: np.random.Generator, noise: float) -> Trace:
+    """Held still for 2 s before the release."""
+    frames = round(STILL / trace.interval)
+    still = trace.theta[0] + noise * rng.standard_normal((frames, trace.links))
+    t = np.concatenate([trace.t[0] + trace.interval * np.arange(-frames, 0), trace.t]) + frames * trace.interval
+    return replace(trace, t=t, theta=np.concatenate([still, trace.theta]))
+
+
+def judge(d: Draw, **options: Any) -> dict[str, Any]:
+    """A row: the default fit of a draw against its truth."""
+    from fitting.calibration.fit import fit
+
+    begun = time.process_time()
+    result = fit([d.trace], d.scene, start=d.start, **options)
+    u, solution = result.uncertainty, result.solution
+    known = solution.windows.weight > 0
+    residual = float(np.sqrt(np.sum(solution.errors**2) / max(residual_freedom(result), 1)))
+    return {
+        **{"seed": d.seed, "links": d.trace.links, "free_end": d.seed % 4 == 3, "peak": d.peak},
+        **{"rate": 1 / d.trace.interval, "noise": d.noise, "truth": d.truth.tolist()},
+        **{"status": result.status, "message": result.message, "values": result.values.tolist()},
+        **{"std_error": u.std_error.tolist(), "low": u.low.tolist(), "high": u.high.tolist()},
+        **{"at_bound": u.at_bound.tolist(), "residual": residual, "chi2": result.chi2_per_dof},
+        **{"printed_noise": float(np.sqrt(np.mean(np.square(result.noise_table()["sigma_rad"]))))},
+        **{"fitted": float(known.sum() / np.isfinite(d.trace.theta).sum()), "gap_weight": solution.gap_weight},
+        **{"windows": result.windows.count, "blocks": u.blocks, "warnings": result.warnings},
+        **{"substeps": result.windows.substeps, "seconds": time.process_time() - begun},
+    }
+
+
+def residual_freedom(result: Any) -> float:
+    """Samples less what the fit has used up of them, by leverage."""
+    from fitting.estimate.own_noise import leverage
+
+    solution = result.solution
+    return float((solution.windows.weight > 0).sum() - leverage(solution).sum())
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """What the rows show, in a few lines."""
+    ok = [r for r in rows if r["status"] == "ok"]
+    fits = [r for r in ok if 0.95 <= r["residual"] / r["noise"] <= 1.05 and r["fitted"] >= 0.97]
+    wrong = [r["seed"] for r in ok if r["residual"] / r["noise"] > 1.4]
+    printed = [r for r in rows if abs(r["printed_noise"] / r["noise"] - 1) < 0.1]
+    lines = [
+        f"{len(rows)} draws: ok {len(ok)}, of these explain their trace {len(fits)}; ok and wrong: {wrong}; "
+        f"printed noise within 10 %: {len(printed)}"
+    ]
+    for i, name in enumerate(("b_l", "b_q")):
+        inside = [r["low"][i] <= r["truth"][i] <= r["high"][i] for r in ok]
+        sharp = [r for r in ok if not r["at_bound"][i] and r["std_error"][i] < 0.5 * r["values"][i]]
+        off = np.array([(r["values"][i] - r["truth"][i]) / r["std_error"][i] for r in sharp])
+        lines.append(
+            f"{name}: {np.mean(inside) if inside else 0:.1%} inside 90 % intervals; {len(off)} sharp ones, "
+            f"RMS of error over standard error {np.sqrt(np.mean(off**2)) if len(off) else np.nan:.2f}, "
+            f"largest {np.abs(off).max(initial=0):.1f}"
+        )
+    others = {r["seed"]: r["status"] for r in rows if r["status"] != "ok"}
+    return "\n".join([*lines, f"not ok: {others}"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="0:60", help="FROM:TO, or single ones with commas")
+    parser.add_argument("--kind", choices=KINDS, default="plain")
+    parser.add_argument("--window", type=float)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    low, colon, high = args.seeds.partition(":")
+    seeds = range(int(low), int(high)) if colon else [int(s) for s in args.seeds.split(",")]
+    rows = []
+    for seed in seeds:
+        d = draw(seed, args.kind)
+        try:
+            row = judge(d, window=args.window)
+        except SceneError as error:
+            row = {"seed": seed, "status": "invalid_input", "message": str(error), "noise": d.noise, "printed_noise": 0}
+        rows.append(row)
+        short = {k: row.get(k) for k in ("links", "peak", "chi2", "fitted", "windows", "substeps", "seconds", "message")}
+        off = (np.array(row["values"]) - d.truth) / np.array(row["std_error"]) if "values" in row else None
+        print(seed, row["status"], row.get("residual", np.nan) / d.noise, off, short, flush=True)
+        args.out.write_text(json.dumps({"kind": args.kind, "rows": rows}, indent=1) + "\n")
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -85,7 +85,7 @@ def prepare(
     span = max(high - low for _, low, high in spans)
     period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
     if simulator is None:
-        simulator = Simulator(model, parameters, choose_stepper(model, integrator), release)
+        simulator = Simulator(model, parameters, choose_stepper(model, integrator, scene.run.solver), release)
     elif [p.name for p in simulator.compiled] == [p.name for p in parameters]:
         simulator.parameters = simulator.compiled = parameters
     else:

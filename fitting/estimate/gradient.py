@@ -50,6 +50,9 @@ RATES = {"lbfgs": 1.0, "adam": 0.3, "sgd": 0.5}
 LOSSES, SETTINGS = ("angles", "spectrum"), ("optimizer", "learning_rate", "steps", "horizon", "loss")
 #: Distance to the minimum, in standard errors, at which descent has arrived.
 ARRIVED = 0.05
+#: The same on the way through the gap weights, as a part of what Gauss-Newton steps may leave there: their last step
+#: leaves far less, and the evidence must be theirs to choose the same weight.
+ON_THE_WAY = 0.25
 #: Steps of adam from one start of its cosine decay to the next (Loshchilov and Hutter 2017).
 CYCLE = 20
 #: Least distance along a coordinate, as a part of that along all of them.
@@ -146,7 +149,8 @@ class GradientDescent:
         problem, samples, known = objective.problem, objective.problem.windows.samples, before
         point = Point(values, starts, evaluation, objective.cost(evaluation, values), None, objective.damping)
         first, near, moved, x = point.cost, False, np.inf, None
-        status, message = "not_converged", f"{objective.goal} in {self.steps} steps of {self.name}"
+        little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
+        status, message = "not_converged", f"{objective.goal} in {self.steps} steps of {self.name}; allow more"
         if not np.isfinite(first):
             message = "the simulation of the start values is not finite"
         else:
@@ -160,7 +164,7 @@ class GradientDescent:
                 known, unit = newton, max(objective.unit(point.evaluation, point.cost), 1e-12)
                 moved, left = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
                 near = nearly_there(moved, left, samples)
-                if moved < max(objective.close, ARRIVED**2) and left < objective.little():
+                if moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and left < little:
                     best, status, message = (point, known), "ok", ""
                     break
             best = (point, known) if point.cost <= best[0].cost else best
@@ -234,7 +238,8 @@ class GradientDescent:
         """What happened to the loss, and what to do."""
         size = f"grew from {first:.3g} to {last:.3g}" if np.isfinite(last) else "is not finite"
         rate = self.usual_rate if self.learning_rate is None else self.learning_rate
-        return f"the loss {size} after {taken} steps of {self.name} with learning rate {rate:g}; take a smaller one"
+        advice = f"take {self.usual_rate:g}" if rate > self.usual_rate else "take a smaller one"
+        return f"the loss {size} after {taken} steps of {self.name} with learning rate {rate:g}; {advice}"
 
     def _report(self, objective: Separate, point: Point, taken: int, progress: Progress) -> None:
         weight = objective.record(point.cost, point.values).get("gap_weight")

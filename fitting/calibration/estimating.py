@@ -13,7 +13,7 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.lost_windows import recover_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
-from fitting.estimate.gradient import fit_gradient
+from fitting.estimate.gradient import descent_of
 from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with
 from fitting.estimate.own_noise import posed, with_own_noise
 from fitting.estimate.problem import Problem, Solution
@@ -63,9 +63,14 @@ def estimate(
     frozen: np.ndarray | None = None,
 ) -> Solution:
     """Run an estimator; arguments as in `fit`."""
-    problem = prepared.problem(loss, frozen)
-    if method == "gradient":
-        return fit_gradient(problem, prepared.values, prepared.starts, progress=progress, **(settings or {}))
+    if method == "gradient":  # the same with other steps: windows, noise, gap weight and time step as by default
+        descent, progress = descent_of(settings or {}, progress)
+        problem = prepared.problem(begun_with(loss), frozen)
+        values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)
+        begun = replace(prepared, descent=descent, begin=values, starts=starts)
+        found = estimate(begun, "shooting", loss, continuity, iterations, progress, frozen=frozen)
+        posed_again = replace(found.problem, descent=None)
+        return replace(found, problem=posed_again, history=[*history, *found.history])
     share = 0.5 if method == "shooting" else 0.9
     solution = fit_windows(
         prepared.problem(begun_with(loss), frozen),

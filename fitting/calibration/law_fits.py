@@ -14,6 +14,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, first_starts
 from fitting.parameters.parameter import resolve, with_effects
 
@@ -62,7 +63,9 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     same = {p.name: p for p in prepared.parameters if p.name in others}
     parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
-    simulator = Simulator(model, parameters, release=release)
+    # dense serves any model; others may refuse the joints of some law
+    solver = "dense" if prepared.scene.run.solver == "dense" else "auto"
+    simulator = Simulator(model, parameters, choose_stepper(model, solver=solver), release)
     finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
     substeps = max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9)))
     return Family(simulator, owner, substeps, substeps)

@@ -105,7 +105,7 @@ def prepare(
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
     if simulator is None:
-        simulator = Simulator(model, parameters, choose_stepper(model, integrator), release)
+        simulator = Simulator(model, parameters, choose_stepper(model, integrator, scene.run.solver), release)
     elif [p.name for p in simulator.compiled] == [p.name for p in parameters]:
         simulator.parameters = simulator.compiled = parameters
     else:

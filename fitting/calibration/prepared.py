@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Problem
+from fitting.estimate.problem import Descent, Problem
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
@@ -54,12 +54,12 @@ class Prepared:
     left_out: tuple[tuple[int, float, float], ...] = ()
     breaks: tuple[tuple[int, float], ...] = ()
     iterations: int = 0
+    descent: Descent | None = None
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
-        return Problem(
-            self.simulator, self.windows, self.parameters, loss, frozen, self.noise, known=self.known, rest=self.rest
-        )
+        given = {"known": self.known, "rest": self.rest, "descent": self.descent}
+        return Problem(self.simulator, self.windows, self.parameters, loss, frozen, self.noise, **given)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""

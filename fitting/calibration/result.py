@@ -149,6 +149,21 @@ class FitResult:
         """RMS angle error of the windows [rad]."""
         return self.solution.rms
 
+    @property
+    def descent(self) -> list[dict[str, Any]]:
+        """Loss per sample, parameters and gap weight of every step of the method `gradient`; of others nothing."""
+        if self.method != "gradient":
+            return []
+        per_sample = 2 / max(self.windows.samples, 1)
+        return [
+            {
+                "loss": point.get("loss", per_sample * point["cost"]),
+                "values": point["values"],
+                "gap_weight": point.get("gap_weight"),
+            }
+            for point in self.solution.history
+        ]
+
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by its path."""
         return float(self.values[[p.name for p in self.parameters].index(name)])
@@ -194,6 +209,8 @@ class FitResult:
             "warnings": self.warnings,
         }
         found["noise"] = self.noise_table()
+        if self.descent:
+            found["descent"] = self.descent
         if self.profiles:
             found["profile"] = {
                 p.name: {"low": p.low, "high": p.high, "values": p.values, "growth": p.growth, "converged": p.converged}

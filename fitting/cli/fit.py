@@ -57,6 +57,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest", metavar="LO:HI,...", help="stretches [s] in which the line hangs at rest: their poses are fitted too"
     )
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
+    parser.add_argument("--optimizer", metavar="NAME", help="of --method gradient: lbfgs (default), adam or sgd")
+    parser.add_argument(
+        "--learning-rate",
+        type=number,
+        metavar="RATE",
+        help="of --method gradient: part of the predicted distance of a step (default: lbfgs 1, adam 0.3, sgd 0.5)",
+    )
+    parser.add_argument(
+        "--steps",
+        type=int,
+        metavar="N",
+        help="of --method gradient: most steps over separate windows, and at each gap weight (default: 100)",
+    )
     parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
     parser.add_argument(
         "--dt",
@@ -117,6 +130,7 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.calibration.fit import fit
 
+    descent = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     result = fit(
         args.traces,
         scene,
@@ -146,6 +160,7 @@ def run(args: argparse.Namespace) -> int:
         auto_free=args.auto_free,
         integrator=args.integrator,
         progress=progress(args.quiet),
+        **descent,
     )
     if folder:
         from fitting.report.report import write_report
@@ -162,10 +177,15 @@ def run(args: argparse.Namespace) -> int:
     return OK if result.status == "ok" else FAILED
 
 
+#: Options of `--method gradient`.
+OF_DESCENT = ("optimizer", "learning_rate", "steps")
 #: Options that mean nothing in a fit to channels, and their values where they are not given.
 OF_TRACES = {
     **dict.fromkeys(
-        ("until", "held_out", "window", "zero", "sign", "unit", "profile", "bootstrap", "rest", "posterior")
+        (
+            *("until", "held_out", "window", "zero", "sign", "unit", "profile", "bootstrap", "rest", "posterior"),
+            *OF_DESCENT,
+        )
     ),
     **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models"), False),
     "method": "shooting",

@@ -194,6 +194,9 @@ def descend(
         before: whose information is returned where this point has none.
     """
     problem, damping = objective.problem, objective.damping
+    if problem.descent is not None and not problem.held.all():
+        there = objective, values, starts, evaluation
+        return problem.descent.descend(*there, count=count, before=before, history=history, progress=progress)
     samples, cost = problem.windows.samples, objective.cost(evaluation, values)
     status, message = "not_converged", f"{objective.goal} in {iterations} iterations"
     system, newton = objective.system(evaluation, values), None

@@ -88,6 +88,13 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         ("iterations", f"{result.iterations}"),
         ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),
     ]
+    if descent := result.descent:
+        pairs.append(
+            (
+                "descent",
+                f"{len(descent) - 1} steps, loss per sample {descent[0]['loss']:.3g} to {descent[-1]['loss']:.3g}",
+            )
+        )
     pairs += [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
     return pairs
 

@@ -116,7 +116,7 @@ def _doubled(windows: Windows, right: np.ndarray) -> Windows:
     real = (windows.index + windows.fraction > 0) | (np.arange(windows.index.shape[1]) == 0)
     whole = np.where(real, windows.index, windows.step_counts[:, None] - 1).astype(windows.index.dtype)
     more = {name: getattr(windows, name)[left] for name in ("begin", "run", "released")}
-    first = windows.step_counts[left]
+    first = windows.step_counts[left].astype(whole.dtype)
     return replace(
         windows,
         **more,

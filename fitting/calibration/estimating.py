@@ -45,9 +45,7 @@ def with_sound_windows(
         return replace(found, iterations=before.iterations + found.iterations)
 
     problem = prepared.problem(begun_with(loss))
-    solution = fit_windows(
-        problem, prepared.values, prepared.starts, iterations=min(FIRST, iterations), progress=say
-    )
+    solution = fit_windows(problem, prepared.values, prepared.starts, iterations=min(FIRST, iterations), progress=say)
     prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
     return replace(prepared, begin=solution.values, starts=solution.starts, iterations=solution.iterations)
 

@@ -20,6 +20,7 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
 from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
 from fitting.calibration.prepared import Prepared
+from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
@@ -117,9 +118,13 @@ def free_by_advice(
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
-    _outliers(at, fit)
+    if is_model_wrong(at.prepared, at.solution):
+        simulator = _groups(at, fit, simulator, progress)
+    wrong, first = is_model_wrong(at.prepared, at.solution), len(at.names)
+    if not wrong:
+        _outliers(at, fit)
     refused: set[str] = set()
-    while at.solution.status == "ok" and len(at.names) < MOST_FREED:
+    while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
         progress(0.5, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         named = [c for c in at.found if c.named and c.name not in refused]
@@ -129,11 +134,22 @@ def free_by_advice(
         tries = [c for c in named if c.worth > PROMISING * best][:TRIED]
         _choose(at, fit, simulator, tries, refused)
         _outliers(at, fit)
-    for candidate in list(at.names):
+    for candidate in at.names[first:]:
         at = _reconsidered(at, candidate, fit, simulator)
     if method == "windows":
         return at
     return _joined(at, fit, simulator, method, refused, progress)
+
+
+def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Simulator:
+    """Free whole groups by trials; returns the simulator that knows them."""
+    found = free_groups(at.prepared, at.solution, at.loss, progress)
+    if found is None:
+        return simulator
+    at.prepared, simulator, names = found
+    at.solution = fit(at.prepared, "windows", at.loss)
+    at.names += names
+    return simulator
 
 
 def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
@@ -176,7 +192,7 @@ def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set
     """Goes on by another method, whose fits see more."""
     begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
-    while at.solution.status == "ok":
+    while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
         progress(0.9, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         best = next((c for c in at.found if c.named and c.name not in refused), None)

@@ -21,7 +21,7 @@ from fitting.calibration.jumps import led, lost_frames
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_starts
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, fill, first_starts
+from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
 
 #: Mean square of a window's residuals over that of most windows from which on it is lost, and the probability with
 #: which noise alone gives as much.
@@ -189,9 +189,7 @@ def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
 def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
     """The same without the lost windows, whose times and samples are noted."""
     windows = solution.windows
-    gone = tuple(
-        (int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost)
-    )
+    gone = tuple((int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost))
     prepared = replace(prepared, windows=prepared.windows.without(lost), left_out=(*prepared.left_out, *gone))
     problem = replace(solution.problem, windows=windows.without(lost))
     pick = lambda parts: type(parts)(*(part[~lost] for part in parts))  # noqa: E731

@@ -140,7 +140,10 @@ def fit(
     )
     asked = profile_names(prepared, profile)
     loss = loss_of(huber, student)
-    prepared = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
+    sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
+    if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
+        sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
+    prepared = sound
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
         at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
@@ -153,6 +156,7 @@ def fit(
         freed = []
     prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
     solution.problem = replace(solution.problem, known=prepared.known)
+    solution.iterations += prepared.iterations
     result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(prepared)

@@ -19,8 +19,10 @@ from scipy.stats import chi2
 
 from fitting.calibration.jumps import led, lost_frames
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.gaps import gaps
 from fitting.estimate.gauss_newton import fit_starts
 from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.sandwich import start_covariances
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
 
 #: Mean square of a window's residuals over that of most windows from which on it is lost, and the probability with
@@ -32,10 +34,11 @@ BRANCH = 0.05
 #: Noise of the samples that is assumed for the starts of lost windows, over the true one: polynomials of short reach,
 #: of the reach that the noise allows, and of long reach.
 REACHES = (0.2, 1.0, 5.0)
+#: Mean square of a gap over its expected one, and its size over the median gap's, from which on windows are not joined;
+#: the most such gaps, as a share, and the fewest gaps that tell what is usual.
+FAR_GAP, LARGE_GAP, MOST_BREAKS, FEWEST_GAPS = 25.0, 5.0, 0.03, 6
 #: Rounds of restarts and fits, and evaluations for the starts alone.
 ROUNDS, ITERATIONS = 4, 12
-#: Share of the samples that may be left out of a fit that is `ok`.
-MOST_LEFT_OUT = 0.03
 
 
 def lost_windows(solution: Solution) -> np.ndarray:
@@ -48,7 +51,9 @@ def lost_windows(solution: Solution) -> np.ndarray:
     typical = max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0
     limit = typical * np.maximum(FAR, chi2.ppf(1 - CHANCE, freedom) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
-    explained = typical < FAR / 2
+    noise = solution.problem.noise
+    assumed = 1.0 if noise is None else float(np.mean(noise.factor**2))
+    explained = typical * assumed < FAR / 2
     return (known > 0) & (size > limit) & (explained | ~(rms < BRANCH))
 
 
@@ -93,7 +98,7 @@ def recover_windows(
 
 
 def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int, float] | None:
-    """Run and time [s] at which frames are missing, if they are; lost windows (K,) bool begin where those before end."""
+    """Run and time [s] at which frames are missing, if any; lost windows (K,) bool begin where those before end."""
     windows = solution.windows
     seen = replace(windows, weight=np.where(lost[:, None, None], 0.0, windows.weight))
     found = lost_frames(prepared, replace(solution, problem=replace(solution.problem, windows=seen)))
@@ -165,7 +170,7 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     starts = Starts(*(part.copy() for part in prepared.starts))
     for part, was in zip(starts, solution.starts, strict=True):
         part[same] = was[origin[same]]
-    problem = replace(solution.problem, windows=replace(new, substeps=windows.substeps))
+    problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
     evaluation = problem.evaluate(solution.values, starts)
     found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
     found = replace(found, weights=problem.weights(evaluation))
@@ -184,6 +189,27 @@ def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
         piece._replace(steps=first),
         Piece(piece.run, piece.begin + first * windows.dt, piece.steps - first, True),
     ]
+
+
+def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
+    """The preparation with windows that are not joined over a single gap far above the others: a kick, lost frames."""
+    windows = solution.windows
+    if windows.follows.sum() < FEWEST_GAPS or solution.status != "ok":
+        return prepared
+    found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+    covariance, _ = start_covariances(solution)
+    spread = found.before @ covariance[found.left] @ np.swapaxes(found.before, 1, 2)
+    spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)
+    distance = np.einsum("gi,gi->g", found.value, np.linalg.solve(spread, found.value[..., None])[..., 0])
+    distance, size = distance / found.value.shape[1], np.linalg.norm(found.value, axis=1)
+    far = (distance > FAR_GAP * max(1.0, np.median(distance))) & (size > LARGE_GAP * np.median(size))
+    if not 0 < far.sum() <= max(1, MOST_BREAKS * len(far)):
+        return prepared
+    follows = prepared.windows.follows.copy()
+    right = found.left[far] + 1
+    follows[right] = False
+    breaks = tuple((int(windows.run[k]), float(windows.begin[k])) for k in right)
+    return replace(prepared, windows=replace(prepared.windows, follows=follows), breaks=(*prepared.breaks, *breaks))
 
 
 def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:

@@ -92,7 +92,9 @@ def prepare(
     held_out = check_spans(runs, held_out)
     rest = check_spans(runs, rest, "rest")
     spans = fitted_spans(runs, until, sorted([*held_out, *rest]))
-    sigma = [noise(trace) for trace in fitted_parts(runs, spans)]
+    model_error = 0.0 if scene.fit is None else scene.fit.model_error
+    sigma = [np.hypot(noise(trace), model_error) for trace in fitted_parts(runs, spans)]
+    runs = [trace if trace.se is None else replace(trace, se=np.hypot(trace.se, model_error)) for trace in runs]
     slowest = 2 * np.pi * np.sqrt(float(np.sum(model.line.length)) / 9.81)
     if release is None:
         spans, more = without_held_starts(

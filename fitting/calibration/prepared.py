@@ -32,6 +32,7 @@ class Prepared:
         left_out: (run, from, to) of windows that are not fitted since no start of their own explains them.
         breaks: (run, time) where the motion jumps, so that windows are not joined there.
         iterations: evaluations made for it.
+        first_noise: by which a fit starts, where links are missed by unlike multiples of their claimed noise.
     """
 
     scene: Scene
@@ -54,12 +55,21 @@ class Prepared:
     left_out: tuple[tuple[int, float, float], ...] = ()
     breaks: tuple[tuple[int, float], ...] = ()
     iterations: int = 0
+    first_noise: Noise | None = None
     descent: Descent | None = None
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
         given = {"known": self.known, "rest": self.rest, "descent": self.descent}
-        return Problem(self.simulator, self.windows, self.parameters, loss, frozen, self.noise, **given)
+        noise = self.noise or self.first_noise
+        return Problem(self.simulator, self.first_windows, self.parameters, loss, frozen, noise, **given)
+
+    @property
+    def first_windows(self) -> Windows:
+        """The windows with the noise that a fit starts with."""
+        if self.noise is not None or self.first_noise is None:
+            return self.windows
+        return self.first_noise.put(self.windows, self.traces)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""
@@ -78,9 +88,13 @@ class Prepared:
         if self.simulator.release is not None:
             windows = self.simulator.release.mark(windows, self.traces)
         windows = replace(windows, substeps=self.windows.substeps)
-        starts = first_starts(self.simulator.model, self.traces, windows, self.sigma)
         windows = windows if self.noise is None else self.noise.put(windows, self.traces)
-        return replace(self, windows=windows, starts=starts)
+        found = replace(self, windows=windows)
+        return replace(found, starts=found.starts_from_samples())
+
+    def starts_from_samples(self) -> Starts:
+        """Where the windows begin by their samples alone."""
+        return first_starts(self.simulator.model, self.traces, self.windows, self.sigma)
 
     @property
     def floor(self) -> np.ndarray:

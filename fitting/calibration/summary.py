@@ -40,6 +40,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         solution=solution,
         traces=prepared.traces,
         lyapunov=rate,
+        left_out=prepared.left_out,
         held_out=held,
         warnings=warnings,
     )

@@ -23,7 +23,7 @@ from fitting.calibration.heldout import score_held_out, window_length
 from fitting.calibration.law_fits import scene_with_law, substeps_of
 from fitting.calibration.laws import OF_JOINTS, PARTS
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.spans import only
+from fitting.calibration.spans import fitted_parts
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.lyapunov import LONGEST
@@ -137,10 +137,7 @@ class Trials:
         windows, scored = prepared.windows, scored_windows(prepared)
         self.spans = stretches(prepared, scored)
         self.used, self.loss = ~scored, loss
-        inside = [
-            only(trace, list(zip(windows.begin[windows.run == i], windows.ends[windows.run == i], strict=True)))
-            for i, trace in enumerate(prepared.traces)
-        ]
+        inside = fitted_parts(prepared.traces, list(zip(windows.run, windows.begin, windows.ends, strict=True)))
         self.prepared = replace(prepared, traces=inside, held_out=tuple(span for _, *span in self.spans))
         self.windows = self.prepared.windows.pick(self.used)
 

@@ -2,8 +2,8 @@
 
     1/2 sum |r_k|^2 + 1/2 sum |N' (end_k - start_{k+1})/(w c_k s)|^2,   s = 0.1 rad and 1 rad/s
 
-with c_k the root of window k's length over the mean length, so that a window that is split allows no more process noise,
-couples neighbours only: a block tridiagonal matrix in the starts, bordered by the parameters.
+with c_k the root of window k's length over the mean length, so that a window that is split allows no more process
+noise, couples neighbours only: a block tridiagonal matrix in the starts, bordered by the parameters.
 """
 
 from __future__ import annotations

@@ -69,6 +69,17 @@ def step_text(result: FitResult) -> str:
     return f"{result.windows.dt / result.windows.substeps:.3g} s{moves}"
 
 
+def combination(result: FitResult) -> list[tuple[str, str]]:
+    """What the trace determines best of linear and quadratic damping, where both are fitted."""
+    best = result.best_combination
+    if best is None:
+        return []
+    text = (
+        f"b_l + ({best['speed_m_per_s']:.3g} m/s) b_q = {best['value']:.5g} +- {best['std_error']:.2g} {best['unit']}"
+    )
+    return [("best determined", text)]
+
+
 def window_lengths(result: FitResult) -> str:
     """Lengths of the windows, which follow the motion."""
     shortest, longest = result.windows.lengths.min(), result.windows.length
@@ -83,6 +94,7 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         ("windows", f"{result.windows.count} of {window_lengths(result)}, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
         ("noise of the residuals", noise_text(result)),
+        *combination(result),
         ("time step", step_text(result)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),

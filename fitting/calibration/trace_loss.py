@@ -1,4 +1,4 @@
-"""The loss of a trace as functions of JAX: for a loop of your own with optax, a sampler, anything that takes gradients."""
+"""The loss of a trace as functions of JAX, for your own loop with optax or for a sampler."""
 
 from __future__ import annotations
 

@@ -22,12 +22,13 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.balance import measured
-from fitting.calibration.heldout import fit_starts
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import wrapped
+from fitting.estimate.windows import first_starts
 from fitting.parameters.naming import DAMPING
 from fitting.traces.conventions import resting_angles
-from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
+from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is looked for, and above which frames
 #: that no change closes are refused. Noise is 0.01, lengths that are off by 2 % make 0.02, a marker off by 1 degree
@@ -49,10 +50,12 @@ SMOOTH = 0.06
 #: Times the fastest frame nearby by which angles move where another run begins.
 JUMP = 4.0
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
-SUSPECT, WRONG = 1000.0, 100.0
-#: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period, in
-#: which a wrong acceleration moves a link by a radian; evaluations of each.
-SHORT, PART, EVALUATIONS = 8, 0.5, 3
+SUSPECT, WRONG = 1000.0, 25.0
+#: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period and
+#: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
+SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
+#: Share of a window's samples that count; the others are the largest residuals, outliers perhaps.
+COUNTED = 0.95
 
 
 class Change(NamedTuple):
@@ -101,7 +104,8 @@ def refuse_wrong_file(trace: Trace, model: Model, asked: Convention, free: Seque
         # of changes that close alike, the one with links that hang as at rest
         alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
         rest = resting_angles(model)
-        left, change, _ = min(alike, key=lambda one: _off_rest(_in_model(one[1].apply(rows), one[2]), rest))
+        off = [round(_off_rest(_in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
+        left, change, _ = alike[int(np.argmin(off))]
         raise SceneError(
             f"{trace.name}: {change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this "
             f"mistake; allowed: {change.fix}"
@@ -162,9 +166,9 @@ def _changes(links: int) -> Iterator[Change]:
     if links > 1:
         total = lambda theta: np.cumsum(theta, axis=1)  # noqa: E731
         yield Change("angles are relative to the link before", "add up the angles from theta_1 on", total)
-        reverse = lambda theta: theta[:, ::-1]  # noqa: E731
         fix = "name the columns from the first hook on"
-        yield Change("columns are in the reverse order", fix, reverse)
+        if links > 2:  # of two they are swapped
+            yield Change("columns are in the reverse order", fix, lambda theta: theta[:, ::-1])
         turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
         yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
     for j, k in combinations(range(links), 2):
@@ -306,26 +310,28 @@ def _breaks(trace: Trace) -> Iterator[float]:
 def name_wrong_file(prepared: Prepared) -> str:
     """The change of the traces that short windows ask for, in a line; empty where they fit as given.
 
-    Only the starts of the windows are fitted, and the compiled programs of the fit are used again.
+    The compiled programs of the fit are used again. Of its parameters only the damping is fitted, from none on: a wrong
+    file leads a whole fit to any values.
     """
     pieces = _moving_pieces(prepared)
     given = _misfit(prepared, prepared.traces, pieces)
     if not given > WRONG:
         return ""
     links = prepared.traces[0].links
-    groups = [*_changes(links), *_resting_shifts(prepared), _reversed_in_time()], _late_columns(links, SOME_LATE)
+    later = [_reversed_in_time(), *_late_columns(links, SOME_LATE)]
+    groups = [*_changes(links), *_resting_shifts(prepared)], later
     left, change = np.inf, None
-    for group in groups:  # the second one is large and rare
+    for group in groups:  # the second one is large, and its mistakes are rare
         tried = [
             (_misfit(prepared, [_changed(trace, one) for trace in prepared.traces], pieces), i, one)
             for i, one in enumerate(group)
         ]
         left, _, change = min(tried, key=lambda one: one[:2])
-        if left < LOWERS * given:
+        if left < (most := min(LOWERS * given, WRONG)):
             break
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
-    if left < LOWERS * given:
+    if left < most:
         return (
             f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
             f"allowed: {change.fix}"
@@ -339,7 +345,8 @@ def name_wrong_file(prepared: Prepared) -> str:
 def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
     """Run, from and to of short windows, spread over those of the fit's that move more than the median."""
     windows = prepared.windows
-    length = min(windows.length, max(PART * prepared.period, 2 * windows.dt))
+    interval = max(trace.interval for trace in prepared.traces)
+    length = min(windows.length, max(PART * prepared.period, FRAMES * interval))
     known = windows.weight > 0
     mean = np.sum(windows.theta * known, axis=1) / np.maximum(known.sum(axis=1), 1)
     moved = np.sum(known * (windows.theta - mean[:, None]) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
@@ -349,17 +356,20 @@ def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
 
 
 def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int, float, float]]) -> float:
-    """Chi-square per sample of the median short window, by starts of its own; infinite where none can be run."""
-    at = replace(prepared, traces=traces)
-    windows = prepared.windows
+    """Chi-square per sample of the median short window, by its own start; infinite where none can be run."""
+    at = replace(prepared, traces=[without_spikes(trace) for trace in traces])
     try:
-        short = at.cut(min(end - begin for _, begin, end in pieces), pieces)
+        windows = at.cut(min(end - begin for _, begin, end in pieces), pieces)
     except SceneError:
         return np.inf
-    short = replace(short.padded(windows.steps, windows.theta.shape[1]), substeps=windows.substeps)
-    solution = fit_starts(at, short, prepared.values, EVALUATIONS)
-    known = short.weight > 0
-    chi2 = np.sum((solution.errors * short.weight) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    windows = replace(windows, substeps=prepared.windows.substeps)
+    damping = np.array([any(f".{part}." in p.name for part in DAMPING) for p in prepared.parameters])
+    values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
+    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.smooth)
+    problem = replace(at.problem(frozen=~damping), windows=windows)
+    solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
+    square = [(error * weight)[weight > 0] ** 2 for error, weight in zip(solution.errors, windows.weight, strict=True)]
+    chi2 = [np.sort(one)[: int(np.ceil(COUNTED * len(one)))].mean() for one in square]
     return float(np.median(np.where(np.isfinite(chi2), chi2, np.inf)))
 
 

@@ -11,6 +11,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from dropper_jax.load.source import load_scene
+from fitting.calibration.fit import fit
 from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
 from fitting.traces.synthetic import Camera, observe, simulate_truth
@@ -153,10 +154,23 @@ def test_a_right_file_with_gaps_outliers_and_a_still_start_is_not_named(scene, h
         (relative, "angles are relative to the link before"),
         (lambda trace: column(trace, 1, lambda a: a + 0.5), "the zero of theta_2 is shifted by 0."),
         (lambda trace: column(trace, 1, lambda a: np.r_[a[:5], a[:-5]]), "theta_2 is 5 frames late"),
-        (lambda trace: replace(trace, t=0.6 * trace.t), "another rig"),
     ],
 )
 def test_short_windows_name_a_wrong_file_of_a_free_end(two, ready, motion, spoil, words):
     prepared = ready(spoil(two.seen(motion, 6)))
     found = name_wrong_file(prepared)
     assert words in found if words else found == ""
+
+
+def test_columns_of_two_different_runs_are_called_another_rig(two, ready, motion):
+    first, other = two.seen(motion, 6), two.seen(two.swing([0.4, -1.0]), 7)
+    prepared = ready(column(first, 1, lambda _: other.theta[:, 1]))
+    assert "another rig, as it seems" in name_wrong_file(prepared)
+
+
+def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, motion):
+    result = fit(relative(two.seen(motion, 6)), rods, two.FREE, window=two.WINDOW, method="windows", iterations=3)
+    assert result.status != "ok"
+    assert "angles are relative to the link before" in result.message
+    assert result.wrong_file in result.warnings
+    assert "angles are relative" in result.to_json()["error"]

@@ -140,6 +140,21 @@ def test_bad_value_is_refused_by_name_with_what_is_allowed(path, value, named, a
     assert allowed in message[len(named) :]
 
 
+@pytest.mark.parametrize("zero", ["horizontal", "down"])
+def test_start_angles_with_four_decimals_are_closed_and_those_further_off_are_refused(zero):
+    """Two links down and two up, symmetric about the middle; the angles by which they close are known."""
+    outer = np.arccos(0.6)
+    polar = np.array([outer, np.arccos(0.4), -np.arccos(0.4), -outer])
+    polar = polar if zero == "horizontal" else np.pi / 2 - polar
+    start = {"kind": "angles", "zero": zero, "polar": np.round(polar, 4).tolist()}
+    scene = Scene.from_dict(changed("start", start))
+    along = np.cos(scene.start.polar) if zero == "horizontal" else np.sin(scene.start.polar)
+    assert 0.1 * along.sum() == pytest.approx(0.2, abs=1e-13)
+    np.testing.assert_allclose(scene.start.polar, polar, atol=1e-4)
+    start["polar"] = (polar + [0.002, 0, 0, 0]).tolist()
+    assert "holds it" in refusal(changed("start", start))
+
+
 NUMBERS = [
     "run.dt",
     "run.duration",

@@ -1,4 +1,4 @@
-"""The loss of a trace as functions of JAX: for a loop of your own with optax, a sampler, anything that takes gradients."""
+"""The loss of a trace as functions of JAX: for a loop of your own with optax, or anything that takes gradients."""
 
 from __future__ import annotations
 

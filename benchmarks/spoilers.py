@@ -226,7 +226,7 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
     shared[:] = shared or [wide(prepared)]
     at = free_by_advice(prepared, estimate, "shooting", simulator=shared[0])
     solution = at.solution
-    known = replace(solution.problem.known, doubt=doubts(at.names, len(solution.values)))
+    known = replace(solution.problem.known, doubt=doubts(at.names, solution.problem.parameters))
     solution.problem = replace(solution.problem, known=known)
     u = uncertainty(solution)
     kind_of_noise = "white" if solution.problem.noise is None else solution.problem.noise.kind

@@ -15,8 +15,8 @@ from an inertia that is free, of one link) are not tested, and said to be so.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,9 @@ class Candidate:
         p: probability of such a gain where nothing is wrong, over all candidates.
         worth: gain less what its numbers would gain by chance (Schwarz 1978); the largest is named first.
         alike: candidates that the traces cannot tell from it.
-        doubt: how far candidates that cannot be told from it would move what was free before, one after another.
+        moves: by parameter, how far freeing it moves those that are free, and its own, to first order.
+        doubt: by each candidate that cannot be told from it, how far that one would move every parameter instead; those
+            of this candidate back to where they started.
     """
 
     name: str
@@ -69,8 +71,9 @@ class Candidate:
     gain: float
     p: float
     worth: float = 0.0
-    doubt: tuple[np.ndarray, ...] = ()
     alike: tuple[str, ...] = ()
+    moves: Mapping[str, float] = field(default_factory=dict)
+    doubt: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def named(self) -> bool:
@@ -132,11 +135,13 @@ def candidates(model: Model, release: Release | None) -> list[tuple[str, list[st
     return found
 
 
-def wide(prepared: Prepared) -> Simulator:
-    """A simulator whose programs know the free parameters, those of all candidates, and places for lost frames."""
+def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
+    """A simulator whose programs know the free parameters, those of all candidates and further ones, and places for
+    lost frames."""
     own = prepared.simulator
     model, names = own.model, {p.name for p in prepared.parameters}
-    more = [p for _, _, found in candidates(model, own.release) for p in found if p.name not in names]
+    asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
+    more = list({p.name: p for p in asked if p.name not in names}.values())
     lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(PLACES)]
     if own.knows([*prepared.parameters, *more]):
         return own
@@ -157,7 +162,7 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
         found = [p for p in every if p.name not in free]
         if found and not any(known.startswith(tuple(paths)) for known in free):
             asked.append((name, paths, found))
-    S, g, data = _all(prepared, solution, simulator, [p for _, _, found in asked for p in found])
+    S, g, data = joint_information(prepared, solution, simulator, [p for _, _, found in asked for p in found])
     k, tests, untold = len(problem.parameters), [], []
     at, places = k, {}
     free_rows = np.flatnonzero(~problem.held)
@@ -174,11 +179,13 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     rows = []
     worst = 0.0
-    for i, (name, paths, found, change, error, gain, p) in enumerate(order):
+    free_names = [problem.parameters[i].name for i in free_rows]
+    for i, (name, paths, found, change, error, along, gain, p) in enumerate(order):
         worst = max(worst, min(1.0, p * (len(order) - i)))
         names = [parameter.name for parameter in found]
         changes, errors = (dict(zip(names, map(float, x), strict=True)) for x in (change, error))
-        row = Candidate(name, tuple(paths), changes, errors, gain, worst, gain - price * len(found))
+        moves = {**dict(zip(free_names, map(float, along), strict=True)), **changes}
+        row = Candidate(name, tuple(paths), changes, errors, gain, worst, gain - price * len(found), moves=moves)
         if row.named:
             mine = places[name]
             beside = np.concatenate([free_rows, mine])
@@ -189,7 +196,7 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
 
 
-def _all(
+def joint_information(
     prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Information and gradient of the free parameters and of more, and the part of the information by measurements."""
@@ -208,12 +215,12 @@ def _all(
 
 def tested(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float, float] | None:
-    """Changes, their errors, gain and probability; None where the traces tell nothing of it."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float] | None:
+    """Changes, their errors, moves of what is free, gain and probability; None where the traces tell nothing of it."""
     size = np.diag(data)[mine]
     if not (size > 0).all():
         return None
-    A, u = S[np.ix_(mine, mine)], g[mine]
+    A, u, inner = S[np.ix_(mine, mine)], g[mine], np.zeros((0, len(mine) + 1))
     if len(free):
         inner = solve_spd(S[np.ix_(free, free)], np.column_stack([S[np.ix_(free, mine)], g[free]]))
         A, u = A - S[np.ix_(mine, free)] @ inner[:, :-1], u - S[np.ix_(mine, free)] @ inner[:, -1]
@@ -223,4 +230,4 @@ def tested(
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
-    return change, error, gain, float(chi2.sf(2 * gain, len(A)))
+    return change, error, -inner @ np.append(change, 1.0), gain, float(chi2.sf(2 * gain, len(A)))

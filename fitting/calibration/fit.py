@@ -13,12 +13,13 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
-from fitting.calibration.estimating import estimate
+from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
+from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
 from fitting.estimate.gradient import descent_of
 from fitting.estimate.loss import loss_of
 from fitting.estimate.nuts import nuts
@@ -139,6 +140,10 @@ def fit(
     )
     asked = profile_names(prepared, profile)
     loss = loss_of(huber, student)
+    sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
+    if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
+        sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
+    prepared = sound
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
         at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
@@ -149,11 +154,13 @@ def fit(
         solution = estimate(prepared, method, loss, continuity, iterations, progress, settings)
         found = advise(prepared, solution) if advice and solution.status == "ok" else []
         freed = []
-    prepared = replace(
-        prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, len(prepared.parameters)))
-    )
+    prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
     solution.problem = replace(solution.problem, known=prepared.known)
+    solution.iterations += prepared.iterations
     result = summarise(prepared, method, solution)
+    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
+        result.wrong_file = name_wrong_file(prepared)
+        result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
     for name in asked:
@@ -161,7 +168,9 @@ def fit(
         index = [p.name for p in result.parameters].index(name)
         result.profiles.append(profiled(solution, name, float(result.uncertainty.std_error[index])))
     if bootstrap:
-        result.bootstrap = resampled(solution, bootstrap)
+        drawn = resampled(solution, bootstrap)
+        result.bootstrap = drawn.draws
+        result.warnings += [drawn.warning] if drawn.warning else []
     if posterior and solution.status == "ok":
         result.posterior = SAMPLERS[sampler](solution, posterior, progress=progress)
         result.warnings += result.posterior.warnings

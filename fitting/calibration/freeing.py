@@ -20,6 +20,7 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
 from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
 from fitting.calibration.prepared import Prepared
+from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
@@ -32,8 +33,8 @@ from fitting.parameters.priors import rig_priors
 MOST_FREED, TRIED = 6, 4
 #: Part of the best candidate's gain that another one must promise to be tried too.
 PROMISING = 0.3
-#: Log likelihoods this near cannot be told apart.
-APART = 3.0
+#: Log likelihoods this near cannot be told apart; what names of such candidates are joined by.
+APART, OR = 3.0, " or "
 #: Log of the number of jumps that are looked for, which one gains by chance, and the least of one in frames: less is a
 #: misfit of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
@@ -117,9 +118,13 @@ def free_by_advice(
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
-    _outliers(at, fit)
+    if is_model_wrong(at.prepared, at.solution):
+        simulator = _groups(at, fit, simulator, progress)
+    wrong, first = is_model_wrong(at.prepared, at.solution), len(at.names)
+    if not wrong:
+        _outliers(at, fit)
     refused: set[str] = set()
-    while at.solution.status == "ok" and len(at.names) < MOST_FREED:
+    while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
         progress(0.5, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         named = [c for c in at.found if c.named and c.name not in refused]
@@ -129,11 +134,22 @@ def free_by_advice(
         tries = [c for c in named if c.worth > PROMISING * best][:TRIED]
         _choose(at, fit, simulator, tries, refused)
         _outliers(at, fit)
-    for candidate in list(at.names):
+    for candidate in at.names[first:]:
         at = _reconsidered(at, candidate, fit, simulator)
     if method == "windows":
         return at
     return _joined(at, fit, simulator, method, refused, progress)
+
+
+def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Simulator:
+    """Free whole groups by trials; returns the simulator that knows them."""
+    found = free_groups(at.prepared, at.solution, at.loss, progress)
+    if found is None:
+        return simulator
+    at.prepared, simulator, names = found
+    at.solution = fit(at.prepared, "windows", at.loss)
+    at.names += names
+    return simulator
 
 
 def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
@@ -176,7 +192,7 @@ def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set
     """Goes on by another method, whose fits see more."""
     begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
-    while at.solution.status == "ok":
+    while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
         progress(0.9, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         best = next((c for c in at.found if c.named and c.name not in refused), None)
@@ -187,13 +203,30 @@ def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set
         if solution.status != "ok":
             refused.add(best.name)
             continue
+        near = [c for c in at.found if c.named and (c.name in best.alike or 0 <= best.worth - c.worth < APART)]
+        back = _back(prepared, solution, list(best.changes))
+        apart = {
+            c.name: {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} for c in near if c is not best
+        }
+        best = replace(best, doubt={name: {**move, **back} for name, move in apart.items()})
         at = replace(at, prepared=prepared, solution=solution, names=[*at.names, best])
     return at
 
 
-def doubts(names: Sequence[Candidate], count: int) -> tuple[np.ndarray, ...]:
-    """By how much candidates that were not told apart from those freed would move the parameters, each (count,)."""
-    return tuple(np.pad(d, (0, count - len(d))) for candidate in names for d in candidate.doubt)
+def doubts(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
+    """By how much candidates that were not told apart from those freed would move the parameters, each (k,).
+
+    One that was freed later in its own right is in doubt no more.
+    """
+    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
+    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
+    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+
+
+def _back(prepared: Prepared, solution: Solution, mine: Sequence[str]) -> dict[str, float]:
+    """Moves of some parameters back to where they started."""
+    rows = zip(prepared.parameters, solution.values, strict=True)
+    return {p.name: float(p.value - value) for p, value in rows if p.name in mine}
 
 
 def likelihood(solution: Solution) -> float:
@@ -222,8 +255,11 @@ def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate
     _, _, candidate, at.prepared, at.solution = near[0]
     if len(near) > 1:
         k = len(at.solution.values) - near[0][1]
-        doubt = [row[4].values[:k] - at.solution.values[:k] for row in near[1:]]
-        candidate = replace(candidate, name=" or ".join(row[2].name for row in near), doubt=tuple(doubt))
+        names = [p.name for p in at.prepared.parameters]
+        back = _back(at.prepared, at.solution, names[k:])
+        moved = {row[2].name: map(float, row[4].values[:k] - at.solution.values[:k]) for row in near[1:]}
+        doubt = {name: {**dict(zip(names, move, strict=False)), **back} for name, move in moved.items()}
+        candidate = replace(candidate, name=OR.join(row[2].name for row in near), doubt=doubt)
         refused.update(row[2].name for row in near[1:])
     at.names.append(candidate)
 

@@ -10,6 +10,7 @@ by which the samples after f fit better (rho is bounded, so that no single sampl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -69,7 +70,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
-    both = _doubled(windows, right)
+    both = _extended(windows, right)
     starts = Starts(*(part[right - 1] for part in led(solution, ~fitted)))
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
@@ -109,22 +110,40 @@ def far_off(solution: Solution) -> np.ndarray:
     return off if off.mean() <= FEW else np.zeros_like(off)
 
 
-def _doubled(windows: Windows, right: np.ndarray) -> Windows:
-    """Windows that go on through those that follow, by the numbers of the latter."""
-    left = right - 1
-    join = lambda a, b: np.concatenate([a[left], b[right]], axis=1)  # noqa: E731
-    real = (windows.index + windows.fraction > 0) | (np.arange(windows.index.shape[1]) == 0)
-    whole = np.where(real, windows.index, windows.steps - 1).astype(windows.index.dtype)
-    more = {name: getattr(windows, name)[left] for name in ("begin", "run", "released")}
+def _extended(windows: Windows, right: np.ndarray) -> Windows:
+    """Windows that go on through those that follow, `right` being the first of these, up to twice the longest one."""
+    longest, rows = 2 * windows.steps, []
+    for first in right - 1:
+        members, total = [first], int(windows.step_counts[first])
+        while members[-1] + 1 < windows.count and windows.follows[members[-1] + 1]:
+            total += int(windows.step_counts[members[-1] + 1])
+            if total > longest and len(members) > 1:
+                break
+            members.append(members[-1] + 1)
+        rows.append(members)
+    real = (windows.index + windows.fraction > 0) | (np.arange(windows.theta.shape[1]) == 0)
+    before = [np.concatenate([[0], np.cumsum(windows.step_counts[members])]) for members in rows]
+    most = max(int(real[members].sum()) for members in rows)
+
+    def join(parts: list[np.ndarray]) -> np.ndarray:
+        found = np.concatenate(parts)
+        return np.concatenate([found, np.zeros((most - len(found), *found.shape[1:]), found.dtype)])
+
+    def along(field: str, shifts: Sequence[np.ndarray]) -> np.ndarray:
+        whole = getattr(windows, field)
+        each = zip(rows, shifts, strict=True)
+        return np.stack([join([whole[k][real[k]] + s for k, s in zip(m, more, strict=True)]) for m, more in each])
+
+    nothing = [np.zeros(len(members), int) for members in rows]
+    joined = {field: along(field, nothing) for field in ("theta", "weight", "fraction")}
+    joined["index"] = along("index", [shifts[:-1] for shifts in before]).astype(windows.index.dtype)
     return replace(
         windows,
-        **more,
-        follows=np.zeros(len(left), bool),
-        theta=join(windows.theta, windows.theta),
-        weight=join(windows.weight, windows.weight),
-        index=join(whole, whole + windows.steps),
-        fraction=join(windows.fraction, windows.fraction),
-        steps=2 * windows.steps,
+        **{name: getattr(windows, name)[right - 1] for name in ("begin", "run", "released")},
+        **joined,
+        follows=np.zeros(len(right), bool),
+        steps=longest,
+        step_counts=np.array([int(shifts[-1]) for shifts in before]),
         decay=None,
         jitter=None,
     )

@@ -3,7 +3,11 @@
     S(w) = sum over joined windows of J' J / sigma^2 + gaps/w^2 + priors,     errors = sqrt(diag(S^-1))
 
 with the window starts and every other free parameter eliminated, at the scene's own values. The gap weight w says how
-far the rig follows its model: an uninterrupted chaotic run of a perfect model would always ask for a longer one.
+far the rig follows its model. It is the one that a fit of a trace with just this noise is expected to choose, unless
+the caller gives the weight that fits of a real rig report. With H(w) the curvature by all starts and parameters, A(w)
+the starts' part of it and G = 1/w^2 gaps, the fit's evidence (`shooting`) has the mean
+
+    -g log w - log|A|/2 - tr(H^-1 G)/2 + const,      tr(H^-1 G) = -1/2 d log|H| / d log w
 """
 
 from __future__ import annotations
@@ -22,18 +26,17 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.normal_equations import Step, solve_spd
 from fitting.estimate.problem import Problem
-from fitting.estimate.shooting import JoinedWindows
-from fitting.estimate.windows import Windows
+from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
+from fitting.estimate.windows import PER_WINDOW, Windows
 from fitting.parameters.naming import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-#: Gap weight that fits of clean traces of the lab dropper end at; a film of a real rig ends ten to a hundred times
-#: higher.
-GAP_WEIGHT = 1e-3
 #: Rounds that find the starts of the windows on a trace without noise.
 ROUNDS = 4
+#: Part of a gap weight by which it is moved for a central difference of log|H|: its error is below 1e-4 of a gap.
+NEAR = 0.01
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ class Planned:
         noise: of the angles [rad].
         std_error: by parameter.
         score: mean log of the errors asked for; the least is the best.
+        gap_weight: that the errors are of.
     """
 
     scene: str
@@ -53,6 +57,7 @@ class Planned:
     noise: float
     std_error: dict[str, float]
     score: float
+    gap_weight: float
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -63,6 +68,7 @@ class Planned:
                 "noise_rad": self.noise,
                 "std_error": self.std_error,
                 "score": self.score,
+                "gap_weight": self.gap_weight,
             }
         )
 
@@ -74,7 +80,7 @@ def plan(
     durations: Sequence[float],
     noises: Sequence[float] = (0.005,),
     wanted: Sequence[str] | None = None,
-    gap_weight: float = GAP_WEIGHT,
+    gap_weight: float | None = None,
     rate: float = 60.0,
     progress: Progress = silent,
 ) -> list[Planned]:
@@ -86,13 +92,15 @@ def plan(
         durations: of the traces [s].
         noises: of the angles [rad], such as of two cameras.
         wanted: those of `free` to rank by; default all.
-        gap_weight: as joined fits estimate it.
+        gap_weight: as joined fits of the rig report it; default: what a fit is expected to choose where the model is
+            right. A film of a real rig ends ten to a hundred times higher.
         rate: frames per second [Hz].
 
     Raises:
         SceneError: for anything the caller can mend, in one line.
     """
-    for key, numbers in (("duration", durations), ("noise", noises), ("gap_weight", [gap_weight]), ("rate", [rate])):
+    weights = [1.0] if gap_weight is None else [gap_weight]
+    for key, numbers in (("duration", durations), ("noise", noises), ("gap_weight", weights), ("rate", [rate])):
         bad = [x for x in numbers if not (np.isfinite(x) and x > 0)]
         if bad or not len(numbers):
             raise SceneError(f"{key}: {bad[0] if bad else 'none'} is not positive; allowed: > 0")
@@ -116,45 +124,78 @@ def plan(
                 replace(problem, frozen=held), prepared.values, prepared.starts, iterations=ROUNDS, progress=silent
             )
             for duration in durations:
-                errors = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
+                errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
                 by_name = {p.name: float(e) for p, e in zip(problem.parameters, errors, strict=True)}
                 mine = [e for name, e in by_name.items() if any(name == a or name.startswith(f"{a}.") for a in asked)]
                 score = float(np.mean(np.log(mine)))
-                found.append(Planned(scene.name, duration, noise, by_name, score))
+                found.append(Planned(scene.name, duration, noise, by_name, score, weight))
     progress(1.0, "ok")
     return sorted(found, key=lambda row: row.score)
 
 
 def _errors(
-    problem: Problem, evaluation: Evaluation, values: np.ndarray, duration: float, gap_weight: float
-) -> np.ndarray:
-    """Standard errors (k,) from the windows that end within the duration."""
+    problem: Problem, evaluation: Evaluation, values: np.ndarray, duration: float, gap_weight: float | None
+) -> tuple[np.ndarray, float]:
+    """Standard errors (k,) from the windows that end within the duration, and their gap weight."""
     windows = problem.windows
-    count = int(np.sum(windows.begin + windows.length <= duration * (1 + 1e-9)))
+    count = int(np.sum(windows.ends <= duration * (1 + 1e-9)))
     if not count:
         raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
     few = replace(problem, windows=first(windows, count))
     seen = Evaluation(*(part[:count] for part in evaluation))
-    level = JoinedWindows(few, gap_weight)
+    weight = gap_weight or _expected_weight(few, seen, values)
+    step = _step(few, seen, values, weight)
+    return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values))))), weight
+
+
+def _step(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
+    level = JoinedWindows(problem, weight)
     nowhere = np.zeros(len(values))
-    step = level.solve(level.system(seen, values), values, 0.0, nowhere, nowhere)
+    step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
     if step is None:
         raise SceneError("free: the parameters cannot be told apart by these traces; allowed: fewer of them, or priors")
-    return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values)))))
+    return step
+
+
+def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray) -> float:
+    """The gap weight that a fit chooses by the mean of its evidence, where the model is right."""
+    gaps = int(problem.windows.follows.sum()) * problem.freedoms
+
+    def logs(weight: float) -> np.ndarray:
+        """log|A| and log|H|."""
+        step = _step(problem, evaluation, values, weight)
+        return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
+
+    evidence = []
+    for weight in SCHEDULE:
+        slope = (logs(weight * (1 + NEAR))[1] - logs(weight / (1 + NEAR))[1]) / (2 * np.log(1 + NEAR))
+        evidence.append(-gaps * np.log(weight) - 0.5 * logs(weight)[0] + 0.25 * slope)
+    return next(w for w, each in zip(SCHEDULE, evidence, strict=True) if each >= max(evidence) - SAME_EVIDENCE)
 
 
 def first(windows: Windows, count: int) -> Windows:
     """The first windows, those that follow each other as before."""
-    whole = ("begin", "run", "follows", "theta", "weight", "index", "fraction", "released")
+    whole = (*PER_WINDOW, "follows")
     return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
 
 
 def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
     """The table for people, with a heading."""
     names = list(found[0].std_error)
-    table = [("release", "duration [s]", "noise [rad]", *(f"error of {name}" for name in names), "times the best")]
+    table = [
+        (
+            "release",
+            "duration [s]",
+            "noise [rad]",
+            *(f"error of {name}" for name in names),
+            "gap weight",
+            "times the best",
+        )
+    ]
     for row in found:
         errors = (f"{row.std_error[name]:.3g}" for name in names)
         worse = np.exp(row.score - found[0].score)
-        table.append((row.scene, f"{row.duration:g}", f"{row.noise:g}", *errors, f"{worse:.2f}"))
+        table.append(
+            (row.scene, f"{row.duration:g}", f"{row.noise:g}", *errors, f"{row.gap_weight:.2g}", f"{worse:.2f}")
+        )
     return table

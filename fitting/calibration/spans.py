@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from fitting.estimate.resting import held_start
 from fitting.traces.trace import Trace
 
 
@@ -54,9 +55,41 @@ def fitted_spans(
     return found
 
 
-def only(trace: Trace, spans: Sequence[tuple[float, float]]) -> Trace:
-    """The trace with every sample outside the spans [s] missing."""
-    inside = np.zeros(len(trace.t), bool)
-    for low, high in spans:
-        inside |= (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
-    return replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan))
+def fitted_parts(traces: Sequence[Trace], spans: Sequence[tuple[int, float, float]]) -> list[Trace]:
+    """The traces with every sample outside the spans (run, from, to) [s] missing."""
+    found = []
+    for i, trace in enumerate(traces):
+        inside = np.zeros(len(trace.t), bool)
+        for run, low, high in spans:
+            inside |= (run == i) & (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
+        found.append(replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan)))
+    return found
+
+
+def without_held_starts(
+    spans: Sequence[tuple[int, float, float]],
+    traces: Sequence[Trace],
+    sigma: Sequence[np.ndarray],
+    slowest: float,
+    pose: Callable[[], np.ndarray],
+) -> tuple[list[tuple[int, float, float]], list[str]]:
+    """The fitted spans of traces without the still stretch before a release, and a note on each that is left out.
+
+    Args:
+        traces: what may be fitted of every run, the rest missing.
+        sigma: noise of each run's links (n,) [rad].
+        slowest: period [s] of the line as one pendulum.
+        pose: gives the angles (n,) [rad] at rest; only asked for where a trace starts still.
+    """
+    found, notes = list(spans), []
+    for i, trace in enumerate(traces):
+        begin = held_start(trace, sigma[i], slowest, pose)
+        if begin is None:
+            continue
+        left = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
+        found = [(run, low, high) for run, low, high in left if low < high]
+        notes.append(
+            f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit starts "
+            "there"
+        )
+    return found, notes

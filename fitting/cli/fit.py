@@ -103,6 +103,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts samples window starts too"
     )
+    parser.add_argument(
+        "--accept-misfit", action="store_true", help="exit code 0 also where the model misses the trace (misfit)"
+    )
     parser.add_argument("--plot", metavar="DIR", help="write the pictures of the fit alone")
     add_out(parser)
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
@@ -174,7 +177,8 @@ def run(args: argparse.Namespace) -> int:
     deliver(args.json, result.to_json(), text(result), out)
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
-    return OK if result.status == "ok" else FAILED
+    accepted = args.accept_misfit and result.status == "misfit"
+    return OK if result.status == "ok" or accepted else FAILED
 
 
 #: Options of `--method gradient`.
@@ -187,7 +191,7 @@ OF_TRACES = {
             *OF_DESCENT,
         )
     ),
-    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models"), False),
+    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
 }
 

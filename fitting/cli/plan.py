@@ -24,9 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", default="60", metavar="HZ", help="frames per second (default: 60)")
     parser.add_argument(
         "--gap-weight",
-        default="1e-3",
         metavar="W",
-        help="how far the rig follows its model, as a fit reports it (default: 1e-3)",
+        help="how far the rig follows its model, as a fit reports it (default: what a fit of the right model chooses)",
     )
     add_out(parser)
     add_quiet(parser)
@@ -44,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         durations=_numbers("duration", args.duration),
         noises=_numbers("noise", args.noise),
         wanted=None if args.wanted is None else args.wanted.split(","),
-        gap_weight=_numbers("gap-weight", args.gap_weight)[0],
+        gap_weight=None if args.gap_weight is None else _numbers("gap-weight", args.gap_weight)[0],
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet) or silent,
     )

@@ -2,47 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fitting.estimate.rest import FEWEST
 from fitting.traces.trace import Trace
 
-#: Shortest stretch [s]; at the end, where a motion dies away, in slowest periods.
-SHORTEST, PERIODS = 0.5, 2.0
+#: Shortest stretch [s], also in slowest periods: a motion is slow at its turns, and slower where it dies away.
+SHORTEST, FIRST_PERIODS, LAST_PERIODS = 0.5, 0.5, 2.0
 #: Frames of a running mean; deviations of it, and the least angle [rad], that are still.
 WIDTH, STILL, LEAST = 5, 5.0, 0.002
+#: Angle [rad] between a still pose and the one at rest from which on something else holds the line: lengths and ends
+#: that are wrong by 1 % move the pose of a line between fixed ends by less.
+HELD = 0.1
 
 
 def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[float, float]]:
-    """(from, to) [s] of the trace's first and last stretch at rest.
+    """(from, to) [s] of the trace's first and last stretch at rest; frames without a sample at its ends do not count.
 
-    The first lasts half a second at least, the last two of the slowest periods [s]: a motion that dies away is slow at
-    its turns. A link is still as long as the mean of five neighbouring frames stays within five of its deviations, at
-    least 2 mrad, of where it was at that end of the trace. `sigma` (n,) [rad] is the noise of a frame.
+    The first lasts half of the slowest period [s] at least, the last two. A link is still as long as the mean of five
+    neighbouring frames stays within five of its deviations, at least 2 mrad, of where it was at that end of the trace.
+    `sigma` (n,) [rad] is the noise of a frame.
     """
     found = []
-    for way, shortest in ((1, SHORTEST), (-1, max(SHORTEST, PERIODS * slowest))):
-        t, theta = trace.t[::way], trace.theta[::way]
-        count = still_frames(theta, sigma)
-        if count >= max(FEWEST, 2 * WIDTH) and abs(t[count - 1] - t[0]) >= shortest:
-            found.append(tuple(sorted((float(t[0]), float(t[count - 1])))))
+    known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
+    if not len(known):
+        return found
+    t, theta = (a[known[0] : known[-1] + 1] for a in (trace.t, trace.theta))
+    for way, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
+        times, angles = t[::way], theta[::way]
+        count = still_frames(times, angles, sigma)
+        if count >= max(FEWEST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= max(SHORTEST, periods * slowest):
+            found.append(tuple(sorted((float(times[0]), float(times[count - 1])))))
     return list(dict.fromkeys(found))
 
 
-def still_frames(theta: np.ndarray, sigma: np.ndarray) -> int:
-    """How many of the first frames (k, n) are still."""
+def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
+    """How many of the first frames (k, n) are still, up to the first pause of `SHORTEST` without samples."""
     least = len(theta)
     for column, size in zip(theta.T, sigma, strict=True):
         known = np.flatnonzero(np.isfinite(column))
+        pause = np.abs(np.diff(t[known], prepend=t[0])) > SHORTEST
+        known = known[: int(np.argmax(pause)) if pause.any() else None]
         if len(known) < 2 * WIDTH:
             return 0
         mean = np.convolve(column[known], np.full(WIDTH, 1 / WIDTH), "valid")
         # against the mean of all that was still so far: noise of the first few is no measure
         before = np.cumsum(mean) / np.arange(1, len(mean) + 1)
         moves = np.flatnonzero(np.abs(mean[1:] - before[:-1]) > max(STILL * size / np.sqrt(WIDTH), LEAST))
-        if len(moves):
-            least = min(least, int(known[moves[0] + 1]))
+        least = min(least, int(known[moves[0] + 1] if len(moves) else known[-1] + 1))
     return least
+
+
+def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[], np.ndarray]) -> float | None:
+    """Time [s] from which on the line moves, where something else than its own ends holds it still before.
+
+    `pose()` (n,) [rad] is the one at rest. The frames of the running mean in which the motion shows are left out: the
+    line may be released in any of them.
+    """
+    spans = still_spans(trace, sigma, slowest)
+    known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
+    if not spans or spans[0][0] > trace.t[known[0]]:
+        return None
+    still = trace.between(spans[0][0], spans[0][1] + 1e-6)
+    off = (np.nanmedian(still.theta, axis=0) - pose() + np.pi) % (2 * np.pi) - np.pi
+    later = known[trace.t[known] > spans[0][1]][WIDTH:]
+    return float(trace.t[later[0]]) if len(later) and np.abs(off).max() > HELD else None
 
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:

@@ -16,13 +16,16 @@ apart the first and the second half of the time would put the estimate, its vari
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.gaps import gaps
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.normal_equations import Normal, solve_spd
 from fitting.estimate.problem import Solution
+from fitting.estimate.shooting import level_of
 
 #: Pieces of time wanted, into which few windows are cut.
 PIECES = 60
@@ -54,31 +57,62 @@ def scores(solution: Solution) -> np.ndarray:
     return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated)
 
 
+def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
+    """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
+    level = level_of(point.problem, point.gap_weight)
+    system = level.system(point.evaluation, point.values)
+    if isinstance(system, Normal):
+        diagonal = np.einsum("kii->ki", system.A)
+        A = system.A + (1e-12 * diagonal.max() + 1e-300) * np.eye(diagonal.shape[1])
+        return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
+    diagonal = np.einsum("kii->ki", system.normal.A)
+    factor = Factor(system.normal.A + 1e-13 * diagonal.max() * np.eye(diagonal.shape[1]), system.below)
+    return factor.inverse_diagonal(), factor.log_determinant
+
+
+def leverage(point: Solution) -> np.ndarray:
+    """How many samples of each window and link the fit has used up (K, n): the trace of its hat matrix."""
+    m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
+    free = np.flatnonzero(~point.problem.held)
+    inverse, _ = start_covariances(point)
+    own = root * point.evaluation.jacobian[..., :m2]
+    taken = np.einsum("ksni,kij,ksnj->kn", own, inverse, own, optimize=True)
+    if len(free):
+        shared = (root * scores(point))[..., free]
+        covariance = solve_spd(point.information[np.ix_(free, free)], np.eye(len(free)))
+        taken = taken + np.einsum("ksni,ij,ksnj->kn", shared, covariance, shared, optimize=True)
+    return taken
+
+
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
-    """Parts of the gradient and the information of the free parameters (their numbers)."""
+    """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     windows, weights = solution.windows, solution.weights
     score = scores(solution)[..., free]
     pull = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    joined = solution.gap_weight is not None and windows.follows.any()
-    parts = int(np.ceil(PIECES / windows.count))
-    place = np.minimum((windows.index * parts) // windows.steps, parts - 1)
-    gradient = np.zeros((windows.count, parts, len(free)))
-    information = np.zeros((windows.count, parts, len(free), len(free)))
-    for part in range(parts):
-        mine = place == part
-        gradient[:, part] = np.einsum("ks,ksp->kp", mine, pull)
-        information[:, part] = np.einsum("ks,kspq->kpq", mine, square)
-    if joined and solution.gap_weight:
+    duration = windows.lengths.sum() / max(PIECES, windows.count) * (1 + 1e-9)
+    first = np.array([windows.begin[windows.run == run].min() for run in windows.run])
+
+    def number(t: np.ndarray) -> np.ndarray:
+        """Run and piece of these times (K, ...) in one number."""
+        since = np.floor((t - first.reshape(-1, *[1] * (t.ndim - 1))) / duration + 1e-6).astype(int)
+        return windows.run.reshape(-1, *[1] * (t.ndim - 1)) * 10**9 + np.maximum(since, 0)
+
+    known = (windows.weight > 0).any(axis=2)
+    place = number(windows.times())
+    rows = [(place[known], pull[known], square[known])]
+    if solution.gap_weight and windows.follows.any():
         found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
         left, right, along = found.left, found.left + 1, solution.eliminated
         slope = found.shared + np.einsum("gij,gjp->gip", found.before, along[left])
         slope = (slope + np.einsum("gij,gjp->gip", found.after, along[right]))[..., free] / solution.gap_weight
-        gradient[right, 0] += np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
-        information[right, 0] += np.einsum("gip,giq->gpq", slope, slope)
-    order = np.lexsort((windows.begin, windows.run))
-    flat = lambda a: a[order].reshape(-1, *a.shape[2:])  # noqa: E731
-    return Pieces(flat(gradient), flat(information), np.repeat(windows.run[order], parts))
+        gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
+        rows.append((number(windows.begin)[right], gradient, np.einsum("gip,giq->gpq", slope, slope)))
+    names, index = np.unique(np.concatenate([row[0] for row in rows]), return_inverse=True)
+    gradient, information = np.zeros((len(names), len(free))), np.zeros((len(names), len(free), len(free)))
+    np.add.at(gradient, index, np.concatenate([row[1] for row in rows]))
+    np.add.at(information, index, np.concatenate([row[2] for row in rows]))
+    return Pieces(gradient, information, names // 10**9)
 
 
 def memory(series: np.ndarray, run: np.ndarray) -> float:
@@ -132,12 +166,7 @@ def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scat
     blocks = int(block.max()) + 1
     if blocks < 2:
         return None
-    moved = []
-    for b in range(blocks):
-        mine = block == b
-        rest = information - parts.information[mine].sum(0)
-        moved.append(solve_spd(_positive(rest, information), parts.gradient[mine].sum(0)))
-    moved = np.array(moved) - np.mean(moved, axis=0)
+    moved = moves_without(parts, [np.flatnonzero(block == b) for b in range(blocks)], information)
     inner = solve_spd(information, np.eye(len(information)))
     covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
     own, drift = np.diag(covariance), _apart(parts, information) ** 2
@@ -145,6 +174,38 @@ def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scat
     more = np.maximum(0.25 * drift, drift - 4 * own)
     grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
     return Scatter(covariance * np.outer(grow, grow), blocks)
+
+
+def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+    """How far the estimates (B, k) move without each block of pieces, to first order, less their mean."""
+    moved = []
+    for mine in blocks:
+        rest = information - parts.information[mine].sum(0)
+        moved.append(solve_spd(_positive(rest, information), parts.gradient[mine].sum(0)))
+    return np.array(moved) - np.mean(moved, axis=0)
+
+
+def resample(
+    parts: Pieces, information: np.ndarray, block: int, draws: int, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
+    """Moves of the estimates (draws, k) by blocks of `block` pieces drawn with replacement, and how many blocks count.
+
+    Each block brings the move `d_b = (S - S_b)^-1 g_b` that leaving it out would: S^-1 g_b is too small by the share of
+    the information that the block has, since the fit has followed its noise. With B blocks drawn, `sqrt((B - 1)/B)` of
+    it has the right size: exactly where all have the same share. Of blocks with unlike shares h of the variance of an
+    estimate 1/sum h^2 count, the fewest of any estimate.
+    """
+    count = len(parts.run)
+    number = int(np.ceil(count / block))
+    blocks = (np.arange(count)[:, None] + np.arange(block)) % count  # any piece may be the first of a block
+    moved = moves_without(parts, list(blocks), information)
+    moved *= np.sqrt((number - 1) / number * count / (number * block))
+    found = moved[rng.integers(0, count, size=(draws, number))].sum(axis=1)
+    apart = np.array([parts.information[i : i + block].sum(axis=0) for i in range(0, count, block)])
+    inner = solve_spd(information, np.eye(len(information)))
+    share = np.einsum("ij,bjk,ki->bi", inner, apart, inner)
+    share = share / np.maximum(share.sum(axis=0), 1e-300)
+    return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
 
 
 def _apart(parts: Pieces, information: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ larger than the noise that the traces show, the scatter of blocks of scores tell
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import FEW, pieces, scatter, together
+from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, together
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
@@ -59,13 +59,9 @@ class Uncertainty:
         return self.covariance / np.outer(size, size)
 
 
-def degrees_of_freedom(solution: Solution) -> int:
-    """Samples less what was fitted; joined windows share one start per run."""
-    problem, windows = solution.problem, solution.windows
-    joined = solution.gap_weight is not None
-    starts = int((~windows.follows).sum()) if joined else windows.count
-    starts -= int(windows.released.sum())
-    return max(1, windows.samples - starts * problem.freedoms - int((~problem.held).sum()))
+def degrees_of_freedom(solution: Solution) -> float:
+    """Samples less what the fit has used up of them, by leverage."""
+    return max(1.0, solution.windows.samples - float(leverage(solution).sum()))
 
 
 def variance(solution: Solution) -> float:
@@ -180,26 +176,38 @@ def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -
     return tuple(found)
 
 
-def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> np.ndarray:
-    """Parameters (draws, k) refitted, to first order, to blocks of time drawn with replacement.
+class Bootstrap(NamedTuple):
+    """Parameters (draws, k) of a bootstrap, and how many blocks of time count in it."""
 
-    Each draw solves the linearised problem `S dp + sum_b m_b g_b = 0` with m_b how often stretch b was drawn, the
-    window starts following along; S is that of all stretches, since a draw of few may leave a parameter open (Kline and
-    Santos 2012).
+    draws: np.ndarray
+    blocks: float
+
+    @property
+    def warning(self) -> str | None:
+        """One line where blocks are few."""
+        if self.blocks >= FEW:
+            return None
+        return (
+            f"the bootstrap draws from what counts as {self.blocks:.1f} blocks of time, fewer than {FEW}: the width of "
+            f"its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %; use longer traces"
+        )
+
+
+def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:
+    """Parameters refitted, to first order, to blocks of time drawn with replacement (`sandwich.resample`).
+
+    The information of a draw is that of all stretches, since a draw of few may leave a parameter open (Kline and Santos
+    2012).
 
     Args:
         block: stretches that are drawn together: windows, or parts of few ones; default two correlation times.
     """
-    rng = np.random.default_rng(seed)
     free = np.flatnonzero(~solution.problem.held)
     parts = pieces(solution, free)
-    block = block or together(solution, parts, free)
     information = solution.information[np.ix_(free, free)]
-    prior = solution.problem.prior(solution.values).gradient[free]
-    count, bounds = len(parts.run), solution.problem.bounds(solution.values)
+    moved, blocks = resample(
+        parts, information, block or together(solution, parts, free), draws, np.random.default_rng(seed)
+    )
     found = np.tile(solution.values, (draws, 1))
-    for draw in range(draws):
-        first = rng.integers(0, count, size=int(np.ceil(count / block)))
-        chosen = ((first[:, None] + np.arange(block)) % count).ravel()[:count]
-        found[draw, free] -= solve_spd(information, parts.gradient[chosen].sum(0) + prior)
-    return np.clip(found, *bounds)
+    found[:, free] -= moved
+    return Bootstrap(np.clip(found, *solution.problem.bounds(solution.values)), blocks)

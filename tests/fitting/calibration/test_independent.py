@@ -52,6 +52,35 @@ def test_runs_with_gaps_are_fitted_together(two, ready, motion, ten):
     assert np.all(result.uncertainty.std_error < alone)
 
 
+@pytest.mark.parametrize("how", ["held out", "until", "empty ends"])
+def test_a_rig_that_swings_is_never_said_to_rest(two, ready, motion, how):
+    """Samples that a fit does not see are no still frames."""
+    trace = two.seen(motion, 0)
+    if how == "empty ends":
+        trace.theta[[*range(45), *range(-90, 0)]] = np.nan
+    options = {"held out": {"held_out": [(6.0, 9.6)]}, "until": {"until": 6.0}}.get(how, {})
+    assert not [line for line in ready(trace, **options).warnings if "rest" in line]
+
+
+def test_a_pose_held_before_the_release_is_found_and_is_no_part_of_the_fit(two, ready, motion):
+    """Two seconds held by hand before the release: the fit and its errors are those of the motion alone."""
+    t, phi = motion
+    held = round(2.0 * two.RATE)
+    moving = two.seen((t[: len(t) - held], phi[: len(t) - held]), 40)
+    still = phi[0] + two.NOISE * np.random.default_rng(41).standard_normal((held, 2))
+    trace = replace(moving, t=np.r_[t[:held], t[held] + moving.t], theta=np.concatenate([still, moving.theta]))
+    prepared = ready(trace)
+    assert t[held] - 1 / two.RATE < prepared.windows.begin.min() < t[held] + 8 / two.RATE
+    (note,) = (line for line in prepared.warnings if "held still until 2" in line)
+    assert "the fit starts there" in note
+    assert not [line for line in prepared.warnings if "rest" in line]
+    alone = ready(moving.between(prepared.windows.begin.min() - t[held], np.inf))
+    result, other = (summarise(one, "windows", estimate(one, "windows")) for one in (prepared, alone))
+    assert result.status == "ok"
+    assert np.all(np.abs(result.values - two.TRUTH) < 3 * result.uncertainty.std_error)
+    np.testing.assert_allclose(result.uncertainty.std_error, other.uncertainty.std_error, rtol=0.02)
+
+
 def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path):
     """Against SciPy's motion without its noise; with twice the damping the run leaves the trace early."""
     found = one_run(ten[0], 0)
@@ -127,8 +156,17 @@ def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, ready
     found = profile(solution, two.FREE[0], float(u.std_error[0]), points=2)
     assert found.converged
     assert [found.low, found.high] == pytest.approx([u.low[0], u.high[0]], abs=0.3 * u.std_error[0])
-    spread = bootstrap(solution, draws=400).std(axis=0)
+    spread = bootstrap(solution, draws=400).draws.std(axis=0)
     np.testing.assert_allclose(spread, u.std_error, rtol=0.6)
+
+
+def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(ten):
+    """Eight windows, of which the first few tell most: ten traces with white noise, whose errors their noise tells."""
+    drawn = [bootstrap(result.solution, draws=400) for result in ten]
+    ratio = [d.draws.std(axis=0) / result.uncertainty.std_error for d, result in zip(drawn, ten, strict=True)]
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)
+    assert all(1 < d.blocks < 15 for d in drawn)
+    assert all("blocks of time, fewer than 15" in d.warning for d in drawn)
 
 
 def test_nothing_of_what_is_held_out_touches_the_fit(two, ready, motion):

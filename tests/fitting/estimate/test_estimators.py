@@ -148,7 +148,7 @@ def test_window_jacobian_agrees_with_central_differences(twins):
 def test_bootstrap_and_profile_agree_with_the_covariance(twins, separate):
     solution = separate(0)
     u = summarise(twins(0), "windows", solution).uncertainty
-    spread = bootstrap(solution, draws=400).std(axis=0)
+    spread = bootstrap(solution, draws=400).draws.std(axis=0)
     np.testing.assert_allclose(spread, u.std_error, rtol=0.5)
     found = profile(solution, FREE[0], u.std_error[0], points=2)
     assert found.low == pytest.approx(u.low[0], abs=0.5 * u.std_error[0])

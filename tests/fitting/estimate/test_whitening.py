@@ -9,7 +9,7 @@ import pytest
 from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import Huber, LeastSquares
-from fitting.estimate.sandwich import memory
+from fitting.estimate.sandwich import Pieces, memory, resample
 from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows
 
@@ -123,3 +123,25 @@ def test_the_error_of_a_solution_is_in_radians_whatever_the_noise(windows):
     point = SimpleNamespace(windows=problem.windows, evaluation=SimpleNamespace(theta=theta))
     expected = np.where(windows.weight > 0, theta, 0.0)
     np.testing.assert_allclose(Solution.errors.fget(point), expected)
+
+
+@pytest.mark.parametrize("shares", [[1.0] * 8, [6, 4, 3, 2, 2, 1, 1, 1]])
+def test_the_bootstrap_of_eight_blocks_is_as_wide_as_estimates_scatter(shares):
+    """Least squares of two coefficients to 1500 draws of noise; blocks of the same and of unlike information."""
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((8, 30, 2)) * np.sqrt(shares)[:, None, None]
+    square = np.einsum("bsi,bsj->bij", x, x)
+    information, truth = square.sum(axis=0), np.array([1.0, -2.0])
+    values, widths = [], []
+    for _ in range(1500):
+        y = x @ truth + rng.standard_normal((8, 30))
+        p = np.linalg.solve(information, np.einsum("bsi,bs->i", x, y))
+        parts = Pieces(np.einsum("bsi,bs->bi", x, x @ p - y), square, np.zeros(8, int))
+        moved, blocks = resample(parts, information, 1, 100, rng)
+        values.append(p)
+        widths.append(moved.var(axis=0))
+    ratio = np.sqrt(np.mean(widths, axis=0)) / np.std(values, axis=0)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.1)
+    assert blocks == pytest.approx(
+        8 if len(set(shares)) == 1 else np.sum(shares) ** 2 / np.sum(np.square(shares)), rel=0.3
+    )

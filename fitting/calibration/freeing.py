@@ -12,18 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
-from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
+from fitting.calibration.jumps import SEVERAL, alone, far_off, kicks, led, lost_frames
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.whitening import log_volume
+from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.place import LOST, LostPlace
 from fitting.parameters.priors import rig_priors
@@ -117,6 +119,7 @@ def free_by_advice(
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
+    _kicks(at, fit)
     _outliers(at, fit)
     refused: set[str] = set()
     while at.solution.status == "ok" and len(at.names) < MOST_FREED:
@@ -261,11 +264,38 @@ def _outliers(at: Freed, fit: Fit) -> None:
     at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
 
 
+def _kicks(at: Freed, fit: Fit) -> None:
+    """Without the windows that a kick or a touch spoils."""
+    found, clean = kicks(at.prepared, at.solution, partial(_without, at, fit))
+    if not found:
+        return
+    windows = at.prepared.windows
+    off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
+    follows = windows.follows & ~off & np.r_[False, ~off[:-1]]
+    fewer = replace(windows.pick(~off), follows=follows[~off])
+    prepared = replace(
+        at.prepared, windows=fewer, begin=clean.values, starts=Starts(*(part[~off] for part in clean.starts))
+    )
+    solution = fit(prepared, "windows", at.loss)
+    if solution.status != "ok":
+        return
+    for kick in found:
+        begin, last = windows.begin[kick.windows[0]], windows.begin[kick.windows[-1]] + windows.length
+        what = "is moved by something else, or out of its plane, from" if kick.lasting else "is kicked or touched at"
+        words = f"{at.prepared.traces[kick.run].name} {what} about {kick.time:.2f} s"
+        words += f": windows from {begin:.3g} to {last:.3g} s left out"
+        at.names.append(Candidate(words, (), {}, {}, likelihood(solution) - likelihood(at.solution), 0.0))
+    at.prepared, at.solution = prepared, solution
+
+
 def _without_far_off(at: Freed, fit: Fit) -> Solution:
     """A fit without the windows that a jump spoils: their misfit would be taken for damping, and for noise."""
     off = far_off(at.solution)
-    if not off.any():
-        return at.solution
+    return _without(at, fit, off) if off.any() else at.solution
+
+
+def _without(at: Freed, fit: Fit, off: np.ndarray) -> Solution:
+    """A fit without some windows (K,) bool, their starts as they are."""
     windows = at.prepared.windows
     fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
     prepared = replace(at.prepared, windows=fewer)

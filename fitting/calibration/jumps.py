@@ -1,4 +1,4 @@
-"""Faults of single frames: samples that stand out alone, and frames that are missing without a mark.
+"""Faults at an instant: samples that stand out alone, frames that are missing without a mark, kicks and touches.
 
 Where frames are missing the traces jump along the flow: a window that was fitted, simulated on through the next one,
 meets its samples again so many frames later. The frame f and the number of lost frames k are those that maximise
@@ -6,16 +6,23 @@ meets its samples again so many frames later. The frame f and the number of lost
     sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
 
 by which the samples after f fit better (rho is bounded, so that no single sample decides).
+
+What moves the line at an instant (a kick, a touch) leaves windows that no start explains, whereas those before it are
+as good as ever: one window of a kick in the plane, all that follow of one out of it. They are found by least trimmed
+squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, all starts to these, and so on until the
+same windows are left. Windows that are bad from the first one of a run on are a misfit of another kind.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution, wrapped
 from fitting.estimate.windows import Starts, Windows
 
@@ -30,6 +37,26 @@ FAR, FEW = 4.0, 1 / 3
 #: Deviations of a sample from the mean of its neighbours' beyond which it is one of its own, and how many make a kind
 #: of noise.
 ALONE, SEVERAL = 6.0, 3
+
+
+#: Part of the windows that a search for kicks begins with and must leave, and its rounds.
+TRUSTED, ROUNDS = 1 / 3, 5
+#: Misfit of a window over that of most, and of the one before it, from which on nothing but a kick explains it: what
+#: lengths wrong by 1 % or a wrong law leave differs by less than 4 from one window to the next.
+KICKED = 6.0
+#: Quantile of a window's residuals that tells its misfit, few outliers aside, and that of normal noise.
+QUANTILE, NORMAL = 0.9, 1.645
+#: Halvings of the window that tell when it was kicked: to a hundredth of it.
+HALVINGS = 6
+
+
+class Kick(NamedTuple):
+    """From `time` [s] of a run on, some windows follow no motion of the model; `lasting`: more than one."""
+
+    run: int
+    time: float
+    windows: np.ndarray
+    lasting: bool
 
 
 class Lost(NamedTuple):
@@ -107,6 +134,73 @@ def far_off(solution: Solution) -> np.ndarray:
     size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     off = size > FAR * np.median(size)
     return off if off.mean() <= FEW else np.zeros_like(off)
+
+
+def kicks(prepared: Prepared, solution: Solution, fit: Callable[[np.ndarray], Solution]) -> tuple[list[Kick], Solution]:
+    """Kicks in a fit's windows, and the fit without what they spoil.
+
+    Args:
+        prepared: with the noise that the traces claim.
+        solution: of separate windows.
+        fit: one without some windows (K,) bool.
+    """
+    claimed = replace(prepared.windows, substeps=solution.windows.substeps)
+    size, count = misfit(solution, claimed), claimed.count
+    few = int(np.ceil(TRUSTED * count))
+    good, clean = size <= np.sort(size)[min(max(few, 2), count) - 1], solution
+    if not np.any(size > KICKED * np.median(size[good])):
+        return [], solution
+    for _ in range(ROUNDS):
+        clean = fit(~good)
+        own = _only_starts(clean, claimed, clean.starts)
+        size = np.minimum(misfit(own, claimed), misfit(_only_starts(clean, claimed, led(own, ~good)), claimed))
+        before, good = good, size <= KICKED * np.median(size[good])
+        if good.sum() < few or (before == good).all():
+            break
+    follows, first = claimed.follows, np.flatnonzero(~good & np.r_[True, good[:-1]] & claimed.follows)
+    first = first[size[first] > KICKED * size[first - 1]]
+    if not len(first) or good.sum() < few:
+        return [], solution
+    times = _times_of_kicks(clean, claimed, first, led(own, ~good), KICKED * np.median(size[good]))
+    found = []
+    for k, time in zip(first, times, strict=True):
+        last = next((j for j in range(k, count) if good[j] or (j > k and not follows[j])), count)
+        found.append(Kick(int(claimed.run[k]), float(time), np.arange(k, last), last > k + 1))
+    return found, clean
+
+
+def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
+    """Size of every window's residuals over the claimed noise (K,); 0 of windows without samples."""
+    size = np.where(
+        claimed.weight > 0, np.abs(wrapped(solution.evaluation.theta - claimed.theta)) * claimed.weight, np.nan
+    )
+    rows = size.reshape(len(size), -1)
+    known = np.isfinite(rows).any(axis=1)
+    found = np.zeros(claimed.count)
+    found[known] = np.nanquantile(rows[known], QUANTILE, axis=1) / NORMAL
+    return found
+
+
+def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Solution:
+    """The starts of windows alone, at a solution's parameters."""
+    held = np.ones(len(solution.values), bool)
+    problem = replace(solution.problem, windows=windows, frozen=held, noise=None, memory=1.0)
+    return fit_windows(problem, solution.values, starts, iterations=ROUNDS)
+
+
+def _times_of_kicks(
+    solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
+) -> np.ndarray:
+    """Times [s] up to which windows `which` can be followed, by halving."""
+    mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
+    elapsed = mine.times() - mine.begin[:, None]
+    low, high = np.zeros(len(which)), np.full(len(which), windows.length)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
+        fine = misfit(_only_starts(solution, early, starts), early) <= limit
+        low, high = np.where(fine, middle, low), np.where(fine, high, middle)
+    return mine.begin + high
 
 
 def _doubled(windows: Windows, right: np.ndarray) -> Windows:

@@ -294,11 +294,13 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
     return _without(at, fit, off) if off.any() else at.solution
 
 
-def _without(at: Freed, fit: Fit, off: np.ndarray) -> Solution:
-    """A fit without some windows (K,) bool, their starts as they are."""
+def _without(at: Freed, fit: Fit, off: np.ndarray, begin: Solution | None = None) -> Solution:
+    """A fit without some windows (K,) bool, from where another one ended if there is one."""
     windows = at.prepared.windows
     fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
     prepared = replace(at.prepared, windows=fewer)
+    if begin is not None:
+        prepared = replace(prepared, begin=begin.values, starts=begin.starts)
     # a jump that only these windows see
     slopes = at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :]
     unseen = ~np.any(slopes, axis=(0, 1, 2))

@@ -136,13 +136,15 @@ def far_off(solution: Solution) -> np.ndarray:
     return off if off.mean() <= FEW else np.zeros_like(off)
 
 
-def kicks(prepared: Prepared, solution: Solution, fit: Callable[[np.ndarray], Solution]) -> tuple[list[Kick], Solution]:
+def kicks(
+    prepared: Prepared, solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]
+) -> tuple[list[Kick], Solution]:
     """Kicks in a fit's windows, and the fit without what they spoil.
 
     Args:
         prepared: with the noise that the traces claim.
         solution: of separate windows.
-        fit: one without some windows (K,) bool.
+        fit: one without some windows (K,) bool, from another one.
     """
     claimed = replace(prepared.windows, substeps=solution.windows.substeps)
     size, count = misfit(solution, claimed), claimed.count
@@ -151,7 +153,7 @@ def kicks(prepared: Prepared, solution: Solution, fit: Callable[[np.ndarray], So
     if not np.any(size > KICKED * np.median(size[good])):
         return [], solution
     for _ in range(ROUNDS):
-        clean = fit(~good)
+        clean = fit(~good, clean)
         own = _only_starts(clean, claimed, clean.starts)
         size = np.minimum(misfit(own, claimed), misfit(_only_starts(clean, claimed, led(own, ~good)), claimed))
         before, good = good, size <= KICKED * np.median(size[good])
@@ -165,7 +167,7 @@ def kicks(prepared: Prepared, solution: Solution, fit: Callable[[np.ndarray], So
     found = []
     for k, time in zip(first, times, strict=True):
         last = next((j for j in range(k, count) if good[j] or (j > k and not follows[j])), count)
-        found.append(Kick(int(claimed.run[k]), float(time), np.arange(k, last), last > k + 1))
+        found.append(Kick(int(claimed.run[k]), float(time), np.arange(k, last), bool(last > k + 1)))
     return found, clean
 
 

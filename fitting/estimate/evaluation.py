@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Times the median over windows with samples beyond which a window's derivative is taken for none. A joint that is just about to
-#: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
+#: Times the median over windows with samples beyond which a window's derivative is taken for none. A joint that is
+#: just about to stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at
+#: most.
 WILD = 1e4
 
 

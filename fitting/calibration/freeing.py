@@ -268,6 +268,8 @@ def _kicks(at: Freed, fit: Fit) -> None:
     """Without the windows that a kick or a touch spoils."""
     found, clean = kicks(at.prepared, at.solution, partial(_without, at, fit))
     if not found:
+        if clean.status == "ok" and likelihood(clean) > likelihood(at.solution):
+            at.solution = clean
         return
     windows = at.prepared.windows
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))

@@ -149,26 +149,44 @@ def kicks(
     claimed = replace(prepared.windows, substeps=solution.windows.substeps)
     size, count = misfit(solution, claimed), claimed.count
     few = int(np.ceil(TRUSTED * count))
-    good, clean = size <= np.sort(size)[min(max(few, 2), count) - 1], solution
+    good, clean, starts = size <= np.sort(size)[min(max(few, 2), count) - 1], solution, solution.starts
     if not np.any(size > KICKED * np.median(size[good])):
         return [], solution
     for _ in range(ROUNDS):
-        clean = fit(~good, clean)
+        clean = fit(~good, replace(clean, starts=starts))
         own = _only_starts(clean, claimed, clean.starts)
-        size = np.minimum(misfit(own, claimed), misfit(_only_starts(clean, claimed, led(own, ~good)), claimed))
+        ahead = _only_starts(clean, claimed, led(own, ~good))
+        sizes = misfit(own, claimed), misfit(ahead, claimed)
+        better, size = sizes[1] < sizes[0], np.minimum(*sizes)
+        starts = Starts(*(np.where(better[:, None], b, a) for a, b in zip(own.starts, ahead.starts, strict=True)))
         before, good = good, size <= KICKED * np.median(size[good])
         if good.sum() < few or (before == good).all():
             break
-    follows, first = claimed.follows, np.flatnonzero(~good & np.r_[True, good[:-1]] & claimed.follows)
-    first = first[size[first] > KICKED * size[first - 1]]
-    if not len(first) or good.sum() < few:
-        return [], solution
-    times = _times_of_kicks(clean, claimed, first, led(own, ~good), KICKED * np.median(size[good]))
-    found = []
-    for k, time in zip(first, times, strict=True):
-        last = next((j for j in range(k, count) if good[j] or (j > k and not follows[j])), count)
-        found.append(Kick(int(claimed.run[k]), float(time), np.arange(k, last), bool(last > k + 1)))
-    return found, clean
+    # windows that were on a wrong branch, not kicked
+    limit, recovered = KICKED * np.median(size[good]), bool((better & good).any())
+    while good.sum() >= few:
+        own = _only_starts(clean, claimed, starts)
+        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & claimed.follows)
+        first = first[size[first] > KICKED * size[first - 1]]
+        if not len(first):
+            break
+        times, found, left = _followed(clean, claimed, first, led(own, ~good), limit)
+        whole = left <= limit
+        if not whole.any():
+            return [_kick(claimed, good, k, time) for k, time in zip(first, times, strict=True)], replace(
+                clean, starts=starts
+            )
+        mine, recovered = first[whole], True
+        starts.theta[mine], starts.omega[mine] = found.theta[whole], found.omega[whole]
+        good[mine], size[mine] = True, left[whole]
+    return [], fit(np.zeros(count, bool), replace(clean, starts=starts)) if recovered else solution
+
+
+def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
+    """The kick in window k, with all that it spoils."""
+    ends = (j for j in range(k + 1, windows.count) if good[j] or not windows.follows[j])
+    last = next(ends, windows.count)
+    return Kick(int(windows.run[k]), float(time), np.arange(k, last), last > k + 1)
 
 
 def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
@@ -190,19 +208,22 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
     return fit_windows(problem, solution.values, starts, iterations=ROUNDS)
 
 
-def _times_of_kicks(
+def _followed(
     solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
-) -> np.ndarray:
-    """Times [s] up to which windows `which` can be followed, by halving."""
+) -> tuple[np.ndarray, Starts, np.ndarray]:
+    """Times [s] up to which windows `which` can be followed, by halving; their starts there and misfits as a whole."""
     mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
     elapsed = mine.times() - mine.begin[:, None]
     low, high = np.zeros(len(which)), np.full(len(which), windows.length)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
-        fine = misfit(_only_starts(solution, early, starts), early) <= limit
+        found = _only_starts(solution, early, starts)
+        fine = misfit(found, early) <= limit
         low, high = np.where(fine, middle, low), np.where(fine, high, middle)
-    return mine.begin + high
+        starts = Starts(*(np.where(fine[:, None], a, b) for a, b in zip(found.starts, starts, strict=True)))
+    whole = _only_starts(solution, mine, starts)
+    return mine.begin + high, whole.starts, misfit(whole, mine)
 
 
 def _doubled(windows: Windows, right: np.ndarray) -> Windows:

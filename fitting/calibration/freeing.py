@@ -119,7 +119,7 @@ def free_by_advice(
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
-    _kicks(at, fit)
+    _kicks(at, fit, simulator)
     _outliers(at, fit)
     refused: set[str] = set()
     while at.solution.status == "ok" and len(at.names) < MOST_FREED:
@@ -148,16 +148,9 @@ def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulato
     rest = [c for c in at.names if c is not candidate]
     if not mine or candidate not in at.names or not any(c.changes for c in rest):
         return at
-    keep = [i for i, p in enumerate(at.prepared.parameters) if p.name not in mine]
-    parameters, known = rig_priors(at.prepared.scene, simulator.model, [at.prepared.parameters[i] for i in keep])
-    prepared = replace(
-        at.prepared,
-        parameters=parameters,
-        known=known,
-        simulator=simulator.viewed(parameters),
-        begin=at.solution.values[keep],
-        starts=at.solution.starts,
-    )
+    keep = np.array([p.name not in mine for p in at.prepared.parameters])
+    prepared = _of_parameters(at.prepared, keep, at.solution.values, simulator)
+    prepared = replace(prepared, starts=at.solution.starts)
     without = Freed(prepared, fit(prepared, "windows", at.loss), at.loss, rest)
     if without.solution.status != "ok":
         return at
@@ -168,6 +161,14 @@ def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulato
         return at
     _choose(without, fit, simulator, found[:TRIED], set())
     return without if _score(without) > _score(at) else at
+
+
+def _of_parameters(prepared: Prepared, keep: np.ndarray, values: np.ndarray, simulator: Simulator) -> Prepared:
+    """The same with some of its parameters (k,) bool, from these values (k,) on."""
+    few = [p for p, wanted in zip(prepared.parameters, keep, strict=True) if wanted]
+    parameters, known = rig_priors(prepared.scene, simulator.model, few)
+    viewed = simulator.viewed(parameters)
+    return replace(prepared, parameters=parameters, known=known, simulator=viewed, begin=values[keep])
 
 
 def _score(at: Freed) -> float:
@@ -264,7 +265,7 @@ def _outliers(at: Freed, fit: Fit) -> None:
     at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
 
 
-def _kicks(at: Freed, fit: Fit) -> None:
+def _kicks(at: Freed, fit: Fit, simulator: Simulator) -> None:
     """Without the windows that a kick or a touch spoils."""
     found, clean = kicks(at.prepared, at.solution, partial(_without, at, fit))
     if not found:
@@ -275,9 +276,12 @@ def _kicks(at: Freed, fit: Fit) -> None:
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
     follows = windows.follows & ~off & np.r_[False, ~off[:-1]]
     fewer = replace(windows.pick(~off), follows=follows[~off])
-    prepared = replace(
-        at.prepared, windows=fewer, begin=clean.values, starts=Starts(*(part[~off] for part in clean.starts))
-    )
+    # a jump of the clock in a window that is left out goes with it
+    seen = np.any(at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :], axis=(0, 1, 2))
+    gone = [p.name for p, wanted in zip(at.prepared.parameters, seen, strict=True) if not wanted]
+    at.names = [candidate for candidate in at.names if not set(gone) & set(candidate.free)]
+    prepared = _of_parameters(at.prepared, seen, clean.values, simulator)
+    prepared = replace(prepared, windows=fewer, starts=Starts(*(part[~off] for part in clean.starts)))
     solution = fit(prepared, "windows", at.loss)
     if solution.status != "ok":
         return

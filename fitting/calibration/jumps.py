@@ -39,8 +39,8 @@ FAR, FEW = 4.0, 1 / 3
 ALONE, SEVERAL = 6.0, 3
 
 
-#: Part of the windows that a search for kicks begins with and must leave, and its rounds.
-TRUSTED, ROUNDS = 1 / 3, 5
+#: Part of the windows that a search for kicks begins with and must leave, its rounds, and most evaluations of starts.
+TRUSTED, ROUNDS, ITERATIONS = 1 / 3, 5, 12
 #: Misfit of a window over that of most, and of the one before it, from which on nothing but a kick explains it: what
 #: lengths wrong by 1 % or a wrong law leave differs by less than 4 from one window to the next.
 KICKED = 6.0
@@ -205,7 +205,7 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
     """The starts of windows alone, at a solution's parameters."""
     held = np.ones(len(solution.values), bool)
     problem = replace(solution.problem, windows=windows, frozen=held, noise=None, memory=1.0)
-    return fit_windows(problem, solution.values, starts, iterations=ROUNDS)
+    return fit_windows(problem, solution.values, starts, iterations=ITERATIONS)
 
 
 def _followed(

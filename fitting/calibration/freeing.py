@@ -279,12 +279,12 @@ def _kicks(at: Freed, fit: Fit, simulator: Simulator) -> None:
     # a jump of the clock in a window that is left out goes with it
     seen = np.any(at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :], axis=(0, 1, 2))
     gone = [p.name for p, wanted in zip(at.prepared.parameters, seen, strict=True) if not wanted]
-    at.names = [candidate for candidate in at.names if not set(gone) & set(candidate.free)]
     prepared = _of_parameters(at.prepared, seen, clean.values, simulator)
     prepared = replace(prepared, windows=fewer, starts=Starts(*(part[~off] for part in clean.starts)))
     solution = fit(prepared, "windows", at.loss)
     if solution.status != "ok":
         return
+    at.names = [candidate for candidate in at.names if not set(gone) & set(candidate.free)]
     for kick in found:
         begin, last = windows.begin[kick.windows[0]], windows.begin[kick.windows[-1]] + windows.length
         what = "is moved by something else, or out of its plane, from" if kick.lasting else "is kicked or touched at"

@@ -83,7 +83,7 @@ def linearise(twin: Any, noise: float) -> Linear:
     simulator, m2 = prepared.simulator, prepared.simulator.freedoms
     windows = _windows(twin, 0.0, 0, prepared.windows.length, prepared.windows.dt, weight=noise)
     clean = _trace(twin, 0.0, 0)
-    guess = first_starts(simulator.model_at(twin.truth), [clean], windows, prepared.smooth)
+    guess = first_starts(simulator.model_at(twin.truth), [clean], windows, prepared.sigma)
     problem = replace(prepared.problem(frozen=np.ones(len(twin.truth), bool)), windows=windows)
     found = fit_windows(problem, twin.truth, guess)
     evaluation = found.evaluation

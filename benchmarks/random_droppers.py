@@ -212,7 +212,9 @@ def main() -> None:
         except SceneError as error:
             row = {"seed": seed, "status": "invalid_input", "message": str(error), "noise": d.noise, "printed_noise": 0}
         rows.append(row)
-        short = {k: row.get(k) for k in ("links", "peak", "chi2", "fitted", "windows", "substeps", "seconds", "message")}
+        short = {
+            k: row.get(k) for k in ("links", "peak", "chi2", "fitted", "windows", "substeps", "seconds", "message")
+        }
         off = (np.array(row["values"]) - d.truth) / np.array(row["std_error"]) if "values" in row else None
         print(seed, row["status"], row.get("residual", np.nan) / d.noise, off, short, flush=True)
         args.out.write_text(json.dumps({"kind": args.kind, "rows": rows}, indent=1) + "\n")

@@ -268,12 +268,14 @@ def _flow(solution: Solution) -> dict[str, Any]:
 def text(solution: Solution) -> str:
     """The result for people."""
     from dropper_jax.run.failures import words as failure_words
+    from dropper_jax.scene import link_mass_words
 
     used = solution.settings
     pairs = [
         ("scene", solution.scene.name),
         ("integrator", f"{used['integrator']}, solver {used['solver']}, {used['dtype']}"),
         ("time", _steps(solution)),
+        ("mass of links", link_mass_words(solution.scene.link_mass_nodes)),
         ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
         ("residual", f"{solution.max_residual:.1e} largest, scaled; closure {solution.max_closure_error:.1e} m"),
         ("energy", f"balance drifts by {solution.energy_drift:.1e} J of a scale of {solution.energy_scale:.3g} J"),

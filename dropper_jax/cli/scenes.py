@@ -31,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--expanded", action="store_true", help="print it without parameters, repetitions and arrays: the plain scene"
     )
     parser.add_argument("--moordyn", metavar="FILE", help="write the scene as a MoorDyn v2 input instead")
+    parser.add_argument(
+        "--force", action="store_true", help="let --moordyn replace files of waves and current that differ"
+    )
     parser.add_argument("--dt", type=number, help="MoorDyn's time step [s], else the scene's: its schemes are explicit")
     parser.add_argument(
         "--reference",
@@ -120,9 +123,8 @@ def _show(table: dict[str, Any], as_json: bool) -> int:
 def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
     """The scene as a MoorDyn input; what that cannot say is listed."""
     from dropper_jax.moordyn.writing.writer import write_moordyn
-    from dropper_jax.run.growth import overgrown
 
-    lost = write_moordyn(overgrown(scene), file, dt=args.dt)
+    lost = write_moordyn(scene, file, dt=args.dt, force=args.force)
     print_warnings(lost)
     print_result(args.json, done_object(name=scene.name, file=str(file), not_represented=lost), f"ok: {file}")
     return OK

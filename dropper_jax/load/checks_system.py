@@ -97,8 +97,21 @@ def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...])
             )
 
 
+def _check_masses(scene: SceneData) -> None:
+    """Every free point has mass: that of a link, a body or a buoy."""
+    nodes = scene.link_mass_nodes
+    heavy = {line.end for line in scene.lines} | {line.start for line in scene.lines if nodes[line.name] != "far"}
+    heavy |= {buoy.point for buoy in scene.buoys} | {p.name for p in scene.points if p.mass or p.on}
+    for i, line in enumerate(scene.lines):
+        point = scene.point(line.start)
+        if point.kind == "free" and point.name not in heavy:
+            why = f"leaves the free point {point.name!r} without mass"
+            raise refuse(f"line.{i}.nodes", line.nodes, why, "shared, or the line written from its other end")
+
+
 def check_system_effects(scene: SceneData) -> None:
-    """Effects that need one line, and bodies that need water."""
+    """Effects that need one line, bodies that need water, and free points that need mass."""
+    _check_masses(scene)
     for name in scene.effects:
         if EFFECTS[name].single_line:
             raise SceneError(f"effects.{name}: follows the nodes of one line; allowed: scenes of one line")

@@ -38,6 +38,8 @@ from dropper_jax.scene.line import MOST_LINKS
 #: Attached points nearer than this part of the line's length would leave a piece without length.
 SAME = 1e-9
 LENGTH = {"low": 0.0, "open_low": True, "unit": "m"}
+#: Keys of a line by the link that a line by the metre has from its type.
+OF_TYPES = ("mass", "diameter", "axial", "centre_of_mass", "inertia")
 #: Effect and key that take a coefficient of the line types where the scene leaves it out.
 COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
 
@@ -130,6 +132,9 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
     shelter: list[float] = []
     for i, line in enumerate(lines):
         line = dict(read_table(line, f"line.{i}"))
+        for key in OF_TYPES:
+            if key in line and {"type", "sections"} & set(line):
+                raise SceneError(f"line.{i}.{key}: is that of the line's type; allowed: in its [[line_type]]")
         if not {"type", "sections"} & set(line):
             raise SceneError(
                 f"line.{i}: no type; allowed: where one line has a type, all lines have `type` or `sections`"
@@ -137,7 +142,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
         sections = _sections(line, f"line.{i}", types)
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
-            pieces.append({**piece, **_per_link(part, f"line.{i}")})
+            pieces.append({"nodes": "shared", **piece, **_per_link(part, f"line.{i}")})
             used.append(part)
             shelter += [factor] * pieces[-1]["links"]
     table["line"] = pieces
@@ -273,7 +278,6 @@ def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
     """Keys of a `[[line]]` with one value per link."""
     found = {
         "links": sum(s.links for s in sections),
-        "nodes": "shared",
         "length": _each(sections, lambda s: s.length / s.links),
         "mass": _each(sections, lambda s: s.type.mass * s.length / s.links),
         "diameter": _each(sections, lambda s: s.type.diameter),

@@ -35,7 +35,7 @@ from dropper_jax.scene import (
     VesselSpec,
 )
 from dropper_jax.scene.body import CylinderSpec, SphereSpec
-from dropper_jax.scene.fit import PriorSpec, SensorSpec
+from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
 from dropper_jax.scene.vessel import RaoSpec
 from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 
@@ -195,7 +195,7 @@ DECLARED: tuple[tuple[str, str, type | None], ...] = (
     ("sea.level", "[sea.level]", LevelSpec),
     ("failure.*", "[[failure]]", FailureSpec),
     ("anchor.*", "[[anchor]]", AnchorSpec),
-    ("fit", "[fit]", None),
+    ("fit", "[fit]", FitSpec),
     ("fit.sensor.*", "[[fit.sensor]]", SensorSpec),
     ("fit.prior.*", "[[fit.prior]]", PriorSpec),
     ("parameters", "[parameters]", None),

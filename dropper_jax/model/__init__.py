@@ -1,5 +1,6 @@
 """The model: a frozen pytree of arrays, and what effects see of one instant of it."""
 
+from dropper_jax.model.check_slots import check_slots
 from dropper_jax.model.effect import Effect, HeldMotion, Law, Tie, per_node
 from dropper_jax.model.failures import Failures
 from dropper_jax.model.geometry import Ends, Geometry, Member
@@ -49,6 +50,7 @@ __all__ = [
     "as_parted",
     "at_pieces",
     "booked",
+    "check_slots",
     "gather_links",
     "link_differences",
     "per_node",

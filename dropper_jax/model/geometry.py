@@ -32,12 +32,17 @@ class Ends(NamedTuple):
 
 
 class Member(NamedTuple):
-    """One line: its name, its number of links and the numbers of the points where it begins and ends."""
+    """One line: its name, its number of links and the numbers of the points where it begins and ends.
+
+    Attributes:
+        far: whether a link's mass and forces go to its far node, not in halves to both; in a path they all do.
+    """
 
     name: str
     links: int
     start: int
     end: int
+    far: bool = False
 
 
 def named(line: str | int, names: Sequence[str]) -> int:

@@ -22,7 +22,8 @@ class LinkEnd(Part):
     """One end of all links: rows are links, node by node sums are gathers over the graph."""
 
     def __init__(self, graph: Graph, last: bool) -> None:
-        self.graph, self.last, self.share = graph, last, 0.5
+        self.graph, self.last = graph, last
+        self.share = 1.0 - graph.near if last else graph.near
         node = graph.last if last else graph.first
         self._node = np.minimum(node, max(graph.free - 1, 0))  # held nodes take any value: nothing is collected there
 
@@ -40,7 +41,8 @@ class LinkEnd(Part):
 class Graph(Geometry):
     """Lines joined at points; each link's mass, weight and forces go in halves to its two ends (lumped, as in MoorDyn).
 
-    Nothing here ends freely: a free end is a free point.
+    Those of lines whose members say `far` go to the links' far nodes. Nothing here ends freely: a free end is a free
+    point.
     """
 
     members: tuple[Member, ...]
@@ -78,6 +80,14 @@ class Graph(Geometry):
             found.append(np.concatenate([[self.point_node[m.start]], inner, [self.point_node[m.end]]]).astype(int))
             begin += m.links - 1
         return tuple(found)
+
+    @cached_property
+    def near(self) -> np.ndarray | float:
+        """Share of each link's mass and forces (n,) at its first node; one number where all lines have halves."""
+        if not any(m.far for m in self.members):
+            return 0.5
+        # exact in half precision: models of any precision stay what they are
+        return np.repeat([0.0 if m.far else 0.5 for m in self.members], [m.links for m in self.members]).astype("f2")
 
     @cached_property
     def first(self) -> np.ndarray:
@@ -146,8 +156,7 @@ class Graph(Geometry):
         return jnp.stack(rows) if rows else jnp.zeros((0, 3), pull.dtype)
 
     def shared(self, value: jax.Array) -> jax.Array:
-        half = 0.5 * value
-        return self.from_first(half) + self.from_last(half)
+        return self.from_first(self.near * value) + self.from_last((1.0 - self.near) * value)
 
     def parts(self) -> tuple[Part, ...]:
         return LinkEnd(self, last=True), LinkEnd(self, last=False)

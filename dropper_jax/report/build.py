@@ -58,6 +58,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "to_s": float(part.t[-1]),
         "samples": len(part.t),
         "retried_steps": solution.retried_steps,
+        "link_mass_nodes": solution.scene.link_mass_nodes,
         "notes": list(part.notes),
         "broken": list(solution.broken),
         "parts": parts(tension, snap, fatigue),

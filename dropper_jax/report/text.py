@@ -10,6 +10,7 @@ from dropper_jax.report.bodies import bodies_text
 from dropper_jax.report.crop import crop_text
 from dropper_jax.report.parts import parts_text
 from dropper_jax.report.sections import newton, table
+from dropper_jax.scene import link_mass_words
 
 #: Runs whose values stand side by side.
 FEW = 6
@@ -58,7 +59,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         return f"![{name.replace('_', ' ')}]({files[name]})" if name in files else ""
 
     return [
-        "\n".join(f"- {literal(note)}" for note in run["notes"]),
+        "\n".join(f"- {literal(note)}" for note in _notes(run)),
         *parts_text(run.get("parts")),
         "## Tension",
         sections.tension(run["tension"]),
@@ -88,6 +89,10 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         *bodies_text(run.get("bodies")),
         *crop_text(run.get("crop")),
     ]
+
+
+def _notes(run: dict[str, Any]) -> list[str]:
+    return [*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}."]
 
 
 def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:

@@ -11,7 +11,7 @@ from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model import Geometry, Graph, Line, Member, Model, Path, Point
+from dropper_jax.model import Geometry, Graph, Line, Member, Model, Path, Point, check_slots
 from dropper_jax.run.bodies import make_bodies, make_vessels
 from dropper_jax.run.failures import make_failures
 from dropper_jax.scene import LineSpec, PointSpec, SceneData, joined
@@ -31,7 +31,11 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     model = Model(
         (*points, *corners), (line,), (*effects, *_bodies(scene, index), *rigid, *make_vessels(scene, sea)), sea
     )
-    return model.cast(dtype or scene.run.dtype)
+    model = model.cast(dtype or scene.run.dtype)
+    for effect in model.effects:
+        if not type(effect).__module__.startswith("dropper_jax."):  # the project's own ones have their tests
+            check_slots(model, effect)
+    return model
 
 
 def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
@@ -50,7 +54,8 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
 
 
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Geometry:
-    members = tuple(Member(n.name, n.links, index[n.start], index[n.end]) for n in scene.lines)
+    far = scene.link_mass_nodes
+    members = tuple(Member(n.name, n.links, index[n.start], index[n.end], far[n.name] == "far") for n in scene.lines)
     held = tuple(p.kind == "fixed" for p in scene.points)
     return Graph(members, held + (False,) * corners) if scene.branched else Path(members, (True, held[members[0].end]))
 

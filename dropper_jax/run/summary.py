@@ -58,6 +58,7 @@ def summary(run: Samples) -> dict[str, Any]:
             if bends(run.scene)
             else {}
         ),
+        "link_mass_nodes": run.scene.link_mass_nodes,
         "broken": run.broken,
         "estimated_error": run.settings.get("estimated_error"),
         "warnings": run.warnings,

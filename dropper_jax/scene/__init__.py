@@ -2,7 +2,7 @@
 
 from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude
-from dropper_jax.scene.data import SceneData, is_branched, point_named
+from dropper_jax.scene.data import SceneData, is_branched, link_mass_words, point_named
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
 from dropper_jax.scene.growth import GrowthSpec, grown
@@ -40,6 +40,7 @@ __all__ = [
     "grown",
     "held_loads",
     "is_branched",
+    "link_mass_words",
     "joined",
     "line_places",
     "line_slices",

@@ -63,6 +63,25 @@ class SceneData:
         return bool(self.bodies) or is_branched(self.points, self.lines, self.buoys)
 
     @property
+    def link_mass_nodes(self) -> dict[str, str]:
+        """Where mass and water forces of each line's links go, by its name: `far`, `shared` or `centre_of_mass`.
+
+        The last is of compound links, whose centre of mass divides them.
+        """
+        carried = [body.name for body in self.bodies]
+        loaded = {p.name for p in self.points if p.body or p.on in carried} | {buoy.point for buoy in self.buoys}
+        ends = [name for line in self.lines for name in {line.start, line.end}]
+        alone = {name for name in ends if ends.count(name) == 1} - loaded
+        starts = alone - {p.name for p in self.points if p.kind == "free"}
+
+        def nodes(line: LineSpec) -> str:
+            if line.centre_of_mass is not None:
+                return "centre_of_mass"
+            return line.nodes or ("far" if line.start in starts and line.end in alone else "shared")
+
+        return {line.name: nodes(line) for line in self.lines}
+
+    @property
     def line(self) -> LineSpec:
         """All lines as one, their arrays one after another."""
         return joined(self.lines)
@@ -97,6 +116,18 @@ class SceneData:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SceneData) and self.to_dict() == other.to_dict()
+
+
+def link_mass_words(nodes: dict[str, str]) -> str:
+    """`SceneData.link_mass_nodes` in a line for people."""
+    meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
+    used = {key: [name for name, found in nodes.items() if found == key] for key in meaning}
+    used = {key: names for key, names in used.items() if names}
+    if len(used) == 1:
+        return meaning[next(iter(used))]
+    most = max(used, key=lambda key: len(used[key]))
+    rest = [f"{meaning[key]}: {', '.join(names)}" for key, names in used.items() if key != most]
+    return f"{'; '.join(rest)}; {meaning[most]}: all other lines"
 
 
 def point_named(points: tuple[PointSpec, ...], name: str) -> PointSpec:

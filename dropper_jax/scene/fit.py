@@ -4,6 +4,7 @@ What is left open, the sensors, and what is known beforehand of the rig's number
 
     [fit]
     free = ["line.0.inertia", "b_l"]
+    model_error = 1e-3          # angles [rad] by which the rig departs from any model, such as play of its bearings
 
     [[fit.sensor]]
     channel = "angle"
@@ -30,7 +31,17 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, as_table, check_keys, join, read_fields, read_list, read_table, refuse
+from dropper_jax.base.read import (
+    Plain,
+    as_table,
+    check_keys,
+    join,
+    read_fields,
+    read_list,
+    read_number,
+    read_table,
+    refuse,
+)
 
 #: Units of `sensor` and `prior` in SI, by what they measure; `%` is of the scene's value.
 UNITS: dict[str, tuple[str, float]] = {
@@ -102,6 +113,13 @@ class FitSpec:
     free: tuple[str, ...] = ()
     sensors: tuple[SensorSpec, ...] = ()
     priors: tuple[PriorSpec, ...] = ()
+    model_error: float = parameter(
+        "angle by which the rig departs from any model; it widens the noise of every sample",
+        unit="rad",
+        low=0.0,
+        high=1.0,
+        default=0.0,
+    )
 
     @classmethod
     def read(cls, table: Plain, path: str) -> FitSpec:
@@ -111,7 +129,7 @@ class FitSpec:
             SceneError: an unknown key, channel or unit, a sigma or resolution that is not positive, a name twice.
         """
         table = read_table(table, path)
-        check_keys(table, ("free", "sensor", "prior"), path)
+        check_keys(table, ("free", "sensor", "prior", "model_error"), path)
         free = read_list(table.get("free", []), join(path, "free"), None, "a list of paths of parameters")
         for i, name in enumerate(free):
             if not isinstance(name, str) or not name.strip():
@@ -123,7 +141,9 @@ class FitSpec:
         for i, prior in enumerate(priors):
             if (prior.of, prior.common) in [(p.of, p.common) for p in priors[:i]]:
                 raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: every prior once")
-        return cls(tuple(free), sensors, priors)
+        declared = cls.__dataclass_fields__["model_error"].metadata
+        model_error = read_number(table.get("model_error", 0.0), join(path, "model_error"), declared)
+        return cls(tuple(free), sensors, priors, model_error)
 
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` makes the same."""
@@ -131,7 +151,7 @@ class FitSpec:
         for key, items in (("sensor", self.sensors), ("prior", self.priors)):
             if items:
                 found[key] = [as_table(item) for item in items]
-        return found
+        return {**found, "model_error": self.model_error} if self.model_error else found
 
     def resolution(self, channel: str) -> float:
         """Smallest difference [SI] that the channel's sensor tells; 0 where the rig does not say."""

@@ -46,10 +46,11 @@ class LineSpec:
     breaking_load: np.ndarray | None = parameter(
         "breaking load", unit="N", shape="link", low=0.0, open_low=True, optional=True
     )
-    nodes: str = option(
-        "where a link's mass and water forces go: its far node, or halves to both",
+    nodes: str | None = option(
+        "where a link's mass and water forces go: its far node, or halves to both; default: `far` for a line by the "
+        "link that shares no point with a line, buoy or body and does not start at a free point, `shared` for others",
         choices=("far", "shared"),
-        default="far",
+        default=None,
     )
     piece_of: str | None = option("line that attached points cut it from", type=str, default=None)
     axial_law: str = "rigid"
@@ -76,6 +77,9 @@ class LineSpec:
         if (values["centre_of_mass"] is None) != (values["inertia"] is None):
             missing = "inertia" if values["inertia"] is None else "centre_of_mass"
             raise SceneError(f"{path}.{missing}: missing; a compound link needs both `centre_of_mass` and `inertia`")
+        if values["nodes"] is not None and values["inertia"] is not None:
+            why = "does not apply to a compound link, which its centre of mass divides between its nodes"
+            raise refuse(f"{path}.nodes", values["nodes"], why, "leave it out")
         values.update(_read_axial(axial, f"{path}.axial", count))
         spread = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA", "axial_damping")
         values.update({key: _per_link(values[key], count) for key in spread if values.get(key) is not None})
@@ -93,8 +97,6 @@ class LineSpec:
 
     def table(self) -> dict[str, Any]:
         found = {key: _one_or_all(value) for key, value in as_table(self, self.KEYS).items()}
-        if self.nodes == "far":
-            del found["nodes"]  # the default, which scenes of one line need not know of
         if self.growth is not None:
             found["growth"] = self.growth.table()
         if self.rigid:

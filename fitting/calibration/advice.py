@@ -135,11 +135,13 @@ def candidates(model: Model, release: Release | None) -> list[tuple[str, list[st
     return found
 
 
-def wide(prepared: Prepared) -> Simulator:
-    """A simulator whose programs know the free parameters, those of all candidates, and places for lost frames."""
+def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
+    """A simulator whose programs know the free parameters, those of all candidates and further ones, and places for
+    lost frames."""
     own = prepared.simulator
     model, names = own.model, {p.name for p in prepared.parameters}
-    more = [p for _, _, found in candidates(model, own.release) for p in found if p.name not in names]
+    asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
+    more = list({p.name: p for p in asked if p.name not in names}.values())
     lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(PLACES)]
     if own.knows([*prepared.parameters, *more]):
         return own
@@ -160,7 +162,7 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
         found = [p for p in every if p.name not in free]
         if found and not any(known.startswith(tuple(paths)) for known in free):
             asked.append((name, paths, found))
-    S, g, data = _all(prepared, solution, simulator, [p for _, _, found in asked for p in found])
+    S, g, data = joint_information(prepared, solution, simulator, [p for _, _, found in asked for p in found])
     k, tests, untold = len(problem.parameters), [], []
     at, places = k, {}
     free_rows = np.flatnonzero(~problem.held)
@@ -194,7 +196,7 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
 
 
-def _all(
+def joint_information(
     prepared: Prepared, solution: Solution, simulator: Simulator, more: Sequence[Parameter]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Information and gradient of the free parameters and of more, and the part of the information by measurements."""

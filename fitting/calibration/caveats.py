@@ -41,6 +41,15 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     for name, value, error, on in zip(names, solution.values, u.std_error, u.at_bound, strict=True):
         if not on and error > abs(value) and name.startswith("effects."):
             found.append(f"{name} is not determined: {value:.3g} with standard error {error:.2g}")
+    found += [
+        f"left out: {prepared.traces[run].name} {low:.3f} to {high:.3f} s, no start of this window explains its samples"
+        for run, low, high in prepared.left_out
+    ]
+    found += [
+        f"the motion of {prepared.traces[run].name} jumps at {time:.3f} s, as by a kick, a touch or lost frames; "
+        "windows are not joined there"
+        for run, time in prepared.breaks
+    ]
     if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
         found.append(
             f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were widened "

@@ -113,7 +113,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     )
     information = np.einsum("ksni,ksnj->kij", along, along, optimize=True)
     gradient = np.einsum("ksni,ksn->ki", along, e.residual, optimize=True)
-    early = (windows.index * windows.dt / windows.length <= EARLY)[:, :, None] & (windows.weight > 0)
+    early = (windows.index / windows.step_counts[:, None] <= EARLY)[:, :, None] & (windows.weight > 0)
     late = ~early & (windows.weight > 0)
     found = np.zeros((3, windows.count))
     for scored, used in folds:

@@ -104,7 +104,7 @@ def _seen(result: FitResult, run: int) -> tuple[float, float]:
     end = mine[0] + 1
     while end < windows.count and windows.follows[end] and windows.run[end] == run:
         end += 1
-    return float(windows.begin[mine[0]]), float(windows.begin[end - 1] + windows.length)
+    return float(windows.begin[mine[0]]), float(windows.ends[end - 1])
 
 
 def _stretches(t: np.ndarray, energy: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

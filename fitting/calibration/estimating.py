@@ -10,14 +10,68 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
+from fitting.calibration.lost_windows import break_far_gaps, recover_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
-from fitting.estimate.gradient import fit_gradient
+from fitting.estimate.gradient import descent_of
 from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with
+from fitting.estimate.noise import Noise
 from fitting.estimate.own_noise import posed, with_own_noise
-from fitting.estimate.problem import Solution
+from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.refinement import finer_step, refine
 from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
+
+#: Most iterations of a first fit before links are weighed by their misfit, and before windows are looked at one by one.
+EARLY, FIRST = 5, 15
+#: Ratio of two links' misfits, in units of their noise, from which on they are weighed by it.
+UNEVEN = 3.0
+
+
+def with_sound_windows(
+    prepared: Prepared,
+    loss: Loss = LEAST_SQUARES,
+    iterations: int = 40,
+    progress: Progress = silent,
+    keep_jumps: bool = False,
+) -> Prepared:
+    """The preparation with windows that a fit can follow, which begin where their fit ended.
+
+    Lost windows are restarted, split or left out, see `lost_windows`.
+
+    Args:
+        keep_jumps: leave windows in which frames are missing as they are, for `freeing` to name.
+    """
+    say = lambda fraction, text: progress(0.05 + 0.3 * fraction, text)  # noqa: E731
+
+    def fit_again(problem: Problem, before: Solution) -> Solution:
+        found = fit_windows(problem, before.values, before.starts, iterations=FIRST, progress=say)
+        return replace(found, iterations=before.iterations + found.iterations)
+
+    problem = prepared.problem(begun_with(loss))
+    solution = fit_windows(problem, prepared.values, prepared.starts, iterations=min(EARLY, iterations), progress=say)
+    if solution.status != "ok" and iterations > EARLY:
+        prepared = replace(prepared, first_noise=uneven_noise(prepared, solution))
+        solution = fit_again(prepared.problem(begun_with(loss)), solution)
+    prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
+    if not keep_jumps:
+        prepared = break_far_gaps(prepared, solution)
+    return replace(prepared, begin=solution.values, starts=solution.starts, iterations=solution.iterations)
+
+
+def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
+    """The noise with the size of each link's residuals, where links are missed by unlike multiples of theirs.
+
+    The claimed noise of an encoder is a hundredth of what its bearing makes a model miss: by it alone one link would
+    count many times another.
+    """
+    weight = prepared.windows.weight
+    square, known = (solution.errors * weight) ** 2, weight > 0
+    noise = Noise.claimed(len(prepared.traces), weight.shape[2])
+    for run in np.unique(prepared.windows.run):
+        mine = prepared.windows.run == run
+        mean = square[mine].sum(axis=(0, 1)) / np.maximum(known[mine].sum(axis=(0, 1)), 1)
+        noise.factor[run] = np.sqrt(np.maximum(mean, 1.0))
+    return noise if (noise.factor.max(axis=1) > UNEVEN * noise.factor.min(axis=1)).any() else None
 
 
 def estimate(
@@ -31,9 +85,14 @@ def estimate(
     frozen: np.ndarray | None = None,
 ) -> Solution:
     """Run an estimator; arguments as in `fit`."""
-    problem = prepared.problem(loss, frozen)
-    if method == "gradient":
-        return fit_gradient(problem, prepared.values, prepared.starts, progress=progress, **(settings or {}))
+    if method == "gradient":  # the same with other steps: windows, noise, gap weight and time step as by default
+        descent, progress = descent_of(settings or {}, progress)
+        problem = prepared.problem(begun_with(loss), frozen)
+        values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)
+        begun = replace(prepared, descent=descent, begin=values, starts=starts)
+        found = estimate(begun, "shooting", loss, continuity, iterations, progress, frozen=frozen)
+        posed_again = replace(found.problem, descent=None)
+        return replace(found, problem=posed_again, history=[*history, *found.history])
     share = 0.5 if method == "shooting" else 0.9
     solution = fit_windows(
         prepared.problem(begun_with(loss), frozen),

@@ -13,12 +13,15 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
-from fitting.calibration.estimating import estimate
+from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice
+from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
+from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
+from fitting.estimate.gradient import descent_of
 from fitting.estimate.loss import loss_of
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import importance
@@ -74,7 +77,7 @@ def fit(
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
         free: paths of parameters, or unique last names such as `b_l`; default: what the scene's `[fit]` leaves open,
             else its damping.
-        method: `windows`, `shooting` or `gradient`; see their modules.
+        method: `windows`, `shooting` (Gauss-Newton), or `gradient`: the minimum of `shooting` by a gradient descent.
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). A rig's own priors
             (`[fit]` of the scene) hold what is given none here.
         until: samples from this time [s] on are not fitted.
@@ -101,7 +104,8 @@ def fit(
         posterior: so many draws of the parameters' posterior.
         sampler: `importance`, or `nuts`: window starts are sampled too, so many draws of each of four chains.
         progress: called with (fraction, text).
-        **settings: of the gradient method: see `gradient.fit_gradient`.
+        **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
+            `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
 
     Raises:
         SceneError: for anything the caller can mend, in one line.
@@ -109,7 +113,9 @@ def fit(
     if method not in METHODS:
         raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
     if settings and method != "gradient":
-        raise SceneError(f"method: {method!r} has no setting {sorted(settings)[0]!r}; allowed: none")
+        name = sorted(settings)[0]
+        raise SceneError(f"{name}: {settings[name]!r} is given, but method {method!r} has none; use gradient")
+    descent_of(settings)  # refuses settings before anything is compiled
     if bootstrap < 0 or bootstrap == 1:
         raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
     if sampler not in SAMPLERS:
@@ -135,19 +141,32 @@ def fit(
     )
     asked = profile_names(prepared, profile)
     loss = loss_of(huber, student)
+    sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
+    if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
+        sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
+    whole, prepared = prepared, sound
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
-        at = free_by_advice(prepared, again, "windows" if method == "gradient" else method, loss, progress=progress)
-        prepared, solution, found, freed = at.prepared, at.solution, at.found, at.names
+        kicked = []
+        if sound.left_out or sound.windows.count > whole.windows.count:  # some were lost
+            whole, kicked = without_kicks(whole, again, loss)
+        if kicked:
+            prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)
+        at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
+        prepared, solution, found, freed = at.prepared, at.solution, at.found, [*kicked, *at.names]
         if method == "gradient":
-            solution = estimate(prepared, method, at.loss, settings=settings, progress=progress)
+            solution = estimate(prepared, method, at.loss, continuity, iterations, progress, settings)
     else:
         solution = estimate(prepared, method, loss, continuity, iterations, progress, settings)
         found = advise(prepared, solution) if advice and solution.status == "ok" else []
         freed = []
     prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
     solution.problem = replace(solution.problem, known=prepared.known)
+    solution.iterations += prepared.iterations
     result = summarise(prepared, method, solution)
+    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
+        result.wrong_file = name_wrong_file(prepared)
+        result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
     for name in asked:

@@ -12,20 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
-from fitting.calibration.jumps import SEVERAL, alone, far_off, kicks, led, lost_frames
+from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
 from fitting.calibration.prepared import Prepared
+from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.whitening import log_volume
-from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.place import LOST, LostPlace
 from fitting.parameters.priors import rig_priors
@@ -119,10 +118,13 @@ def free_by_advice(
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
-    _kicks(at, fit, simulator)
-    _outliers(at, fit)
+    if is_model_wrong(at.prepared, at.solution):
+        simulator = _groups(at, fit, simulator, progress)
+    wrong, first = is_model_wrong(at.prepared, at.solution), len(at.names)
+    if not wrong:
+        _outliers(at, fit)
     refused: set[str] = set()
-    while at.solution.status == "ok" and len(at.names) < MOST_FREED:
+    while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
         progress(0.5, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         named = [c for c in at.found if c.named and c.name not in refused]
@@ -132,11 +134,22 @@ def free_by_advice(
         tries = [c for c in named if c.worth > PROMISING * best][:TRIED]
         _choose(at, fit, simulator, tries, refused)
         _outliers(at, fit)
-    for candidate in list(at.names):
+    for candidate in at.names[first:]:
         at = _reconsidered(at, candidate, fit, simulator)
     if method == "windows":
         return at
     return _joined(at, fit, simulator, method, refused, progress)
+
+
+def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Simulator:
+    """Free whole groups by trials; returns the simulator that knows them."""
+    found = free_groups(at.prepared, at.solution, at.loss, progress)
+    if found is None:
+        return simulator
+    at.prepared, simulator, names = found
+    at.solution = fit(at.prepared, "windows", at.loss)
+    at.names += names
+    return simulator
 
 
 def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
@@ -148,9 +161,16 @@ def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulato
     rest = [c for c in at.names if c is not candidate]
     if not mine or candidate not in at.names or not any(c.changes for c in rest):
         return at
-    keep = np.array([p.name not in mine for p in at.prepared.parameters])
-    prepared = _of_parameters(at.prepared, keep, at.solution.values, simulator)
-    prepared = replace(prepared, starts=at.solution.starts)
+    keep = [i for i, p in enumerate(at.prepared.parameters) if p.name not in mine]
+    parameters, known = rig_priors(at.prepared.scene, simulator.model, [at.prepared.parameters[i] for i in keep])
+    prepared = replace(
+        at.prepared,
+        parameters=parameters,
+        known=known,
+        simulator=simulator.viewed(parameters),
+        begin=at.solution.values[keep],
+        starts=at.solution.starts,
+    )
     without = Freed(prepared, fit(prepared, "windows", at.loss), at.loss, rest)
     if without.solution.status != "ok":
         return at
@@ -163,14 +183,6 @@ def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulato
     return without if _score(without) > _score(at) else at
 
 
-def _of_parameters(prepared: Prepared, keep: np.ndarray, values: np.ndarray, simulator: Simulator) -> Prepared:
-    """The same with some of its parameters (k,) bool, from these values (k,) on."""
-    few = [p for p, wanted in zip(prepared.parameters, keep, strict=True) if wanted]
-    parameters, known = rig_priors(prepared.scene, simulator.model, few)
-    viewed = simulator.viewed(parameters)
-    return replace(prepared, parameters=parameters, known=known, simulator=viewed, begin=values[keep])
-
-
 def _score(at: Freed) -> float:
     """Log likelihood less the price of the parameters (Schwarz 1978)."""
     return likelihood(at.solution) - 0.5 * np.log(max(at.solution.windows.samples, 2)) * len(at.prepared.parameters)
@@ -180,7 +192,7 @@ def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set
     """Goes on by another method, whose fits see more."""
     begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
-    while at.solution.status == "ok":
+    while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
         progress(0.9, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
         best = next((c for c in at.found if c.named and c.name not in refused), None)
@@ -265,48 +277,14 @@ def _outliers(at: Freed, fit: Fit) -> None:
     at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
 
 
-def _kicks(at: Freed, fit: Fit, simulator: Simulator) -> None:
-    """Without the windows that a kick or a touch spoils."""
-    found, clean = kicks(at.prepared, at.solution, partial(_without, at, fit))
-    if not found:
-        if clean.status == "ok" and likelihood(clean) > likelihood(at.solution):
-            at.solution = clean
-        return
-    windows = at.prepared.windows
-    off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
-    follows = windows.follows & ~off & np.r_[False, ~off[:-1]]
-    fewer = replace(windows.pick(~off), follows=follows[~off])
-    # a jump of the clock in a window that is left out goes with it
-    seen = np.any(at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :], axis=(0, 1, 2))
-    gone = [p.name for p, wanted in zip(at.prepared.parameters, seen, strict=True) if not wanted]
-    prepared = _of_parameters(at.prepared, seen, clean.values, simulator)
-    prepared = replace(prepared, windows=fewer, starts=Starts(*(part[~off] for part in clean.starts)))
-    solution = fit(prepared, "windows", at.loss)
-    if solution.status != "ok":
-        return
-    at.names = [candidate for candidate in at.names if not set(gone) & set(candidate.free)]
-    for kick in found:
-        begin, last = windows.begin[kick.windows[0]], windows.begin[kick.windows[-1]] + windows.length
-        what = "is moved by something else, or out of its plane, from" if kick.lasting else "is kicked or touched at"
-        words = f"{at.prepared.traces[kick.run].name} {what} about {kick.time:.2f} s"
-        words += f": windows from {begin:.3g} to {last:.3g} s left out"
-        at.names.append(Candidate(words, (), {}, {}, likelihood(solution) - likelihood(at.solution), 0.0))
-    at.prepared, at.solution = prepared, solution
-
-
 def _without_far_off(at: Freed, fit: Fit) -> Solution:
     """A fit without the windows that a jump spoils: their misfit would be taken for damping, and for noise."""
     off = far_off(at.solution)
-    return _without(at, fit, off) if off.any() else at.solution
-
-
-def _without(at: Freed, fit: Fit, off: np.ndarray, begin: Solution | None = None) -> Solution:
-    """A fit without some windows (K,) bool, from where another one ended if there is one."""
+    if not off.any():
+        return at.solution
     windows = at.prepared.windows
     fewer = replace(windows, weight=np.where(off[:, None, None], 0.0, windows.weight))
     prepared = replace(at.prepared, windows=fewer)
-    if begin is not None:
-        prepared = replace(prepared, begin=begin.values, starts=begin.starts)
     # a jump that only these windows see
     slopes = at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :]
     unseen = ~np.any(slopes, axis=(0, 1, 2))

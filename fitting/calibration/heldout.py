@@ -19,42 +19,51 @@ from fitting.traces.trace import Trace
 GROWING = (0.2, 0.5, 1.0)
 
 
-def score_held_out(prepared: Prepared, values: np.ndarray, span: tuple[float, float]) -> HeldOut:
-    """RMS angle error [rad] on a span, its starts fitted on its own angles, the parameters held.
-
-    The span is one window where the motion lets its start be found (errors grow by less than exp(6)), else it is cut
-    into windows as long as the fit's.
-    """
+def score_held_out(
+    prepared: Prepared, values: np.ndarray, span: tuple[float, float], runs: Sequence[int] | None = None
+) -> HeldOut:
+    """RMS angle error [rad] on a span of some runs, by default of all; its starts fitted on its own angles, the
+    parameters held."""
     low, high = span
-    whole = prepared.lyapunov * (high - low) < HELD_GROWTH
     pieces = []
     for i, trace in enumerate(prepared.traces):
+        if runs is not None and i not in runs:
+            continue
         part = trace.between(low, high)
         if len(part.t) > 2:
             pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + trace.interval)))
-    length = min(end - begin for _, begin, end in pieces) if whole else prepared.windows.length
+    length = min(window_length(prepared, span), *(end - begin for _, begin, end in pieces))
     windows = prepared.cut(length, pieces)
     windows = replace(windows.padded(*_shape(prepared)), substeps=prepared.windows.substeps)
     return HeldOut(low, high, fit_starts(prepared, windows, values))
 
 
+def window_length(prepared: Prepared, span: tuple[float, float]) -> float:
+    """Length [s] of the windows that a span is scored by: equal parts of it whose starts the motion lets be found.
+
+    Errors grow by at most exp(6) over each. The rate of growth is that of the scene along the measured motion, and not
+    that of the fit: shorter windows alone would lower a score, so that two fits are scored by the same ones.
+    """
+    low, high = span
+    return (high - low) / max(1, int(np.ceil(prepared.lyapunov * (high - low) / HELD_GROWTH - 1e-9)))
+
+
 def _shape(prepared: Prepared) -> tuple[int, int]:
-    """Steps and slots that serve the fit's windows and every held-out span short enough to be one."""
+    """Steps and slots that serve the fit's windows and those of every held-out span."""
     windows = prepared.windows
-    whole = [high - low for low, high in prepared.held_out if prepared.lyapunov * (high - low) < HELD_GROWTH]
-    steps = max([windows.steps, *(int(length / windows.dt + 1e-6) for length in whole)])
-    samples = max(max(len(trace.between(low, high).t) for trace in prepared.traces) for low, high in prepared.held_out)
+    longest = max(window_length(prepared, span) for span in prepared.held_out)
+    steps = max(windows.steps, int(longest / windows.dt + 1e-6))
+    samples = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
     return steps, max(windows.theta.shape[1], samples if steps > windows.steps else 0)
 
 
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
     """Only the starts of windows, on a growing part of each."""
     starts = first_starts(
-        prepared.simulator.model_at(values), _seen_only(prepared.traces, windows), windows, prepared.smooth
+        prepared.simulator.model_at(values), _seen_only(prepared.traces, windows), windows, prepared.sigma
     )
     problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
-    parts = GROWING if windows.length > 2 * prepared.windows.length else (1.0,)
-    for part in parts:
+    for part in GROWING:
         solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)
         starts = solution.starts
     return solution

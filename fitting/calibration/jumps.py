@@ -1,4 +1,4 @@
-"""Faults at an instant: samples that stand out alone, frames that are missing without a mark, kicks and touches.
+"""Faults of single frames: samples that stand out alone, and frames that are missing without a mark.
 
 Where frames are missing the traces jump along the flow: a window that was fitted, simulated on through the next one,
 meets its samples again so many frames later. The frame f and the number of lost frames k are those that maximise
@@ -6,23 +6,17 @@ meets its samples again so many frames later. The frame f and the number of lost
     sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
 
 by which the samples after f fit better (rho is bounded, so that no single sample decides).
-
-What moves the line at an instant (a kick, a touch) leaves windows that no start explains, whereas those before it are
-as good as ever: one window of a kick in the plane, all that follow of one out of it. They are found by least trimmed
-squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, all starts to these, and so on until the
-same windows are left. Windows that are bad from the first one of a run on are a misfit of another kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import Solution, wrapped
 from fitting.estimate.windows import Starts, Windows
 
@@ -37,26 +31,6 @@ FAR, FEW = 4.0, 1 / 3
 #: Deviations of a sample from the mean of its neighbours' beyond which it is one of its own, and how many make a kind
 #: of noise.
 ALONE, SEVERAL = 6.0, 3
-
-
-#: Part of the windows that a search for kicks begins with and must leave, its rounds, and most evaluations of starts.
-TRUSTED, ROUNDS, ITERATIONS = 1 / 3, 5, 12
-#: Misfit of a window over that of most, and of the one before it, from which on nothing but a kick explains it: what
-#: lengths wrong by 1 % or a wrong law leave differs by less than 4 from one window to the next.
-KICKED = 6.0
-#: Quantile of a window's residuals that tells its misfit, few outliers aside, and that of normal noise.
-QUANTILE, NORMAL = 0.9, 1.645
-#: Halvings of the window that tell when it was kicked: to a hundredth of it.
-HALVINGS = 6
-
-
-class Kick(NamedTuple):
-    """From `time` [s] of a run on, some windows follow no motion of the model; `lasting`: more than one."""
-
-    run: int
-    time: float
-    windows: np.ndarray
-    lasting: bool
 
 
 class Lost(NamedTuple):
@@ -96,7 +70,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
-    both = _doubled(windows, right)
+    both = _extended(windows, right)
     starts = Starts(*(part[right - 1] for part in led(solution, ~fitted)))
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
@@ -136,112 +110,40 @@ def far_off(solution: Solution) -> np.ndarray:
     return off if off.mean() <= FEW else np.zeros_like(off)
 
 
-def kicks(
-    prepared: Prepared, solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]
-) -> tuple[list[Kick], Solution]:
-    """Kicks in a fit's windows, and the fit without what they spoil.
+def _extended(windows: Windows, right: np.ndarray) -> Windows:
+    """Windows that go on through those that follow, `right` being the first of these, up to twice the longest one."""
+    longest, rows = 2 * windows.steps, []
+    for first in right - 1:
+        members, total = [first], int(windows.step_counts[first])
+        while members[-1] + 1 < windows.count and windows.follows[members[-1] + 1]:
+            total += int(windows.step_counts[members[-1] + 1])
+            if total > longest and len(members) > 1:
+                break
+            members.append(members[-1] + 1)
+        rows.append(members)
+    real = (windows.index + windows.fraction > 0) | (np.arange(windows.theta.shape[1]) == 0)
+    before = [np.concatenate([[0], np.cumsum(windows.step_counts[members])]) for members in rows]
+    most = max(int(real[members].sum()) for members in rows)
 
-    Args:
-        prepared: with the noise that the traces claim.
-        solution: of separate windows.
-        fit: one without some windows (K,) bool, from another one.
-    """
-    claimed = replace(prepared.windows, substeps=solution.windows.substeps)
-    size, count = misfit(solution, claimed), claimed.count
-    few = int(np.ceil(TRUSTED * count))
-    good, clean, starts = size <= np.sort(size)[min(max(few, 2), count) - 1], solution, solution.starts
-    if not np.any(size > KICKED * np.median(size[good])):
-        return [], solution
-    for _ in range(ROUNDS):
-        clean = fit(~good, replace(clean, starts=starts))
-        own = _only_starts(clean, claimed, clean.starts)
-        ahead = _only_starts(clean, claimed, led(own, ~good))
-        sizes = misfit(own, claimed), misfit(ahead, claimed)
-        better, size = sizes[1] < sizes[0], np.minimum(*sizes)
-        starts = Starts(*(np.where(better[:, None], b, a) for a, b in zip(own.starts, ahead.starts, strict=True)))
-        before, good = good, size <= KICKED * np.median(size[good])
-        if good.sum() < few or (before == good).all():
-            break
-    # windows that were on a wrong branch, not kicked
-    limit, recovered = KICKED * np.median(size[good]), bool((better & good).any())
-    while good.sum() >= few:
-        own = _only_starts(clean, claimed, starts)
-        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & claimed.follows)
-        first = first[size[first] > KICKED * size[first - 1]]
-        if not len(first):
-            break
-        times, found, left = _followed(clean, claimed, first, led(own, ~good), limit)
-        whole = left <= limit
-        if not whole.any():
-            return [_kick(claimed, good, k, time) for k, time in zip(first, times, strict=True)], replace(
-                clean, starts=starts
-            )
-        mine, recovered = first[whole], True
-        starts.theta[mine], starts.omega[mine] = found.theta[whole], found.omega[whole]
-        good[mine], size[mine] = True, left[whole]
-    return [], fit(np.zeros(count, bool), replace(clean, starts=starts)) if recovered else solution
+    def join(parts: list[np.ndarray]) -> np.ndarray:
+        found = np.concatenate(parts)
+        return np.concatenate([found, np.zeros((most - len(found), *found.shape[1:]), found.dtype)])
 
+    def along(field: str, shifts: Sequence[np.ndarray]) -> np.ndarray:
+        whole = getattr(windows, field)
+        each = zip(rows, shifts, strict=True)
+        return np.stack([join([whole[k][real[k]] + s for k, s in zip(m, more, strict=True)]) for m, more in each])
 
-def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
-    """The kick in window k, with all that it spoils."""
-    ends = (j for j in range(k + 1, windows.count) if good[j] or not windows.follows[j])
-    last = next(ends, windows.count)
-    return Kick(int(windows.run[k]), float(time), np.arange(k, last), last > k + 1)
-
-
-def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
-    """Size of every window's residuals over the claimed noise (K,); 0 of windows without samples."""
-    size = np.where(
-        claimed.weight > 0, np.abs(wrapped(solution.evaluation.theta - claimed.theta)) * claimed.weight, np.nan
-    )
-    rows = size.reshape(len(size), -1)
-    known = np.isfinite(rows).any(axis=1)
-    found = np.zeros(claimed.count)
-    found[known] = np.nanquantile(rows[known], QUANTILE, axis=1) / NORMAL
-    return found
-
-
-def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Solution:
-    """The starts of windows alone, at a solution's parameters."""
-    held = np.ones(len(solution.values), bool)
-    problem = replace(solution.problem, windows=windows, frozen=held, noise=None, memory=1.0)
-    return fit_windows(problem, solution.values, starts, iterations=ITERATIONS)
-
-
-def _followed(
-    solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
-) -> tuple[np.ndarray, Starts, np.ndarray]:
-    """Times [s] up to which windows `which` can be followed, by halving; their starts there and misfits as a whole."""
-    mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
-    elapsed = mine.times() - mine.begin[:, None]
-    low, high = np.zeros(len(which)), np.full(len(which), windows.length)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
-        found = _only_starts(solution, early, starts)
-        fine = misfit(found, early) <= limit
-        low, high = np.where(fine, middle, low), np.where(fine, high, middle)
-        starts = Starts(*(np.where(fine[:, None], a, b) for a, b in zip(found.starts, starts, strict=True)))
-    whole = _only_starts(solution, mine, starts)
-    return mine.begin + high, whole.starts, misfit(whole, mine)
-
-
-def _doubled(windows: Windows, right: np.ndarray) -> Windows:
-    """Windows that go on through those that follow, by the numbers of the latter."""
-    left = right - 1
-    join = lambda a, b: np.concatenate([a[left], b[right]], axis=1)  # noqa: E731
-    real = (windows.index + windows.fraction > 0) | (np.arange(windows.index.shape[1]) == 0)
-    whole = np.where(real, windows.index, windows.steps - 1).astype(windows.index.dtype)
-    more = {name: getattr(windows, name)[left] for name in ("begin", "run", "released")}
+    nothing = [np.zeros(len(members), int) for members in rows]
+    joined = {field: along(field, nothing) for field in ("theta", "weight", "fraction")}
+    joined["index"] = along("index", [shifts[:-1] for shifts in before]).astype(windows.index.dtype)
     return replace(
         windows,
-        **more,
-        follows=np.zeros(len(left), bool),
-        theta=join(windows.theta, windows.theta),
-        weight=join(windows.weight, windows.weight),
-        index=join(whole, whole + windows.steps),
-        fraction=join(windows.fraction, windows.fraction),
-        steps=2 * windows.steps,
+        **{name: getattr(windows, name)[right - 1] for name in ("begin", "run", "released")},
+        **joined,
+        follows=np.zeros(len(right), bool),
+        steps=longest,
+        step_counts=np.array([int(shifts[-1]) for shifts in before]),
         decay=None,
         jitter=None,
     )

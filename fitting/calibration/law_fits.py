@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
+from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, first_starts
 from fitting.parameters.parameter import resolve, with_effects
 
@@ -44,28 +46,52 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     """With every coefficient of the laws with or without dry friction."""
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
-    table = prepared.scene.to_dict()
-    friction = table["effects"].setdefault("joint_friction", {})
-    joints = len(prepared.scene.lines[0].length) + 1
-    for part in OF_JOINTS:
-        field = PARTS[part].rpartition(".")[2]
-        each = isinstance(friction.get(field), list) or any(
-            p.name.startswith(PARTS[part] + ".") for p in prepared.parameters
-        )
-        friction[field] = [0.0] * joints if each else 0.0
-    friction.setdefault("axis", [0.0, 1.0, 0.0])
-    if not dry:
-        friction.pop("dry", None)
-    model, _ = build(with_effects(Scene.from_dict(table), names))
+    free = [p.name for p in prepared.parameters]
+    given = prepared.scene.to_dict()["effects"].get("joint_friction", {})
+    each = [
+        part
+        for part in OF_JOINTS
+        if isinstance(given.get(PARTS[part].rpartition(".")[2]), list)
+        or any(name.startswith(PARTS[part] + ".") for name in free)
+    ]
+    model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
     release = prepared.simulator.release
     release = None if release is None else replace(release)  # its poses are of one model
     same = {p.name: p for p in prepared.parameters if p.name in others}
     parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
-    simulator = Simulator(model, parameters, release=release)
-    finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
-    substeps = max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9)))
+    # dense serves any model; others may refuse the joints of some law
+    solver = "dense" if prepared.scene.run.solver == "dense" else "auto"
+    simulator = Simulator(model, parameters, choose_stepper(model, solver=solver), release)
+    substeps = substeps_of(prepared, simulator)
     return Family(simulator, owner, substeps, substeps)
+
+
+def substeps_of(prepared: Prepared, simulator: Simulator) -> int:
+    """Parts of a step by which another simulator is as fine as what is prepared."""
+    finer = STEPS_PER_PERIOD[simulator.stepper.integrator.order] / STEPS_PER_PERIOD[prepared.order]
+    return max(1, int(np.ceil(finer * prepared.windows.substeps - 1e-9)))
+
+
+def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None], each: Sequence[str]) -> Scene:
+    """The scene with every part of a damping law, with or without dry friction; parts that it lacks are 0.
+
+    Args:
+        friction: values of the parts of friction in the joints; None leaves what the scene gives.
+        each: parts of it that every joint has for itself.
+    """
+    table = scene.to_dict()
+    found = table["effects"].setdefault("joint_friction", {})
+    joints = len(scene.lines[0].length) + 1
+    for part in OF_JOINTS:
+        field = PARTS[part].rpartition(".")[2]
+        value = friction.get(part)
+        value = (found.get(field) or 0.0) if value is None else value
+        found[field] = [value] * joints if part in each and not isinstance(value, list) else value
+    found.setdefault("axis", [0.0, 1.0, 0.0])
+    if not dry:
+        found.pop("dry", None)
+    return with_effects(Scene.from_dict(table), [path for part, path in PARTS.items() if dry or part != "dry"])
 
 
 def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
@@ -86,7 +112,7 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
         starts = best.starts
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
     starts = starts or first_starts(
-        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.smooth
+        family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.sigma
     )
     found: list[Solution] = []
     for values in tries:

@@ -29,7 +29,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.normal_equations import Step, solve_spd
 from fitting.estimate.problem import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
-from fitting.estimate.windows import Windows
+from fitting.estimate.windows import PER_WINDOW, Windows
 from fitting.parameters.naming import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
@@ -138,7 +138,7 @@ def _errors(
 ) -> tuple[np.ndarray, float]:
     """Standard errors (k,) from the windows that end within the duration, and their gap weight."""
     windows = problem.windows
-    count = int(np.sum(windows.begin + windows.length <= duration * (1 + 1e-9)))
+    count = int(np.sum(windows.ends <= duration * (1 + 1e-9)))
     if not count:
         raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
     few = replace(problem, windows=first(windows, count))
@@ -175,7 +175,7 @@ def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarra
 
 def first(windows: Windows, count: int) -> Windows:
     """The first windows, those that follow each other as before."""
-    whole = ("begin", "run", "follows", "theta", "weight", "index", "fraction", "released")
+    whole = (*PER_WINDOW, "follows")
     return replace(windows, **{key: getattr(windows, key)[:count] for key in whole})
 
 

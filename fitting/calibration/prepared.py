@@ -10,16 +10,13 @@ import numpy as np
 from dropper_jax.load.scene import Scene
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Problem
+from fitting.estimate.problem import Descent, Problem
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Starts, Windows, cut
+from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known
 from fitting.traces.trace import Trace
-
-#: Half width of the smoother for the starts, as a part of the shortest link's period.
-SMOOTH_PART = 0.12
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
 #: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that this is too coarse for halves it.
@@ -29,7 +26,14 @@ STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
 
 @dataclass(frozen=True)
 class Prepared:
-    """Everything an estimator needs: what `prepare` made of the caller's input."""
+    """Everything an estimator needs: what `prepare` made of the caller's input.
+
+    Attributes:
+        left_out: (run, from, to) of windows that are not fitted since no start of their own explains them.
+        breaks: (run, time) where the motion jumps, so that windows are not joined there.
+        iterations: evaluations made for it.
+        first_noise: by which a fit starts, where links are missed by unlike multiples of their claimed noise.
+    """
 
     scene: Scene
     traces: list[Trace]
@@ -48,12 +52,24 @@ class Prepared:
     known: Known = Known()
     rest: Rest | None = None
     begin: np.ndarray | None = None
+    left_out: tuple[tuple[int, float, float], ...] = ()
+    breaks: tuple[tuple[int, float], ...] = ()
+    iterations: int = 0
+    first_noise: Noise | None = None
+    descent: Descent | None = None
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
-        return Problem(
-            self.simulator, self.windows, self.parameters, loss, frozen, self.noise, known=self.known, rest=self.rest
-        )
+        given = {"known": self.known, "rest": self.rest, "descent": self.descent}
+        noise = self.noise or self.first_noise
+        return Problem(self.simulator, self.first_windows, self.parameters, loss, frozen, noise, **given)
+
+    @property
+    def first_windows(self) -> Windows:
+        """The windows with the noise that a fit starts with."""
+        if self.noise is not None or self.first_noise is None:
+            return self.windows
+        return self.first_noise.put(self.windows, self.traces)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""
@@ -65,6 +81,20 @@ class Prepared:
         """Windows of `length` [s] of these (run, from, to)."""
         windows = cut(self.traces, length, self.windows.dt, self.sigma, pieces)
         return windows if self.noise is None else self.noise.put(windows, self.traces)
+
+    def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
+        """The same cut in other windows, with the noise that is known of it, their starts from the samples."""
+        windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
+        if self.simulator.release is not None:
+            windows = self.simulator.release.mark(windows, self.traces)
+        windows = replace(windows, substeps=self.windows.substeps)
+        windows = windows if self.noise is None else self.noise.put(windows, self.traces)
+        found = replace(self, windows=windows)
+        return replace(found, starts=found.starts_from_samples())
+
+    def starts_from_samples(self) -> Starts:
+        """Where the windows begin by their samples alone."""
+        return first_starts(self.simulator.model, self.traces, self.windows, self.sigma)
 
     @property
     def floor(self) -> np.ndarray:
@@ -81,11 +111,6 @@ class Prepared:
     def order(self) -> int:
         """Of the scheme that the windows' step was chosen for."""
         return self.simulator.stepper.integrator.order
-
-    @property
-    def smooth(self) -> float:
-        """Half width [s] of the smoother for the starts."""
-        return SMOOTH_PART * self.period
 
     @property
     def values(self) -> np.ndarray:

@@ -24,6 +24,12 @@ if TYPE_CHECKING:
     from fitting.calibration.advice import Candidate
 
 SCHEMA = 1
+#: Linear and quadratic damping, which imitate each other.
+DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+#: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
+MISFIT, CORRELATED_MISFIT = 2.0, 0.1
+#: Share of the samples that may be left out of a fit that is `ok`.
+MOST_LEFT_OUT = 0.03
 #: Departure of the energy's slope from 1, in combined errors, beyond which it is warned of.
 BEYOND = 3.0
 
@@ -87,6 +93,8 @@ class FitResult:
         posterior: weighted draws of the parameters, where asked for.
         advice: what else may be wrong, where asked for, the largest gain first.
         freed: candidates that were freed for their gain, in their order.
+        left_out: (run, from, to) [s] of windows that were not fitted since no start explains them.
+        wrong_file: the mistake in the traces that explains a misfit, in a line; empty where none does.
         energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
     """
 
@@ -108,6 +116,8 @@ class FitResult:
     energy: EnergyCheck | None = None
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
+    wrong_file: str = ""
+    left_out: tuple[tuple[int, float, float], ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -121,12 +131,49 @@ class FitResult:
 
     @property
     def status(self) -> str:
-        """`ok` or `not_converged`; `message` says why."""
-        return self.solution.status
+        """`ok`, `not_converged`, `lost_windows` or `misfit`; `message` gives the reason.
+
+        `lost_windows`: more than `MOST_LEFT_OUT` of the samples lie in windows that no start explains. `misfit`: the
+        residuals are larger than the noise and the stated model error, and no noise: neighbours correlate.
+        """
+        if self.solution.status != "ok":
+            return self.solution.status
+        if self.left_out_share > MOST_LEFT_OUT:
+            return "lost_windows"
+        return "misfit" if self.wrong_file or self.misses else "ok"
+
+    @property
+    def misses(self) -> bool:
+        """Whether the model misses the trace by more than the noise, of any kind that explains residuals."""
+        noise = self.solution.problem.noise
+        explained = noise is not None and noise.kind != "white"
+        correlated = abs(self.uncertainty.correlation_1) > CORRELATED_MISFIT
+        return not explained and correlated and not self.chi2_per_dof <= MISFIT
+
+    @property
+    def left_out_share(self) -> float:
+        """Share of the samples that lie in windows that were left out."""
+        gone = 0
+        for run, low, high in self.left_out:
+            gone += int(np.isfinite(self.traces[run].between(low, high).theta).sum())
+        return gone / max(gone + self.windows.samples, 1)
 
     @property
     def message(self) -> str:
-        return self.solution.message
+        """The reason of a status that is not `ok`."""
+        found = [self.wrong_file, self.solution.message]
+        if self.status == "lost_windows":
+            found.append(
+                f"{self.left_out_share:.1%} of the samples lie in windows that no start explains; "
+                "try a finer --dt or a shorter --window, or cut these stretches out"
+            )
+        if self.status == "misfit" and self.misses:
+            found.append(
+                f"the residuals are {np.sqrt(self.chi2_per_dof):.3g} times the noise and neighbours correlate by "
+                f"{self.uncertainty.correlation_1:.2f}: the model misses the trace; look at --auto-free, state a "
+                "model_error in [fit], or accept it by --accept-misfit"
+            )
+        return "; ".join(filter(None, found))
 
     @property
     def outcome(self) -> str:
@@ -146,6 +193,21 @@ class FitResult:
     def rms(self) -> float:
         """RMS angle error of the windows [rad]."""
         return self.solution.rms
+
+    @property
+    def descent(self) -> list[dict[str, Any]]:
+        """Loss per sample, parameters and gap weight of every step of the method `gradient`; of others nothing."""
+        if self.method != "gradient":
+            return []
+        per_sample = 2 / max(self.windows.samples, 1)
+        return [
+            {
+                "loss": point.get("loss", per_sample * point["cost"]),
+                "values": point["values"],
+                "gap_weight": point.get("gap_weight"),
+            }
+            for point in self.solution.history
+        ]
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by its path."""
@@ -183,6 +245,7 @@ class FitResult:
             "iterations": self.iterations,
             "seconds": self.seconds,
             "window_s": self.windows.length,
+            "shortest_window_s": float(self.windows.lengths.min()),
             "step_s": self.windows.dt / self.windows.substeps,
             "step_bias_std_errors": self.solution.step_bias,
             "gap_weight": self.solution.gap_weight,
@@ -191,6 +254,8 @@ class FitResult:
             "warnings": self.warnings,
         }
         found["noise"] = self.noise_table()
+        if self.descent:
+            found["descent"] = self.descent
         if self.profiles:
             found["profile"] = {
                 p.name: {"low": p.low, "high": p.high, "values": p.values, "growth": p.growth, "converged": p.converged}
@@ -208,9 +273,39 @@ class FitResult:
         if self.comparison:
             found["comparison"] = [row.to_json() for row in self.comparison]
             found["law"] = verdict(self.comparison)
+        if self.left_out:
+            found["left_out"] = [
+                {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
+            ]
+        if (best := self.best_combination) is not None:
+            found["best_determined"] = best
         if self.status != "ok":
             found["error"] = f"{self.status}: {self.message}"
         return jsonable(found)
+
+    @property
+    def best_combination(self) -> dict[str, Any] | None:
+        """`b_l + v b_q` with the speed v [m/s] at which the trace determines it best, its value and standard error.
+
+        Linear and quadratic damping are like each other at the speed of the motion, so that each alone is known far
+        worse: with covariance C, `v = -C_lq/C_qq` has the smallest variance.
+        """
+        names = [p.name for p in self.parameters]
+        if not all(name in names for name in DAMPING):
+            return None
+        i, j = (names.index(name) for name in DAMPING)
+        C = self.uncertainty.covariance
+        if not (C[i, i] > 0 and C[j, j] > 0):
+            return None
+        speed = -C[i, j] / C[j, j]
+        variance = C[i, i] - C[i, j] ** 2 / C[j, j]
+        return {
+            "of": list(DAMPING),
+            "speed_m_per_s": speed,
+            "value": self.values[i] + speed * self.values[j],
+            "std_error": np.sqrt(max(variance, 0.0)),
+            "unit": "kg/s",
+        }
 
     def noise_table(self) -> dict[str, Any]:
         """What the residuals told of the noise: its kind, and by run and link its size, memory and delay.

@@ -21,7 +21,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     simulator, windows = prepared.simulator, solution.windows
     rate = chaos.lyapunov(simulator, windows, solution.evaluation, solution.values)
     # held-out stretches are simulated as finely as the fit was
-    prepared = replace(prepared, lyapunov=rate, windows=replace(prepared.windows, substeps=windows.substeps))
+    prepared = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     u = uncertainty(solution)
     expected = prepared.windows.weight
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
@@ -40,6 +40,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         solution=solution,
         traces=prepared.traces,
         lyapunov=rate,
+        left_out=prepared.left_out,
         held_out=held,
         warnings=warnings,
     )

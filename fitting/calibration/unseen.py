@@ -19,13 +19,15 @@ import numpy as np
 from scipy.stats import norm
 
 from fitting.calibration.balance import balance, measured
-from fitting.calibration.prepared import SMOOTH_PART, Prepared
+from fitting.calibration.prepared import Prepared
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
+#: Half width of the smoother of the measured motion, as a part of the shortest link's period.
+SMOOTH_PART = 0.06
 #: Share of the lost energy that a part must be able to show, and quantile of the normal law of its upper limit.
 SHARE, LIMIT = 0.1, float(norm.ppf(0.95))
 
@@ -42,11 +44,11 @@ def taken(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None])
         return jax.vmap(lambda a, w: balance(model, *planar.closed(model, a, w))[1])(theta, omega)
 
     for run, trace in enumerate(prepared.traces):
-        begin = prepared.windows.begin[prepared.windows.run == run]
-        if not len(begin):
+        mine = prepared.windows.run == run
+        if not mine.any():
             continue
-        span = float(begin.min()), float(begin.max()) + prepared.windows.length
-        motion = measured(trace, span, 0.5 * SMOOTH_PART * prepared.period)
+        span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
+        motion = measured(trace, span, SMOOTH_PART * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion

@@ -57,6 +57,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest", metavar="LO:HI,...", help="stretches [s] in which the line hangs at rest: their poses are fitted too"
     )
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
+    parser.add_argument("--optimizer", metavar="NAME", help="of --method gradient: lbfgs (default), adam or sgd")
+    parser.add_argument(
+        "--learning-rate",
+        type=number,
+        metavar="RATE",
+        help="of --method gradient: part of the predicted distance of a step (default: lbfgs 1, adam 0.3, sgd 0.5)",
+    )
+    parser.add_argument(
+        "--steps",
+        type=int,
+        metavar="N",
+        help="of --method gradient: most steps over separate windows, and at each gap weight (default: 100)",
+    )
     parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
     parser.add_argument(
         "--dt",
@@ -90,6 +103,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts samples window starts too"
     )
+    parser.add_argument(
+        "--accept-misfit", action="store_true", help="exit code 0 also where the model misses the trace (misfit)"
+    )
     parser.add_argument("--plot", metavar="DIR", help="write the pictures of the fit alone")
     add_out(parser)
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
@@ -117,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.calibration.fit import fit
 
+    descent = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     result = fit(
         args.traces,
         scene,
@@ -146,6 +163,7 @@ def run(args: argparse.Namespace) -> int:
         auto_free=args.auto_free,
         integrator=args.integrator,
         progress=progress(args.quiet),
+        **descent,
     )
     if folder:
         from fitting.report.report import write_report
@@ -159,15 +177,21 @@ def run(args: argparse.Namespace) -> int:
     deliver(args.json, result.to_json(), text(result), out)
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
-    return OK if result.status == "ok" else FAILED
+    accepted = args.accept_misfit and result.status == "misfit"
+    return OK if result.status == "ok" or accepted else FAILED
 
 
+#: Options of `--method gradient`.
+OF_DESCENT = ("optimizer", "learning_rate", "steps")
 #: Options that mean nothing in a fit to channels, and their values where they are not given.
 OF_TRACES = {
     **dict.fromkeys(
-        ("until", "held_out", "window", "zero", "sign", "unit", "profile", "bootstrap", "rest", "posterior")
+        (
+            *("until", "held_out", "window", "zero", "sign", "unit", "profile", "bootstrap", "rest", "posterior"),
+            *OF_DESCENT,
+        )
     ),
-    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models"), False),
+    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
 }
 

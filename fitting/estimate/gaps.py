@@ -1,8 +1,9 @@
 """Gaps between windows that follow each other, and the normal equations of windows joined by them.
 
-    1/2 sum |r_k|^2 + 1/2 sum |N' (end_k - start_{k+1})/(w s)|^2,      s = 0.1 rad and 1 rad/s
+    1/2 sum |r_k|^2 + 1/2 sum |N' (end_k - start_{k+1})/(w c_k s)|^2,   s = 0.1 rad and 1 rad/s
 
-couples neighbours only: a block tridiagonal matrix in the starts, bordered by the parameters.
+with c_k the root of window k's length over the mean length, so that a window that is split allows no more process
+noise, couples neighbours only: a block tridiagonal matrix in the starts, bordered by the parameters.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values:
     rows[:, m:, n:] = np.swapaxes(basis, 1, 2) / GAP_SCALE[1]
     difference = evaluation.end[left] - evaluation.start[right]
     difference[:, :n] = np.asarray(wrap(difference[:, :n]))
+    rows /= windows.gap_shares[:, None, None]
     end, start = rows @ evaluation.end_jacobian[left], rows @ evaluation.start_jacobian[right]
     return Gaps(
         left,

@@ -15,7 +15,7 @@ from scipy.linalg import LinAlgError
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
-from fitting.estimate.normal_equations import Normal, Step, eliminate
+from fitting.estimate.normal_equations import Normal, Step, eliminate, normal_blocks
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
@@ -132,6 +132,39 @@ def fit_windows(
     )
 
 
+def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:
+    """Fit the start of every window alone, the parameters (k,) held.
+
+    Levenberg and Marquardt's method with a damping of its own for each window, so that one on a wrong branch holds no
+    other up.
+
+    Returns:
+        The starts and their evaluation.
+    """
+    evaluation = problem.evaluate(values, starts)
+    starts = closed_starts(evaluation)
+    damping = np.full(len(starts.theta), Separate.damping)
+    each = lambda e: np.array([problem.loss.cost(r) if np.isfinite(r).all() else np.inf for r in e.residual])  # noqa: E731
+    cost = each(evaluation)
+    for _ in range(iterations - 1):
+        normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
+        diagonal = np.einsum("kii->ki", normal.A)
+        floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
+        A = normal.A + (damping[:, None] * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
+        usable = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(cost)
+        A, slope = np.where(usable[:, None, None], A, np.eye(A.shape[1])), np.where(usable[:, None], normal.gz, 0.0)
+        dz = -np.linalg.solve(A, slope[..., None])[..., 0]
+        if not (-np.einsum("ki,ki->k", dz, slope) > DECREASE_TOLERANCE).any():
+            break
+        trial = problem.evaluate(values, move(problem.simulator, starts, values, dz))
+        lower = each(trial) < cost
+        pick = lambda new, old, lower=lower: np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)  # noqa: E731
+        evaluation = Evaluation(*(pick(new, old) for new, old in zip(trial, evaluation, strict=True)))
+        starts, cost = closed_starts(evaluation), each(evaluation)
+        damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)
+    return starts, evaluation
+
+
 #: Most evaluations when a solution goes on with other noise.
 CONTINUED = 12
 
@@ -161,6 +194,9 @@ def descend(
         before: whose information is returned where this point has none.
     """
     problem, damping = objective.problem, objective.damping
+    if problem.descent is not None and not problem.held.all():
+        there = objective, values, starts, evaluation
+        return problem.descent.descend(*there, count=count, before=before, history=history, progress=progress)
     samples, cost = problem.windows.samples, objective.cost(evaluation, values)
     status, message = "not_converged", f"{objective.goal} in {iterations} iterations"
     system, newton = objective.system(evaluation, values), None

@@ -1,46 +1,379 @@
-"""Plain gradient descent that works: optax on the parameters, the window starts eliminated inside.
+"""Gradient descent that works: optax on the parameters, the window starts eliminated inside.
 
-Variable projection (Golub and Pereyra 1973): L(p) = min over starts z of the loss; at that minimum the envelope theorem
-gives dL/dp = P' r, the partial derivative alone. Descent on starts and parameters together is hopelessly stiff, and
-descent on one long run meets a loss that is flat but for a needle. The horizon grows: first only the early part of each
-window counts, then all of it.
+Variable projection (Golub and Pereyra 1973): L(p) = min over starts z of the loss, with gradient g = P' r at that
+minimum (the envelope theorem). Starts follow the parameters by one Gauss-Newton step each time, and g is corrected for
+what is left of theirs, so that a step needs one run of all windows. The loss is that of the default method: windows
+that are separate or joined by weighted gaps, priors, poses at rest.
+
+Parameters descend in coordinates x = L' p with S = L L', the information of the point where the coordinates were made:
+one unit is one standard error (in units of the assumed noise) in every direction. Damping coefficients that stand in
+for each other, whose plain gradients are all along one direction, are apart there. Coordinates are made again, and the
+optimizer starts from scratch, where the information has changed several times or a bound is met.
+
+Descent stops where g' S^-1 g < 0.05^2: no combination of parameters is farther than 0.05 standard errors from the
+minimum. Each component alone below 0.05 stops half a standard error away where b_l and b_q correlate by -0.99.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.programs import kept
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
-from fitting.estimate.gauss_newton import closed_starts, fit_windows, move
-from fitting.estimate.normal_equations import Normal, Prior, Step, eliminate
+from fitting.estimate.gaps import Joined
+from fitting.estimate.gauss_newton import Separate, closed_starts, fit_windows, move, nearly_there
+from fitting.estimate.normal_equations import Normal, Step, bounded_step, cholesky_root
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.windows import Starts, Windows
 
-OPTIMIZERS, LOSSES = ("lbfgs", "adam"), ("angles", "spectrum")
-#: Inner Gauss-Newton steps on the starts before each gradient; they follow the parameters from call to call.
-INNER = 2
-#: Gradient, in standard errors of its parameter, at which descent has arrived.
+#: Optimizers by name, without their learning rates. The gradients are exact, so that short memories do: on quadratic
+#: bowls whose information is up to 3 times off adam needs 13 steps from 5 standard errors to 0.05, with its usual
+#: memories (0.9, 0.999) 40.
+OPTIMIZERS: dict[str, optax.GradientTransformation] = {
+    "lbfgs": optax.scale_by_lbfgs(memory_size=8, scale_init_precond=False),
+    "adam": optax.scale_by_adam(b1=0.5, b2=0.9),
+    "sgd": optax.identity(),
+}
+#: Learning rates where none is given: of L-BFGS the first trial of its line search, of adam the first step in parts of
+#: the distance that the information predicts, of plain gradient steps the part of that distance that each goes.
+RATES = {"lbfgs": 1.0, "adam": 0.3, "sgd": 0.5}
+LOSSES, SETTINGS = ("angles", "spectrum"), ("optimizer", "learning_rate", "steps", "horizon", "loss")
+#: Distance to the minimum, in standard errors, at which descent has arrived.
 ARRIVED = 0.05
-#: Restarts of adam in each stage.
-ADAM_ROUNDS = 3
+#: The same on the way through the gap weights, as a part of what Gauss-Newton steps may leave there: their last step
+#: leaves far less, and the evidence must be theirs to choose the same weight.
+ON_THE_WAY = 0.25
+#: Steps of adam from one start of its cosine decay to the next (Loshchilov and Hutter 2017).
+CYCLE = 20
+#: Least distance along a coordinate, as a part of that along all of them.
+LEAST_PART = 0.1
+#: Change of the information, in any direction, from which on coordinates are made again.
+CHANGED = 4.0
+#: Growth of the loss, over the larger of its first value and 1 per sample, that is divergence.
+GROWN = 10.0
+#: Trials of a line search, the factor from one to the next, and the part of the predicted decrease that is enough.
+TRIALS, SHORTER, ENOUGH = 12, 0.4, 1e-4
+#: Least damping of the starts' steps.
+LEAST_DAMPING = 1e-9
+#: Step, in standard errors, below which a parameter stays on its bound.
+STAYS = 1e-6
 #: Share of chi-square by which amplitude spectra join the loss.
 SPECTRUM_FLOOR = 1e-9
 
 
-def spectrum_terms(evaluation: Evaluation, windows: Windows, slope: np.ndarray) -> tuple[float, np.ndarray]:
-    """Half the squared distance of amplitude spectra and its gradient (k,), from the residuals' slopes (K, S, n, k).
+@dataclass(frozen=True)
+class GradientDescent:
+    """Descent by optax: what `--method gradient` gives to every stage of a fit.
+
+    Attributes:
+        optimizer: `lbfgs` (with a backtracking line search), `adam` (cosine decay with restarts), `sgd`, or a gradient
+            transformation of optax with its own learning rate.
+        learning_rate: see `RATES`; None takes those.
+        steps: most steps of each stage: over separate windows, and at every gap weight.
+        horizon: parts of each window that count, one after another, before the whole windows do.
+        loss: `angles`, or `spectrum`, which starts with amplitude spectra, whose basin is wide, and ends with angles.
+        note: called with the loss of every step.
+    """
+
+    optimizer: str | optax.GradientTransformation = "lbfgs"
+    learning_rate: float | None = None
+    steps: int = 100
+    horizon: Sequence[float] = (1.0,)
+    loss: str = "angles"
+    note: Callable[[str], None] = field(default=str, compare=False)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.optimizer, str) and self.optimizer not in OPTIMIZERS:
+            raise SceneError(f"optimizer: {self.optimizer!r} is unknown; {nearest(self.optimizer, OPTIMIZERS)}")
+        if self.loss not in LOSSES:
+            raise SceneError(f"loss: {self.loss!r} is unknown; {nearest(self.loss, LOSSES)}")
+        rate = self.learning_rate
+        if rate is not None and not (np.isfinite(rate) and rate > 0):
+            raise SceneError(f"learning_rate: {rate:g} is not positive; allowed: > 0, such as {self.usual_rate:g}")
+        if rate is not None and not isinstance(self.optimizer, str):
+            raise SceneError("learning_rate: is part of a transformation of optax; allowed: with an optimizer's name")
+        if self.steps < 1:
+            raise SceneError(f"steps: {self.steps} is not positive; allowed: at least 1")
+        if not all(0 < part <= 1 for part in self.horizon):
+            raise SceneError(f"horizon: {tuple(self.horizon)} leaves no samples; allowed: parts above 0, at most 1")
+
+    @property
+    def usual_rate(self) -> float:
+        """The learning rate where none is given."""
+        return RATES.get(self.name, 1.0)
+
+    @property
+    def name(self) -> str:
+        """Of the optimizer."""
+        return self.optimizer if isinstance(self.optimizer, str) else "optax"
+
+    def first_stages(
+        self, problem: Problem, values: np.ndarray, starts: Starts
+    ) -> tuple[np.ndarray, Starts, list[dict[str, Any]]]:
+        """Parameters, starts and history after the descent over spectra and early parts of windows, where asked for."""
+        parts = [part for part in self.horizon if part < 1.0]
+        stages: list[Separate] = [Spectrum(problem)] if self.loss == "spectrum" else []
+        stages += [Separate(replace(problem, windows=problem.windows.early(part))) for part in parts]
+        values, history = np.asarray(values, float), []
+        for objective in stages:
+            # the starts of a horizon, of spectra too, are those of its angles
+            held = replace(objective.problem, frozen=np.ones(len(values), bool))
+            begin = fit_windows(held, values, starts)
+            found = self.descend(objective, values, begin.starts, begin.evaluation, before=begin, history=history)
+            values, starts, history = found.values, found.starts, found.history
+        return values, starts, history
+
+    def descend(
+        self,
+        objective: Separate,
+        values: np.ndarray,
+        starts: Starts,
+        evaluation: Evaluation,
+        *,
+        count: int = 0,
+        before: Solution | Step,
+        history: list[dict[str, Any]],
+        progress: Progress = silent,
+    ) -> Solution:
+        """The minimum of an objective by gradient steps, from a point that is evaluated already."""
+        problem, samples, known = objective.problem, objective.problem.windows.samples, before
+        point = Point(values, starts, evaluation, objective.cost(evaluation, values), None, objective.damping)
+        first, near, moved, x = point.cost, False, np.inf, None
+        little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
+        status, message = "not_converged", f"{objective.goal} in {self.steps} steps of {self.name}; allow more"
+        if not np.isfinite(first):
+            message = "the simulation of the start values is not finite"
+        else:
+            point = point._replace(system=objective.system(evaluation, values))
+        best = point, known
+        for taken in range(self.steps + 1 if np.isfinite(first) else 0):
+            self._report(objective, point, taken, progress)
+            low, high = problem.bounds(point.values)
+            newton = objective.solve(point.system, point.values, 0.0, low - point.values, high - point.values)
+            if newton is not None:
+                known, unit = newton, max(objective.unit(point.evaluation, point.cost), 1e-12)
+                moved, left = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
+                near = nearly_there(moved, left, samples)
+                if moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and left < little:
+                    best, status, message = (point, known), "ok", ""
+                    break
+            best = (point, known) if point.cost <= best[0].cost else best
+            if taken == self.steps or newton is None:
+                break
+            free = ~problem.held & ~_at_bound(point.values, newton, low, high)
+            if x is None or x.outdated(newton, free):
+                x = Coordinates(self, point.values, newton, free)
+            found, calls = self._move(objective, point, newton, x, low, high)
+            count += calls
+            if found is None and x.taken > 1:  # what it remembers of other steps misleads it
+                x = Coordinates(self, point.values, newton, free)
+                found, calls = self._move(objective, point, newton, x, low, high)
+                count += calls
+            if found is None:
+                status = "ok" if near else status
+                message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
+                break
+            if not found.cost < GROWN * max(first, 0.5 * samples):
+                message = self._divergence(first, found.cost, taken + 1)
+                break
+            point = found
+            history.append({**objective.record(point.cost, point.values), "loss": 2 * point.cost / samples})
+        point, known = best
+        return Solution(
+            problem=problem,
+            values=point.values,
+            starts=point.starts,
+            evaluation=point.evaluation,
+            weights=problem.weights(point.evaluation),
+            cost=point.cost,
+            information=known.information,
+            gradient=known.gradient,
+            eliminated=known.eliminated,
+            status=status,
+            message=message,
+            iterations=count,
+            history=history,
+        )
+
+    def _move(
+        self, objective: Separate, point: Point, newton: Step, x: Coordinates, low: np.ndarray, high: np.ndarray
+    ) -> tuple[Point | None, int]:
+        """The next point, None where a line search finds none, and how many evaluations it took."""
+        direction, problem, nowhere = x.step(point.values, newton.gradient), objective.problem, 0 * point.values
+        room = np.where(direction > 0, high - point.values, low - point.values)
+        direction = np.where(room == 0, 0.0, direction)
+        ahead = direction != 0
+        direction = direction * min(1.0, np.min(room[ahead] / direction[ahead], initial=1.0))
+        slope, searched = float(newton.gradient @ direction), self.name == "lbfgs"
+        if searched and not slope < 0:
+            return None, 0
+        for trial in range(TRIALS if searched else 1):
+            # starts follow the parameters; the shorter the step, the more of their own move is held back too
+            damping = point.damping * 10.0**trial
+            step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
+            if step is None:
+                continue
+            part = SHORTER**trial
+            values = np.clip(point.values + part * direction, low, high)
+            dz = step.dz + step.eliminated @ (values - point.values)
+            evaluation = problem.evaluate(values, move(problem.simulator, point.starts, point.values, dz))
+            cost = objective.cost(evaluation, values)
+            if not searched or cost <= point.cost + ENOUGH * part * slope:
+                system = objective.system(evaluation, values) if np.isfinite(cost) else None
+                damping = max(0.1 * damping, LEAST_DAMPING)
+                return Point(values, closed_starts(evaluation), evaluation, cost, system, damping), trial + 1
+        return None, TRIALS
+
+    def _divergence(self, first: float, last: float, taken: int) -> str:
+        """What happened to the loss, and what to do."""
+        size = f"grew from {first:.3g} to {last:.3g}" if np.isfinite(last) else "is not finite"
+        rate = self.usual_rate if self.learning_rate is None else self.learning_rate
+        advice = f"take {self.usual_rate:g}" if rate > self.usual_rate else "take a smaller one"
+        return f"the loss {size} after {taken} steps of {self.name} with learning rate {rate:g}; {advice}"
+
+    def _report(self, objective: Separate, point: Point, taken: int, progress: Progress) -> None:
+        weight = objective.record(point.cost, point.values).get("gap_weight")
+        stage = "separate windows" if weight is None else f"gap weight {weight:g}"
+        loss = 2 * point.cost / max(objective.problem.windows.samples, 1)
+        text = f"{stage}, {self.name} step {taken}, loss per sample {loss:.5g}"
+        progress(min(taken / self.steps, 0.99), text)
+        self.note(text)
+
+
+def descent_of(settings: Mapping[str, Any], progress: Progress = silent) -> tuple[GradientDescent, Progress]:
+    """The descent with these settings, and a progress to which it adds the loss of every step.
+
+    Raises:
+        SceneError: a setting that does not exist, or out of its range.
+    """
+    last = [0.0]
+
+    def show(fraction: float, text: str) -> None:
+        last[0] = fraction
+        progress(fraction, text)
+
+    for name in settings:
+        if name not in SETTINGS:
+            raise SceneError(f"method: 'gradient' has no setting {name!r}; {nearest(name, SETTINGS)}")
+    return GradientDescent(**settings, note=lambda text: progress(last[0], text)), show
+
+
+class Point(NamedTuple):
+    """Parameters (k,), window starts, what running the windows gave there, the loss, its normal equations, and the
+    damping of the next step of the starts."""
+
+    values: np.ndarray
+    starts: Starts
+    evaluation: Evaluation
+    cost: float
+    system: Normal | Joined | None
+    damping: float
+
+
+def _at_bound(values: np.ndarray, newton: Step, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Which parameters (k,) stay on a bound, as the quadratic model has it."""
+    size = newton.dp * np.sqrt(np.diag(newton.information))
+    return (values <= low) & (size < STAYS) | (values >= high) & (size > -STAYS)
+
+
+class Coordinates:
+    """Coordinates x = L' p of the free parameters, L L' = S, and an optimizer in them.
+
+    Attributes:
+        taken: steps since the coordinates were made.
+        distance: to the minimum along each, as the information predicts it. Steps of adam, which are of one size
+            whatever the gradient is, start with parts of it: far off the common direction of b_l and b_q is hundreds
+            of units from the minimum and the other one a few.
+    """
+
+    def __init__(self, descent: GradientDescent, values: np.ndarray, newton: Step, free: np.ndarray) -> None:
+        self.descent, self.free, self.taken = descent, free, 0
+        square = newton.information[np.ix_(free, free)]
+        size = np.sqrt(np.maximum(np.diag(square), 1e-300))
+        self.root = size[:, None] * cholesky_root(square / np.outer(size, size))
+        slope = np.abs(self._slope(newton.gradient))
+        self.distance = np.maximum(slope, LEAST_PART * np.linalg.norm(slope))
+        transform = descent.optimizer if descent.name == "optax" else OPTIMIZERS[descent.name]
+        self.state = transform.init(jnp.asarray(self.root.T @ values[free]))
+
+    def _slope(self, gradient: np.ndarray) -> np.ndarray:
+        """A gradient by the coordinates."""
+        return solve_triangular(self.root, gradient[self.free], lower=True)
+
+    def outdated(self, newton: Step, free: np.ndarray) -> bool:
+        """Whether the information, or what is free, is no longer that of these coordinates, or a cycle is over."""
+        if not np.array_equal(free, self.free) or (self.descent.name == "adam" and self.taken == CYCLE):
+            return True
+        change = eigvalsh(newton.information[np.ix_(free, free)], self.root @ self.root.T)
+        return bool(change[0] < 1 / CHANGED or change[-1] > CHANGED)
+
+    def step(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """The optimizer's step of the parameters (k,); none of those that are not free."""
+        rate, name = self.descent.learning_rate or RATES.get(self.descent.name), self.descent.name
+        at = jnp.asarray(self._slope(gradient)), self.state, jnp.asarray(self.root.T @ values[self.free])
+        if name == "optax":
+            update, self.state = self.descent.optimizer.update(*at)
+        else:
+            if name == "adam":
+                rate = self.distance * (0.5 * rate * (1 + np.cos(np.pi * self.taken / CYCLE)))
+            update, self.state = _update(name, *at)
+            update = -rate * np.asarray(update)
+        self.taken += 1
+        found = np.zeros(len(values))
+        found[self.free] = solve_triangular(self.root.T, np.asarray(update))
+        return found
+
+
+@kept(static=("name",))
+def _update(name: str, gradient: jax.Array, state: Any, x: jax.Array) -> tuple[jax.Array, Any]:
+    return OPTIMIZERS[name].update(gradient, state, x)
+
+
+class Spectrum(Separate):
+    """Half the squared distance of amplitude spectra; the starts are where the angles want them.
 
     Per window and link, with x the angles less their mean: `1/2 sum_f (|X_f| - |Y_f|)^2/(S s^2)`, X the simulated and
     Y the measured discrete Fourier transform; blind to the phase, so its basin is wide.
     """
+
+    goal = "no convergence of the spectra"
+
+    def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
+        if not np.isfinite(evaluation.residual).all():
+            return np.inf
+        return spectrum_terms(evaluation, self.problem.windows)[0] + self.problem.prior(values).cost
+
+    def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal:
+        self.evaluation = evaluation  # of the point whose equations are solved next
+        return super().system(evaluation, values)
+
+    def solve(
+        self, system: Normal, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+    ) -> Step | None:
+        """The angles' step with the gradient of the spectra: starts move along, since no envelope theorem holds."""
+        step = super().solve(system, values, damping, low, high)
+        if step is None:
+            return None
+        m2, jacobian = self.problem.freedoms, self.evaluation.jacobian
+        slope = jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
+        gradient = spectrum_terms(self.evaluation, self.problem.windows, slope)[1] + self.problem.prior(values).gradient
+        return step._replace(gradient=gradient, dp=bounded_step(step.information, gradient, low, high))
+
+
+def spectrum_terms(
+    evaluation: Evaluation, windows: Windows, slope: np.ndarray | None = None
+) -> tuple[float, np.ndarray | None]:
+    """The loss of the spectra and its gradient (k,) from the residuals' slopes (K, S, n, k), where they are given."""
     known = windows.weight > 0
     count = np.maximum(known.sum(axis=1, keepdims=True), 1)
 
@@ -54,168 +387,10 @@ def spectrum_terms(evaluation: Evaluation, windows: Windows, slope: np.ndarray) 
     rest = size - measured
     scale = (windows.weight.max(axis=1, keepdims=True) ** 2) / windows.theta.shape[1]
     cost = 0.5 * float(np.sum(scale * rest**2))
+    if slope is None:
+        return cost, None
     slope = np.where(known, 1 / np.where(known, windows.weight, 1), 0.0)[..., None] * slope
     slope = slope - slope.sum(axis=1, keepdims=True) / count[..., None]
     moved = np.fft.rfft(np.where(known[..., None], slope, 0.0), axis=1)
     amplitude = np.real(np.conj(simulated)[..., None] * moved) / size[..., None]
     return cost, np.einsum("ksn,ksnp->p", scale * rest, amplitude)
-
-
-class Projected:
-    """The loss at the optimum of the starts, and its gradient by the parameters; keeps the starts between calls.
-
-    Attributes:
-        kind: `angles` or `spectrum`.
-        information, curvature: of the last call, (k, k) and its diagonal.
-    """
-
-    def __init__(self, problem: Problem, starts: Starts, kind: str = "angles") -> None:
-        self.problem, self.starts, self.kind = problem, starts, kind
-        self.evaluations = 0
-        k = len(problem.parameters)
-        self.zero, self.curvature, self.information = np.zeros(k), np.ones(k), np.eye(k)
-
-    def _starts_eliminated(self, normal: Normal, damping: float) -> Step:
-        return eliminate(normal, damping, Prior(0.0, self.zero, np.diag(self.zero)), self.zero, self.zero)
-
-    def __call__(self, values: np.ndarray, inner: int = INNER) -> tuple[float, np.ndarray]:
-        problem, best = self.problem, None
-        for i in range(inner + 1):
-            evaluation = problem.evaluate(values, self.starts)
-            self.evaluations += 1
-            cost = problem.data_cost(evaluation)
-            if best is not None and not cost <= best[0]:
-                break
-            best = (cost, evaluation, closed_starts(evaluation))
-            if not np.isfinite(cost) or i == inner:
-                break
-            step = self._starts_eliminated(problem.normal(evaluation), 1e-6)
-            self.starts = move(problem.simulator, best[2], values, step.dz)
-        cost, evaluation, self.starts = best
-        normal = problem.normal(evaluation)
-        reduced = self._starts_eliminated(normal, 0.0)
-        self.information = reduced.information
-        self.curvature = np.maximum(np.diag(reduced.information), 1e-300)
-        gradient, prior = normal.gp, problem.prior(values)
-        if self.kind == "spectrum":
-            # the starts are where the angles want them, not the spectra: no envelope theorem, they move along
-            m2, jacobian = problem.freedoms, evaluation.jacobian
-            slope = jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], reduced.eliminated)
-            cost, gradient = spectrum_terms(evaluation, problem.windows, slope)
-        return cost + prior.cost, gradient + prior.gradient
-
-
-def fit_gradient(
-    problem: Problem,
-    values: np.ndarray,
-    starts: Starts,
-    *,
-    optimizer: str = "lbfgs",
-    loss: str = "angles",
-    steps: int = 60,
-    learning_rate: float | None = None,
-    horizon: Sequence[float] = (0.3, 1.0),
-    progress: Progress = silent,
-) -> Solution:
-    """Fit by gradient descent with optax.
-
-    Args:
-        optimizer: `lbfgs` (with a backtracking line search) or `adam` (cosine decay).
-        loss: `angles`, or `spectrum`, which starts with amplitude spectra and ends with the angles.
-        steps: most steps over all horizons.
-        learning_rate: of adam, in parts of the distance that the curvature predicts; default 0.2.
-        horizon: parts of each window that count, one after another.
-
-    Returns:
-        A solution like `fit_windows`'s, with covariance from the same normal equations.
-    """
-    for key, value, allowed in (("optimizer", optimizer, OPTIMIZERS), ("loss", loss, LOSSES)):
-        if value not in allowed:
-            raise SceneError(f"{key}: {value!r} is unknown; {nearest(value, allowed)}")
-    values, history, evaluations = np.asarray(values, float), [], 0
-    stages = [(part, "angles") for part in horizon]
-    stages = [(1.0, "spectrum"), *stages] if loss == "spectrum" else stages
-    arrived = False
-    for i, (part, kind) in enumerate(stages):
-        # angles decide the start values; the spectrum needs starts from the angles too
-        projected = Projected(replace(problem, windows=problem.windows.early(part)), starts, kind)
-        share = steps // len(stages) if i < len(stages) - 1 else steps - len(history)
-        descend = _lbfgs if optimizer == "lbfgs" else _adam
-        values, arrived = descend(projected, values, max(share, 1), learning_rate or 0.2, history)
-        starts, evaluations = projected.starts, evaluations + projected.evaluations
-        progress(0.9 * (i + 1) / len(stages), f"horizon {part:g}, {kind}: {values}")
-    found = fit_windows(replace(problem, frozen=np.ones(len(values), bool)), values, starts, iterations=8)
-    return replace(
-        found,
-        problem=problem,
-        iterations=evaluations,
-        history=history,
-        status="ok" if arrived else "not_converged",
-        message="" if arrived else f"no convergence in {steps} gradient steps",
-    )
-
-
-def _at_rest(projected: Projected, values: np.ndarray, gradient: np.ndarray, cost: float) -> bool:
-    """Whether the projected gradient is below `ARRIVED` standard errors in every parameter."""
-    low, high = projected.problem.bounds(values)
-    held = ((values <= low) & (gradient > 0)) | ((values >= high) & (gradient < 0))
-    unit = max(2 * cost / max(projected.problem.windows.samples, 1), 1e-12)
-    return bool(np.all(np.abs(np.where(held, 0.0, gradient)) < ARRIVED * np.sqrt(projected.curvature * unit)))
-
-
-def _lbfgs(
-    projected: Projected, values: np.ndarray, steps: int, rate: float, history: list[dict[str, Any]]
-) -> tuple[np.ndarray, bool]:
-    low, high = projected.problem.bounds(values)
-    cost, gradient = projected(values, inner=6)
-    size = 1 / np.sqrt(projected.curvature)
-    transform = optax.scale_by_lbfgs(memory_size=8)
-    state = transform.init(jnp.asarray(values / size))
-    for _ in range(steps):
-        if _at_rest(projected, values, gradient, cost):
-            return values, True
-        update, state = transform.update(jnp.asarray(gradient * size), state, jnp.asarray(values / size))
-        direction = -np.asarray(update) * size
-        if direction @ gradient >= 0:
-            direction = -gradient * size**2
-        fraction, kept = 1.0, projected.starts
-        for _ in range(12):
-            trial = np.clip(values + fraction * direction, low, high)
-            projected.starts = kept
-            trial_cost, trial_gradient = projected(trial)
-            if trial_cost <= cost + 1e-4 * float(gradient @ (trial - values)):
-                break
-            fraction *= 0.4
-        else:
-            projected.starts = kept
-            return values, _at_rest(projected, values, gradient, cost)
-        values, cost, gradient = trial, trial_cost, trial_gradient
-        history.append({"cost": cost, "values": values.tolist()})
-    return values, _at_rest(projected, values, gradient, cost)
-
-
-def _adam(
-    projected: Projected, values: np.ndarray, steps: int, rate: float, history: list[dict[str, Any]]
-) -> tuple[np.ndarray, bool]:
-    """Adam in coordinates x = L' p, where S = L L': damping coefficients that stand in for each other are apart there.
-
-    Rounds of cosine decay with restarts (Loshchilov and Hutter 2017); each starts with steps of `rate` of the distance
-    that its curvature predicts, so that the last ones are as small as the standard errors.
-    """
-    low, high = projected.problem.bounds(values)
-    _, gradient = projected(values, inner=6)
-    share = max(1, steps // ADAM_ROUNDS)
-    for _ in range(min(ADAM_ROUNDS, steps)):
-        root = np.linalg.cholesky(projected.information + 1e-12 * np.diag(projected.curvature))
-        whiten = lambda g, root=root: jnp.asarray(np.linalg.solve(root, g))  # noqa: E731
-        distance = float(np.linalg.norm(whiten(gradient)))
-        transform = optax.adam(optax.cosine_decay_schedule(rate * distance, share))
-        x = jnp.asarray(root.T @ values)
-        state = transform.init(x)
-        for _ in range(share):
-            update, state = transform.update(whiten(gradient), state, x)
-            values = np.clip(np.linalg.solve(root.T, np.asarray(optax.apply_updates(x, update))), low, high)
-            x = jnp.asarray(root.T @ values)
-            cost, gradient = projected(values, inner=1)
-            history.append({"cost": cost, "values": values.tolist()})
-    return values, _at_rest(projected, values, gradient, cost)

@@ -1,4 +1,10 @@
-"""How fast a motion forgets where it started: the largest Lyapunov exponent along the windows of a trace."""
+"""How fast a motion forgets where it started, and windows that are as long as that allows.
+
+With M_k the transition of window k, the derivative of its end by its start in units of a gap's scale, errors grow over
+windows j to k by at most the largest singular value of M_k ... M_j. The largest Lyapunov exponent is the mean growth
+per time of the product of all. A motion that whips grows by far more at some moments than by this mean, so that windows
+are joined from short ones as long as the growth of their own product allows.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +13,33 @@ import numpy as np
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import GAP_SCALE
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Windows
+from fitting.estimate.windows import Piece, Windows
 from fitting.traces.planar import chart
 
-#: Most growth exp(lambda T) of an error over a fit window, and over a held-out one, whose start must still be found.
+#: Most growth of an error over a fit window, in e-folds, and over a held-out one, whose start must still be found.
 FIT_GROWTH, HELD_GROWTH = 2.0, 6.0
-#: Shortest and longest automatic window [s], the latter also as a part of the trace.
-SHORTEST, LONGEST, LONGEST_PART = 0.25, 10.0, 0.125
+#: Shortest windows that are joined, as a part of the shortest link's period: links that whip at ten times the rate of
+#: their own swing turn by less than a turn in it.
+SHORTEST_PART = 0.2
+#: Longest automatic window [s], and as a part of the trace.
+LONGEST, LONGEST_PART = 10.0, 0.125
+
+
+def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
+    """Derivatives (K, m2, m2) of the windows' ends by their starts, both in units of a gap's scale."""
+    n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
+    turn = np.swapaxes(chart(simulator.model_at(values), evaluation.end[:, :n]), 1, 2)
+    scale = np.repeat(GAP_SCALE, m2 // 2)
+    move = np.concatenate(
+        [turn @ evaluation.end_jacobian[:, :n, :m2], turn @ evaluation.end_jacobian[:, n:, :m2]], axis=1
+    )
+    return move * scale[None, None, :] / scale[None, :, None]
 
 
 def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> float:
     """Growth rate [1/s] of the fastest growing small error, by QR of the windows' transition matrices, chained."""
-    n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
-    basis = chart(simulator.model_at(values), evaluation.end[:, :n])
-    m = m2 // 2
-    scale = np.repeat(GAP_SCALE, m)
-    turn = np.swapaxes(basis, 1, 2)
-    move = np.concatenate(
-        [turn @ evaluation.end_jacobian[:, :n, :m2], turn @ evaluation.end_jacobian[:, n:, :m2]], axis=1
-    )
-    move = move * scale[None, None, :] / scale[None, :, None]
+    m2 = simulator.freedoms
+    move = transitions(simulator, windows, evaluation, values)
     frame, total, time = np.eye(m2), 0.0, 0.0
     for k, matrix in enumerate(move):
         if windows.released[k]:  # has no start of its own to err in
@@ -37,21 +50,38 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
         frame = np.eye(m2) if not windows.follows[k] else frame
         frame, upper = np.linalg.qr(matrix @ frame)
         total += float(np.log(max(abs(upper[0, 0]), 1e-300)))
-        time += windows.length
+        time += float(windows.lengths[k])
     return total / time if time else 0.0
 
 
-def first_window(freedoms: int, length: float, span: float) -> float:
-    """Window [s] before anything is known: one second per 0.1 m link of a chain; long where chaos is impossible."""
-    longest = max(SHORTEST, min(LONGEST, LONGEST_PART * span))
+def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
+    """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
+    longest = max(shortest, min(LONGEST, LONGEST_PART * span))
     if freedoms < 2:  # one angle cannot be chaotic
         return longest
-    return min(longest, max(SHORTEST, float(np.sqrt(length / 0.1))))
+    return min(longest, max(shortest, float(np.sqrt(length / 0.1))))
 
 
-def shorter_window(window: float, rate: float) -> float:
-    """A window [s] over which errors grow by at most `FIT_GROWTH` e-folds; the present one where it is near that.
+def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
+    """Windows joined from short ones while an error grows by at most `FIT_GROWTH` e-folds over them.
 
-    Never a longer one: at start values with too much damping the motion looks tame.
+    Args:
+        windows: short ones, of which each ends on a whole frame.
+        move: their transitions (K, m2, m2).
+        steps: most steps of a window.
     """
-    return max(SHORTEST, FIT_GROWTH / rate) if rate * window > 2 * FIT_GROWTH else window
+    found: list[Piece] = []
+    product = np.eye(move.shape[1])
+    for k, matrix in enumerate(move):
+        piece = windows.piece(k)
+        if windows.released[k]:  # the model says where it begins
+            matrix = np.eye(len(matrix))
+        further = matrix @ product
+        grown = np.linalg.norm(further, 2) if np.isfinite(further).all() else np.inf
+        last = found[-1] if found else None
+        if last is not None and piece.follows and last.steps + piece.steps <= steps and grown <= np.exp(FIT_GROWTH):
+            found[-1], product = last._replace(steps=last.steps + piece.steps), further
+        else:
+            found.append(piece)
+            product = matrix if np.isfinite(matrix).all() else np.full_like(matrix, np.inf)
+    return found

@@ -23,9 +23,17 @@ ERROR = 1e-4
 
 
 def march(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, room: int, substeps: jax.Array, steps: jax.Array | int
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: jax.Array,
+    room: int,
+    substeps: jax.Array,
+    steps: jax.Array | int,
+    counted: jax.Array | int,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Angles and rates (room, n) after every step of dt, and how many (sub)steps failed; of no use beyond `steps`.
+    """Angles and rates (room, n) after every step of dt, and how many (sub)steps of the first
+    `counted` failed; of no use beyond `steps`.
 
     Each step is taken in `substeps` parts. Both numbers are traced, so that one program serves every fineness and
     windows of any length. Schemes that hold their own error are as much more exact, and dt is the interval of what is
@@ -34,16 +42,16 @@ def march(
     if isinstance(stepper.integrator, ProjectedRungeKutta):
         return _held(stepper, model, s, dt, room, substeps)
 
-    def part(_: int, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+    def part(i: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
         s, bad = carry
         s, report = step(stepper, model, s, dt / substeps, bad == 0)
-        return s, bad + unsolved(stepper, model, s, report.residual)
+        return s, bad + jnp.where(i < counted, unsolved(stepper, model, s, report.residual), 0)
 
     put = jax.lax.dynamic_update_index_in_dim
 
     def whole(i: int, carry: tuple[tuple[State, jax.Array], jax.Array, jax.Array]) -> tuple[Any, ...]:
         carry, r, v = carry
-        carry = jax.lax.fori_loop(0, substeps, part, carry)
+        carry = jax.lax.fori_loop(0, substeps, lambda _, carry: part(i, carry), carry)
         return carry, put(r, carry[0].r, i, 0), put(v, carry[0].v, i, 0)
 
     first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)

@@ -86,7 +86,7 @@ class Step(NamedTuple):
     log_determinant: float | None = None
 
 
-def _root(scaled: np.ndarray) -> np.ndarray:
+def cholesky_root(scaled: np.ndarray) -> np.ndarray:
     """Lower Cholesky factor of a matrix with diagonal 1; parameters that cannot be told apart leave a rank short."""
     for floor in FLOORS:
         try:
@@ -102,7 +102,7 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
         return gradient
     size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information * np.outer(size, size)
-    lower = _root(scaled)
+    lower = cholesky_root(scaled)
     target = -solve_triangular(lower, gradient * size, lower=True)
     free = cho_solve((lower, True), -gradient * size) * size
     if ((free >= low) & (free <= high)).all():

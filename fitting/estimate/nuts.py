@@ -187,8 +187,10 @@ class Density:
         self.start = jnp.asarray(solution.starts.theta), jnp.asarray(solution.starts.omega)
         self.basis = jnp.asarray(chart(simulator.model_at(solution.values), solution.starts.theta))
         self.follows = np.flatnonzero(windows.follows & (solution.gap_weight is not None))
-        self.scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
-        seen = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows))
+        scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
+        self.scale = windows.gap_shares[:, None] * scale if len(self.follows) else scale[None]
+        counts = windows.step_counts.astype(np.int32)
+        seen = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows), counts)
         self.seen = tuple(jnp.asarray(a) for a in seen)
         # the programs may know more parameters than these
         self.known, self.where = simulator.whole(solution.values)
@@ -238,7 +240,7 @@ class Density:
         turn = jnp.swapaxes(self.basis[right], 1, 2)
 
         def charted(a: jax.Array) -> jax.Array:
-            return jnp.concatenate([turn @ a[:, :n], turn @ a[:, n:]], axis=1) / self.scale[:, None]
+            return jnp.concatenate([turn @ a[:, :n], turn @ a[:, n:]], axis=1) / self.scale[..., None]
 
         (start, end), (js, je) = ends, jacobians
         off = end[left] - start[right]

@@ -23,12 +23,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.noise import Noise, rates
-from fitting.estimate.normal_equations import Normal, solve_spd
 from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.sandwich import scores
+from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.whitening import log_volume, whitened
@@ -191,33 +189,6 @@ def posed(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solut
     )
 
 
-def _starts(point: Solution) -> tuple[np.ndarray, float]:
-    """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
-    level = level_of(point.problem, point.gap_weight)
-    system = level.system(point.evaluation, point.values)
-    if isinstance(system, Normal):
-        diagonal = np.einsum("kii->ki", system.A)
-        A = system.A + (1e-12 * diagonal.max() + 1e-300) * np.eye(diagonal.shape[1])
-        return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
-    diagonal = np.einsum("kii->ki", system.normal.A)
-    factor = Factor(system.normal.A + 1e-13 * diagonal.max() * np.eye(diagonal.shape[1]), system.below)
-    return factor.inverse_diagonal(), factor.log_determinant
-
-
-def leverage(point: Solution) -> np.ndarray:
-    """How many samples of each window and link the fit has used up (K, n): the trace of its hat matrix."""
-    m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
-    free = np.flatnonzero(~point.problem.held)
-    inverse, _ = _starts(point)
-    own = root * point.evaluation.jacobian[..., :m2]
-    taken = np.einsum("ksni,kij,ksnj->kn", own, inverse, own, optimize=True)
-    if len(free):
-        shared = (root * scores(point))[..., free]
-        covariance = solve_spd(point.information[np.ix_(free, free)], np.eye(len(free)))
-        taken = taken + np.einsum("ksni,ij,ksnj->kn", shared, covariance, shared, optimize=True)
-    return taken
-
-
 def minus_two_log(point: Solution) -> float:
     """Minus twice the restricted log likelihood of the noise in a solution's problem, less constants."""
     level = level_of(point.problem, point.gap_weight)
@@ -227,7 +198,7 @@ def minus_two_log(point: Solution) -> float:
     if step is None:
         return np.inf
     free = np.flatnonzero(~point.problem.held)
-    _, starts = _starts(point)
+    _, starts = start_covariances(point)
     shared = float(np.linalg.slogdet(step.information[np.ix_(free, free)])[1]) if k and len(free) else 0.0
     return 2 * (point.cost - step.predicted) + starts + shared + log_volume(point.windows)
 

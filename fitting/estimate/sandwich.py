@@ -21,9 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.gaps import gaps
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.normal_equations import Normal, solve_spd
 from fitting.estimate.problem import Solution
+from fitting.estimate.shooting import level_of
 
 #: Pieces of time wanted, into which few windows are cut.
 PIECES = 60
@@ -55,31 +57,62 @@ def scores(solution: Solution) -> np.ndarray:
     return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], solution.eliminated)
 
 
+def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
+    """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
+    level = level_of(point.problem, point.gap_weight)
+    system = level.system(point.evaluation, point.values)
+    if isinstance(system, Normal):
+        diagonal = np.einsum("kii->ki", system.A)
+        A = system.A + (1e-12 * diagonal.max() + 1e-300) * np.eye(diagonal.shape[1])
+        return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
+    diagonal = np.einsum("kii->ki", system.normal.A)
+    factor = Factor(system.normal.A + 1e-13 * diagonal.max() * np.eye(diagonal.shape[1]), system.below)
+    return factor.inverse_diagonal(), factor.log_determinant
+
+
+def leverage(point: Solution) -> np.ndarray:
+    """How many samples of each window and link the fit has used up (K, n): the trace of its hat matrix."""
+    m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
+    free = np.flatnonzero(~point.problem.held)
+    inverse, _ = start_covariances(point)
+    own = root * point.evaluation.jacobian[..., :m2]
+    taken = np.einsum("ksni,kij,ksnj->kn", own, inverse, own, optimize=True)
+    if len(free):
+        shared = (root * scores(point))[..., free]
+        covariance = solve_spd(point.information[np.ix_(free, free)], np.eye(len(free)))
+        taken = taken + np.einsum("ksni,ij,ksnj->kn", shared, covariance, shared, optimize=True)
+    return taken
+
+
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
-    """Parts of the gradient and the information of the free parameters (their numbers)."""
+    """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     windows, weights = solution.windows, solution.weights
     score = scores(solution)[..., free]
     pull = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    joined = solution.gap_weight is not None and windows.follows.any()
-    parts = int(np.ceil(PIECES / windows.count))
-    place = np.minimum((windows.index * parts) // windows.steps, parts - 1)
-    gradient = np.zeros((windows.count, parts, len(free)))
-    information = np.zeros((windows.count, parts, len(free), len(free)))
-    for part in range(parts):
-        mine = place == part
-        gradient[:, part] = np.einsum("ks,ksp->kp", mine, pull)
-        information[:, part] = np.einsum("ks,kspq->kpq", mine, square)
-    if joined and solution.gap_weight:
+    duration = windows.lengths.sum() / max(PIECES, windows.count) * (1 + 1e-9)
+    first = np.array([windows.begin[windows.run == run].min() for run in windows.run])
+
+    def number(t: np.ndarray) -> np.ndarray:
+        """Run and piece of these times (K, ...) in one number."""
+        since = np.floor((t - first.reshape(-1, *[1] * (t.ndim - 1))) / duration + 1e-6).astype(int)
+        return windows.run.reshape(-1, *[1] * (t.ndim - 1)) * 10**9 + np.maximum(since, 0)
+
+    known = (windows.weight > 0).any(axis=2)
+    place = number(windows.times())
+    rows = [(place[known], pull[known], square[known])]
+    if solution.gap_weight and windows.follows.any():
         found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
         left, right, along = found.left, found.left + 1, solution.eliminated
         slope = found.shared + np.einsum("gij,gjp->gip", found.before, along[left])
         slope = (slope + np.einsum("gij,gjp->gip", found.after, along[right]))[..., free] / solution.gap_weight
-        gradient[right, 0] += np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
-        information[right, 0] += np.einsum("gip,giq->gpq", slope, slope)
-    order = np.lexsort((windows.begin, windows.run))
-    flat = lambda a: a[order].reshape(-1, *a.shape[2:])  # noqa: E731
-    return Pieces(flat(gradient), flat(information), np.repeat(windows.run[order], parts))
+        gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
+        rows.append((number(windows.begin)[right], gradient, np.einsum("gip,giq->gpq", slope, slope)))
+    names, index = np.unique(np.concatenate([row[0] for row in rows]), return_inverse=True)
+    gradient, information = np.zeros((len(names), len(free))), np.zeros((len(names), len(free), len(free)))
+    np.add.at(gradient, index, np.concatenate([row[1] for row in rows]))
+    np.add.at(information, index, np.concatenate([row[2] for row in rows]))
+    return Pieces(gradient, information, names // 10**9)
 
 
 def memory(series: np.ndarray, run: np.ndarray) -> float:

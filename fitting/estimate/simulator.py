@@ -34,6 +34,8 @@ from fitting.traces import planar
 CHUNK = 8
 
 
+#: Which of a program's inputs are the windows' own numbers of steps.
+COUNTS = 8
 #: Place of a jump of the clock that a window does not have [steps].
 NEVER = 1e9
 #: Part of a program's windows that its first, plain steps may leave unsolved before they are given up for good.
@@ -135,7 +137,7 @@ class Simulator:
         for slot, i in enumerate(losses(self.parameters)):
             where = self.parameters[i].where
             place = (where.time - windows.begin) / windows.dt - ON_GRID
-            inside = (windows.run == where.run) & (place > 0) & (place <= windows.steps)
+            inside = (windows.run == where.run) & (place > 0) & (place <= windows.step_counts)
             found[inside, slot] = place[inside]
         return found
 
@@ -148,7 +150,7 @@ class Simulator:
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
         asked, (values, _) = values, self.whole(values)
-        inputs = (*inputs, self.jumps(windows))
+        inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
         if self.release:
             inputs = self.release.place(self.model, self.compiled, values, inputs, windows)
         self.evaluations += 1
@@ -171,17 +173,22 @@ class Simulator:
         inputs = [
             np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
         ]
-        order = np.minimum(np.arange(-(-count // key.size) * key.size), count - 1).reshape(-1, key.size)
-        chunks = [tuple(a[rows] for a in inputs) for rows in order]
-        taken = np.int32(windows.substeps), np.int32(windows.steps)
-        run = lambda job: [np.asarray(a) for a in program(values, job[0], *taken, *job[1])]  # noqa: E731
+        # windows of like length run together: a chunk takes as many steps as its longest window
+        order = np.argsort(inputs[COUNTS], kind="stable")
+        rows = order[np.minimum(np.arange(-(-count // key.size) * key.size), count - 1)].reshape(-1, key.size)
+        chunks = [tuple(a[some] for a in inputs) for some in rows]
+        substeps = np.int32(windows.substeps)
+        run = lambda job: [  # noqa: E731
+            np.asarray(a) for a in program(values, job[0], substeps, job[1][COUNTS].max(), *job[1])
+        ]
         seeds = self._seeds()
         jobs = [(some, chunk) for some in seeds for chunk in chunks]
         # the compiled program leaves the interpreter, so that two threads use two cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
-        joined = [[np.concatenate(column)[:count] for column in zip(*some, strict=True)] for some in by_seed]
+        back = np.argsort(order, kind="stable")
+        joined = [[np.concatenate(column)[back] for column in zip(*some, strict=True)] for some in by_seed]
         whole = Evaluation(*joined[0])
         wanted = self.freedoms + len(self.parameters)
         for field in ("jacobian", "start_jacobian", "end_jacobian"):
@@ -266,8 +273,13 @@ class Simulator:
         room: int,
         on_grid: bool,
     ) -> tuple[jax.Array, ...]:
-        """Value and derivatives along `seeds` of one window of `steps` steps, at most `room`, in one batch."""
-        theta0, omega0, basis, measured, weight, index, fraction, jumps, *more = inputs
+        """Value and derivatives along `seeds` of one window, in one batch.
+
+        Args:
+            steps: steps that are taken, at most `room`, by all windows that run together; a window's own number of
+                them is among the inputs, and its end is read there.
+        """
+        theta0, omega0, basis, measured, weight, index, fraction, jumps, own_steps, *more = inputs
         m = basis.shape[1]
         point = jnp.concatenate([jnp.zeros(2 * m), values])
 
@@ -279,14 +291,15 @@ class Simulator:
             if begun is not None:
                 theta = theta + begun.slope @ (p - values)
             if begun is not None or losses(self.compiled):
-                h, place = self._clock(p, begun, index + fraction, jumps, dt, steps)
+                h, place = self._clock(p, begun, index + fraction, jumps, dt, own_steps)
             rate = clock_rate(self.compiled, p)
             h = h if rate is None else h * rate
             start = planar.closed(model, theta, omega0 + basis @ z[m:])
-            angles, rates, failed = march(stepper, model, planar.to_state(model, *start), h, room, substeps, steps)
+            begun_at = planar.to_state(model, *start)
+            angles, rates, failed = march(stepper, model, begun_at, h, room, substeps, steps, own_steps)
             angle = seen(model, self.compiled, p, at_samples(start, angles, rates, *place, h, on_grid))
             residual = planar.wrap(angle - measured) * weight
-            end = jnp.concatenate([angles[steps - 1], rates[steps - 1]])
+            end = jnp.concatenate([angles[own_steps - 1], rates[own_steps - 1]])
             return (residual, jnp.concatenate(start), end), (angle, failed)
 
         push = lambda d: jax.jvp(outputs, (point,), (d,), has_aux=True)  # noqa: E731

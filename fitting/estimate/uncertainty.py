@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import FEW, pieces, resample, scatter, together
+from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, together
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
@@ -59,13 +59,9 @@ class Uncertainty:
         return self.covariance / np.outer(size, size)
 
 
-def degrees_of_freedom(solution: Solution) -> int:
-    """Samples less what was fitted; joined windows share one start per run."""
-    problem, windows = solution.problem, solution.windows
-    joined = solution.gap_weight is not None
-    starts = int((~windows.follows).sum()) if joined else windows.count
-    starts -= int(windows.released.sum())
-    return max(1, windows.samples - starts * problem.freedoms - int((~problem.held).sum()))
+def degrees_of_freedom(solution: Solution) -> float:
+    """Samples less what the fit has used up of them, by leverage."""
+    return max(1.0, solution.windows.samples - float(leverage(solution).sum()))
 
 
 def variance(solution: Solution) -> float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.model import Model
+from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 
@@ -11,15 +13,24 @@ from dropper_jax.stepping.stepper import Stepper
 ITERATIONS = 3
 
 
-def choose_stepper(model: Model, integrator: str | None = None) -> Stepper:
-    """The scheme of the best price for its error: rattle_4 for point masses, else energy_momentum."""
+def choose_stepper(model: Model, integrator: str | None = None, solver: str = "auto") -> Stepper:
+    """The scheme of the best price for its error: rattle_4 for point masses, else energy_momentum.
+
+    Args:
+        solver: as `run.solver` of the scene says; `auto` takes `condensed` where it applies.
+
+    Raises:
+        SceneError: a solver that cannot serve this scene or scheme.
+    """
     if integrator is None and Rattle4().refuse(model) is None:
+        if solver != "auto" and (reason := SOLVERS[solver].refuse(model, Rattle4())):
+            raise SceneError(f"run.solver: {solver!r} cannot serve this fit: {reason}")
         settings = {"extra": 0, "halvings": 0, "track_work": False, "reverse": False, "batched": True}
-        return Stepper(Rattle4(), "condensed", "banded", ITERATIONS, **settings)
+        return Stepper(Rattle4(), "condensed" if solver == "auto" else solver, "banded", ITERATIONS, **settings)
     # No halving: a window whose steps do not solve is a step too far of the fit, which then takes a smaller one. Not so
     # where joints stick: which of them do is found by the last resort alone, on the whole step or on half of it, and an
     # unsolved step's derivative is of no size at all (measured on three links: 1e20).
     settings = {"halvings": 1} if model.laws else {"halvings": 0, "extra": 0}
     return make_stepper(
-        model, integrator or "energy_momentum", "auto", track_work=False, reverse=False, **settings
+        model, integrator or "energy_momentum", solver, track_work=False, reverse=False, **settings
     )  # all derivatives of a fit are taken forwards

@@ -18,7 +18,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces import planar
-from fitting.traces.trace import Trace, local_polynomial, without_spikes
+from fitting.traces.trace import Trace, local_motion, without_spikes
 
 #: Departure from whole steps [steps] below which samples count as lying on the time grid.
 ON_GRID = 1e-6
@@ -28,10 +28,22 @@ ON_GRID = 1e-6
 ROUNDED = 1e-3
 
 
+#: Longest reach of a start's polynomial, as a part of the shortest link's period.
+SMOOTH_PART = 0.3
+
 #: What every window has of its own, besides what it follows.
-PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released")
+PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
 #: The same, where there is any.
 OF_NOISE = ("decay", "jitter")
+
+
+class Piece(NamedTuple):
+    """A window to be filled: its run, where it begins [s], its steps, and whether it begins where the last one ends."""
+
+    run: int
+    begin: float
+    steps: int
+    follows: bool
 
 
 @dataclass(frozen=True)
@@ -45,8 +57,9 @@ class Windows:
         theta: measured angles (K, S, n) [rad], 0 where there is none.
         weight: 1/sigma (K, S, n) [1/rad], 0 where there is no sample.
         index, fraction: time of each slot in steps after the start, whole and rest, (K, S).
-        dt, steps: time step [s] and steps of a window.
+        dt, steps: time step [s], and the steps that programs of these windows have room for.
         released: whether the model says where a window begins, see `release` (K,).
+        step_counts: steps of each window (K,), at most `steps`; default: all of them.
         substeps: parts in which every step is taken.
         decay: rate at which noise forgets itself (K, n) [1/s]; None where it is white.
         jitter: deviation by frames' common delays over that of the noise, signed as the rates (K, S, n); None: none.
@@ -62,9 +75,14 @@ class Windows:
     dt: float
     steps: int
     released: np.ndarray
+    step_counts: np.ndarray | None = None
     substeps: int = 1
     decay: np.ndarray | None = None
     jitter: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.step_counts is None:
+            object.__setattr__(self, "step_counts", np.full(len(self.begin), self.steps))
 
     @property
     def count(self) -> int:
@@ -81,9 +99,29 @@ class Windows:
         return self.count - int(self.released.sum())
 
     @property
+    def lengths(self) -> np.ndarray:
+        """Durations of the windows (K,) [s]."""
+        return self.step_counts * self.dt
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Times at which the windows end (K,) [s]."""
+        return self.begin + self.lengths
+
+    @property
+    def gap_shares(self) -> np.ndarray:
+        """Deviation that each gap allows over the mean window's (g,): process noise grows as the root of time."""
+        left = np.flatnonzero(self.follows) - 1
+        return np.sqrt(self.lengths[left] / self.lengths.mean())
+
+    @property
     def length(self) -> float:
-        """Duration of a window [s]."""
-        return self.steps * self.dt
+        """Duration of the longest window [s]."""
+        return float(self.lengths.max())
+
+    def piece(self, k: int) -> Piece:
+        """Window k without its samples."""
+        return Piece(int(self.run[k]), float(self.begin[k]), int(self.step_counts[k]), bool(self.follows[k]))
 
     def times(self) -> np.ndarray:
         """Times of all slots (K, S) [s]."""
@@ -102,13 +140,18 @@ class Windows:
 
     def early(self, part: float) -> Windows:
         """The same windows, of which only the first part (0 to 1) counts."""
-        elapsed = self.index * self.dt / self.length
+        elapsed = self.index / self.step_counts[:, None]
         return replace(self, weight=self.weight * (elapsed <= part)[:, :, None])
 
     def pick(self, which: np.ndarray) -> Windows:
         """Some of the windows, none of which follows another."""
         part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
+
+    def without(self, which: np.ndarray) -> Windows:
+        """The windows without some (K,) bool; those after them follow none."""
+        follows = self.follows & ~np.concatenate([[False], which[:-1]])
+        return replace(self.pick(~which), follows=follows[~which])
 
 
 def check_step(traces: Sequence[Trace], dt: float) -> None:
@@ -134,6 +177,15 @@ def time_step(traces: Sequence[Trace], wanted: float) -> float:
     return interval / max(1, int(np.ceil(interval / wanted - ROUNDED)))
 
 
+#: Fewest frames of a window: fewer samples follow any start.
+FEWEST_FRAMES = 5
+
+
+def fewest_frames(links: int, freedoms: int) -> int:
+    """Fewest frames of a window: five, and twice as many samples as its start has numbers."""
+    return max(FEWEST_FRAMES, -(-2 * freedoms // links))
+
+
 def cut(
     traces: Sequence[Trace],
     length: float,
@@ -141,7 +193,10 @@ def cut(
     sigma: Sequence[np.ndarray],
     spans: Sequence[tuple[int, float, float]] | None = None,
 ) -> Windows:
-    """Windows of `length` [s], one after another; a rest shorter than one is left out, as is a window without samples.
+    """Windows of `length` [s], one after another.
+
+    What is left at the end of a span is a shorter window, if it has at least `FEWEST_FRAMES` frames. Windows in which a
+    link has fewer than two samples are left out.
 
     Args:
         traces: runs in the model's convention.
@@ -151,25 +206,31 @@ def cut(
     steps = max(1, int(length / dt + 1e-6))
     length = steps * dt
     spans = spans or [(i, float(tr.t[0]), float(tr.t[-1]) + tr.interval) for i, tr in enumerate(traces)]
-    begin, run, follows = [], [], []
+    pieces = []
     for i, low, high in spans:
         count = int((high - low) / length + 1e-6)
-        begin += [low + k * length for k in range(count)]
-        run += [i] * count
-        follows += [k > 0 for k in range(count)]
-    if not begin:
+        pieces += [Piece(i, low + k * length, steps, k > 0) for k in range(count)]
+        rest = int((high - low - count * length) / dt + 1e-6)
+        if count and rest * dt >= FEWEST_FRAMES * traces[i].interval * (1 - 1e-6):
+            pieces.append(Piece(i, low + count * length, rest, True))
+    if not pieces:
         longest = max((high - low for _, low, high in spans), default=0.0)
         raise SceneError(f"window: {length:g} s is longer than the trace; allowed: at most {longest:g} s")
-    parts = [_fill(traces[i], t0, steps, dt, sigma[i]) for i, t0 in zip(run, begin, strict=True)]
+    return fill(traces, pieces, dt, sigma)
+
+
+def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Sequence[np.ndarray]) -> Windows:
+    """Windows of these pieces with the samples that lie in them."""
+    parts = [_samples(traces[p.run], p.begin, p.steps, dt, sigma[p.run]) for p in pieces]
     slots = max(len(part[0]) for part in parts)
     pad = lambda a: np.concatenate([a, np.zeros((slots - len(a), *a.shape[1:]), a.dtype)])  # noqa: E731
     theta, weight, index, fraction = (np.stack([pad(part[j]) for part in parts]) for j in range(4))
-    released = np.zeros(len(begin), bool)
-    numbers = (np.array(begin), np.array(run), np.array(follows), theta, weight, index, fraction)
-    return _drop_empty(Windows(*numbers, dt, steps, released))
+    run, begin, steps, follows = (np.array(column) for column in zip(*pieces, strict=True))
+    numbers = (begin, run, follows, theta, weight, index, fraction)
+    return _drop_empty(Windows(*numbers, dt, int(steps.max()), np.zeros(len(begin), bool), steps))
 
 
-def _fill(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
+def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
     place = (trace.t - begin) / dt
     keep = (place > -ON_GRID) & (place < steps - ON_GRID)
     place, theta = place[keep], trace.theta[keep]
@@ -189,8 +250,7 @@ def _drop_empty(windows: Windows) -> Windows:
         return windows
     if not enough.any():
         raise SceneError("window: no window has two samples of every link; allowed: longer windows or denser traces")
-    follows = windows.follows & np.concatenate([[False], enough[:-1]])
-    return replace(windows.pick(enough), follows=follows[enough])
+    return windows.without(~enough)
 
 
 class Starts(NamedTuple):
@@ -200,14 +260,24 @@ class Starts(NamedTuple):
     omega: np.ndarray
 
 
-def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, smooth: float) -> Starts:
-    """Starts from the traces, smoothed over `smooth` [s] on either side of a window's first instant."""
+def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
+    """Starts from the traces: value and slope of local polynomials, as wide as the noise `sigma` lets them be."""
     traces = [without_spikes(trace) for trace in traces]
+    longest = SMOOTH_PART * 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
     value = np.array(
         [
-            [local_polynomial(traces[i].t, column, t0, smooth) for column in traces[i].theta.T]
+            local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest)
             for i, t0 in zip(windows.run, windows.begin, strict=True)
         ]
     )
-    theta, omega = jax.vmap(partial(planar.closed, model))(jnp.asarray(value[..., 0]), jnp.asarray(value[..., 1]))
-    return Starts(np.asarray(theta), np.asarray(omega))
+    return close_starts(model, value[..., 0], value[..., 1])
+
+
+def close_starts(model: Model, theta: np.ndarray, omega: np.ndarray) -> Starts:
+    """The nearby starts (K, n) whose links close."""
+    return Starts(*(np.asarray(a) for a in _close(model, jnp.asarray(theta), jnp.asarray(omega))))
+
+
+@jax.jit
+def _close(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return jax.vmap(partial(planar.closed, model))(theta, omega)

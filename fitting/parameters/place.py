@@ -80,6 +80,19 @@ def scaled(model: Model) -> Direction:
     return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, 1.0, False)
 
 
+def all_joints(model: Model, field: str) -> Direction:
+    """A coefficient of friction that all joints have more of together, `viscous` or `dry`."""
+
+    def grown(more: jax.Array) -> Model:
+        effects = [
+            replace(e, **{field: getattr(e, field) + more}) if e.name == "joint_friction" else e for e in model.effects
+        ]
+        return replace(model, effects=tuple(effects))
+
+    slopes = [np.asarray(leaf) for leaf in jax.tree.leaves(jax.jacfwd(grown)(jnp.zeros(())))]
+    return Direction({i: slope for i, slope in enumerate(slopes) if np.any(slope)}, 0.0, True)
+
+
 @dataclass(frozen=True)
 class CameraPlace:
     """The rotation of the camera; of one link: how far its marker, or its encoder's zero, is turned against it."""

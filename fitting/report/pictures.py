@@ -150,4 +150,28 @@ def phase_space(result: FitResult, run: int) -> Figure:
     return figure
 
 
+@_styled
+def descent(result: FitResult, _: int) -> Figure:
+    """Loss per sample and parameters from step to step of a gradient descent, of all runs together."""
+    points, parameters = result.descent, result.parameters[:MOST]
+    step = np.arange(len(points))
+    figure = style.new_figure(9.0, 1.8 + 1.5 * (1 + len(parameters)))
+    axes = figure.subplots(1 + len(parameters), 1, sharex=True)
+    axes[0].semilogy(step, [point["loss"] for point in points], ".-", ms=4, lw=1, color=style.FIRST)
+    axes[0].set_ylabel("loss per sample")
+    for i, (p, ax) in enumerate(zip(parameters, axes[1:], strict=True)):
+        ax.plot(step, [point["values"][i] for point in points], ".-", ms=4, lw=1, color=style.SECOND)
+        ax.set_ylabel(f"{p.name.split('.')[-1]} [{p.unit}]")
+    weights = [point["gap_weight"] for point in points]
+    for i in np.flatnonzero([a != b for a, b in pairwise(weights)]) + 1:
+        for ax in axes:
+            ax.axvline(i - 0.5, color=style.FAINT, lw=0.8)
+        axes[0].annotate(
+            f"{weights[i]:g}", (i - 0.5, 0.97), (2, 0), ("data", "axes fraction"), "offset points", va="top", fontsize=7
+        )
+    axes[-1].set_xlabel("step; lines: windows are joined with the gap weight written there")
+    figure.suptitle("descent", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    return figure
+
+
 PICTURES = {"traces": traces, "residuals": residuals, "spectra": spectra, "phase_space": phase_space}

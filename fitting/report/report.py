@@ -16,7 +16,7 @@ from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult
 from fitting.parameters.fitted import fitted_scene
 from fitting.report.one_run import one_run_picture
-from fitting.report.pictures import PICTURES, fitted
+from fitting.report.pictures import PICTURES, descent, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
 
@@ -40,11 +40,12 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
 
 
 def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
-    """The pictures of every fitted run, `NAME_RUN.png`, to a folder."""
+    """The pictures of every fitted run, `NAME_RUN.png`, and of a descent to a folder."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     named = [(run, name) for run, _ in fitted_runs(result) for name in PICTURES]
-    return [PICTURES[name](result, run, folder / f"{name}_{run + 1}.png") for run, name in named]
+    files = [PICTURES[name](result, run, folder / f"{name}_{run + 1}.png") for run, name in named]
+    return [*files, descent(result, 0, folder / "descent.png")] if result.descent else files
 
 
 def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
@@ -74,6 +75,8 @@ def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
         "## Warnings",
         "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None.",
     ]
+    if result.descent:
+        parts += ["## Descent", "Loss and parameters from step to step.", "![descent](descent.png)"]
     if result.advice:
         parts += ["## What may be wrong", markdown(advice_rows(result.advice))]
     if result.comparison:

@@ -69,19 +69,44 @@ def step_text(result: FitResult) -> str:
     return f"{result.windows.dt / result.windows.substeps:.3g} s{moves}"
 
 
+def combination(result: FitResult) -> list[tuple[str, str]]:
+    """What the trace determines best of linear and quadratic damping, where both are fitted."""
+    best = result.best_combination
+    if best is None:
+        return []
+    text = (
+        f"b_l + ({best['speed_m_per_s']:.3g} m/s) b_q = {best['value']:.5g} +- {best['std_error']:.2g} {best['unit']}"
+    )
+    return [("best determined", text)]
+
+
+def window_lengths(result: FitResult) -> str:
+    """Lengths of the windows, which follow the motion."""
+    shortest, longest = result.windows.lengths.min(), result.windows.length
+    return f"{longest:.3g} s" if longest < 1.01 * shortest else f"{shortest:.3g} to {longest:.3g} s"
+
+
 def summary(result: FitResult) -> list[tuple[str, str]]:
     """What else is said of a fit."""
     gap = result.solution.gap_weight
     joined = "separate" if gap is None else "joined exactly" if gap == 0 else f"joined, gap weight {gap:g}"
     pairs = [
-        ("windows", f"{result.windows.count} of {result.windows.length:.3g} s, {joined}"),
+        ("windows", f"{result.windows.count} of {window_lengths(result)}, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
         ("noise of the residuals", noise_text(result)),
+        *combination(result),
         ("time step", step_text(result)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),
         ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),
     ]
+    if descent := result.descent:
+        pairs.append(
+            (
+                "descent",
+                f"{len(descent) - 1} steps, loss per sample {descent[0]['loss']:.3g} to {descent[-1]['loss']:.3g}",
+            )
+        )
     pairs += [(f"held out {h.low:g}-{h.high:g} s", f"{h.rms:.3g} rad RMS") for h in result.held_out]
     return pairs
 

@@ -1,8 +1,14 @@
-"""CSV files of measured columns, under a header with `t`: numbers, empty or `nan` where a sample is missing."""
+"""CSV files of measured columns, under a header with `t`: numbers, empty or `nan` where a sample is missing.
+
+Columns are separated by commas, semicolons, tabs or spaces. Decimal commas are read where commas do not separate
+columns. Text is UTF-8, or UTF-16 with a byte order mark, as spreadsheets write it.
+"""
 
 from __future__ import annotations
 
+import codecs
 import csv
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,23 +44,55 @@ def read_csv(path: Path, columns: str) -> CsvTable:
         SceneError: a file that cannot be read, no samples, no column t.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
+        text = data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:
         raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns {columns}") from None
     except OSError as error:
         raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
     comments = tuple(line.lstrip()[1:].strip() for line in text.splitlines() if line.lstrip().startswith("#"))
     body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if body and re.fullmatch(r"sep=.", body[0].strip()):  # a spreadsheet's note of its separator
+        body = body[1:]
     if len(body) < 2:
         raise SceneError(f"{path.name}: has no samples; allowed: a header {columns} and rows of numbers")
     try:
-        rows = list(csv.reader(body))
+        rows = _split(body)
     except csv.Error as error:
         raise SceneError(f"{path.name}: no CSV: {error}; allowed: columns {columns}") from None
     names = [name.strip() for name in rows[0]]
+    if all(_is_number(name) for name in names):
+        raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
     if "t" not in names:
         raise SceneError(f"{path.name}: has no column 't'; found: {', '.join(names)[:80]}")
     return CsvTable(path.name, comments, names, rows[1:])
+
+
+def _split(body: list[str]) -> list[list[str]]:
+    """Cells of all rows, with decimal points."""
+    header = body[0]
+    # names of columns hold none of these, so that the header decides; csv.Sniffer takes decimal commas for separators
+    separator = next((mark for mark in ";\t," if mark in header), None)
+    if separator is None and " " in header.strip():
+        rows = [line.split() for line in body]
+    else:
+        rows = list(csv.reader(body, delimiter=separator or ","))
+    if separator == ",":
+        return rows
+    return [rows[0], *([_with_point(cell) for cell in row] for row in rows[1:])]
+
+
+def _with_point(cell: str) -> str:
+    """The cell with a decimal point in the position of a decimal comma."""
+    return cell.replace(",", ".") if "." not in cell and cell.count(",") == 1 else cell
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def refuse_twice(file: str, names: list[str]) -> None:
@@ -72,15 +110,53 @@ def check_times(name: str, t: np.ndarray) -> None:
     if not np.isfinite(t).all():
         raise SceneError(f"{name}: t: row {int(np.argmin(np.isfinite(t))) + 1} is missing; allowed: every time")
     step = np.diff(t)
+    if len(step) and (step < 0).all():
+        raise SceneError(f"{name}: t: decreases from row to row; allowed: increasing times, turn the rows around")
     if (step <= 0).any():
         row = int(np.argmax(step <= 0)) + 2
         what = "is repeated" if step[row - 2] == 0 else "goes back"
+        if row > 10 and t[row - 1] - t[0] < 0.1 * (t[row - 2] - t[0]):
+            what = "starts again: two runs in one file; allowed: one file per run, cut this one before that row"
+            raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
         raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}; allowed: increasing times")
+
+
+#: Rows in which an exact value must be repeated to be taken for a mark of missing samples.
+REPEATED = 3
+#: Typical distances of a column's samples from the line through their neighbours beyond which such a value is off.
+#: Values of a coarse encoder repeat too, but lie between their neighbours.
+OFF = 20.0
+#: The same as a part of the range of the column: a coarse encoder at rest toggles between neighbours.
+PART_OF_RANGE = 0.1
+
+
+def placeholder(values: np.ndarray) -> float | None:
+    """The value that marks missing samples of a column (k,), such as -999 or 0; None where there is none.
+
+    It is repeated exactly, and most of its repetitions lie far off the samples before and after them.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    found, count = np.unique(values[known], return_counts=True)
+    for value in found[np.argsort(-count)][: np.sum(count >= REPEATED)]:
+        mark, others = known[values[known] == value], known[values[known] != value]
+        if len(others) < REPEATED:
+            continue
+        off = np.abs(value - np.interp(mark, others, values[others]))
+        inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))
+        far = max(OFF * float(np.median(inner)), PART_OF_RANGE * float(np.ptp(values[others])))
+        if far > 0 and np.median(off) > far:
+            return float(value)
+    return None
 
 
 def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
     table = np.full((len(rows), len(names)), np.nan)
     for i, row in enumerate(rows):
+        if len(row) == 2 * len(names):
+            raise SceneError(
+                f"{file}: row {i + 1} has {len(row)} values for {len(names)} columns: decimal commas between columns "
+                "that commas separate; allowed: decimal points, or semicolons between columns"
+            )
         if len(row) != len(names):
             raise SceneError(f"{file}: row {i + 1} has {len(row)} values; allowed: {len(names)}, one per column")
         for j, cell in enumerate(row):
@@ -89,6 +165,9 @@ def _numbers(file: str, names: list[str], rows: list[list[str]]) -> np.ndarray:
             try:
                 table[i, j] = float(cell)
             except ValueError:
-                raise SceneError(f"{file}: row {i + 1}, {names[j]}: {cell.strip()!r} is not a number") from None
+                raise SceneError(
+                    f"{file}: row {i + 1}, {names[j]}: {cell.strip()!r} is not a number; "
+                    "leave the cell of a missing sample empty"
+                ) from None
     table[np.isinf(table)] = np.nan
     return table.T

@@ -19,7 +19,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
-from fitting.traces.csv_table import check_times, read_csv, refuse_twice
+from fitting.traces.csv_table import check_times, placeholder, read_csv, refuse_twice
 
 ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
 #: What comments begin with that are warnings.
@@ -172,28 +172,49 @@ def check_trace(trace: Trace) -> None:
         raise SceneError(
             f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {known.min()} samples; allowed: at least {FEWEST}"
         )
+    for j, column in enumerate(theta.T):
+        if (mark := placeholder(column)) is not None:
+            raise SceneError(
+                f"{trace.name}: theta_{j + 1}: {mark:g} in {int((column == mark).sum())} rows, far from the rows "
+                "before and after them, seems to mark missing samples; allowed: empty cells where samples are missing"
+            )
     if np.nanmax(np.nanmax(theta, axis=0) - np.nanmin(theta, axis=0)) < 1e-9:
         raise SceneError(f"{trace.name}: theta: is constant, nothing moves; allowed: a motion")
     if trace.se is not None and not np.nanmin(trace.se) > 0:
         raise SceneError(f"{trace.name}: se: {np.nanmin(trace.se):g} is not positive; allowed: standard errors > 0")
 
 
-def local_polynomial(t: np.ndarray, y: np.ndarray, at: float, reach: float, degree: int = 3) -> tuple[float, float]:
-    """Value and slope at `at` of the least-squares polynomial through the samples (k,) within `reach`; missing skipped.
+#: Degree of the polynomial through a start's samples, and the growth from one reach that is tried to the next.
+DEGREE, WIDER = 3, 1.3
+#: Standard deviations of chi-square by which a polynomial may miss its samples and still leave no more than noise.
+LEFT_OVER = 2.0
 
-    On uniform samples this is Savitzky and Golay's smoother (1964). Too few samples widen the reach.
+
+def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:
+    """Angle and rate (n, 2) of every link at `at` [s], from the least-squares cubics through the samples around it.
+
+    Each cubic reaches as far as the motion lets it: the largest reach of at least five samples, at most `longest` [s],
+    at which it misses them by no more than the noise `sigma` (n,). On uniform samples this is Savitzky and Golay's
+    smoother (1964). Missing samples (NaN) are skipped.
     """
-    known = np.isfinite(y)
-    t, y = t[known] - at, y[known]
-    for _ in range(20):
-        near = np.abs(t) <= reach
-        if near.sum() >= degree + 2:
-            break
-        reach *= 1.5
-    near = near if near.sum() >= 2 else np.ones_like(near)
-    degree = min(degree, int(near.sum()) - 1)
-    coefficients = np.polynomial.polynomial.polyfit(t[near] / reach, y[near], degree)
-    return float(coefficients[0]), float(coefficients[1] / reach) if degree else 0.0
+    found = np.full((theta.shape[1], 2), np.nan)
+    for column in range(theta.shape[1]):
+        known = np.isfinite(theta[:, column])
+        x, y = t[known] - at, theta[known, column]
+        distance = np.sort(np.abs(x))
+        shortest = distance[min(DEGREE + 1, len(x) - 1)] * (1 + 1e-9)
+        reach = max(longest, shortest)
+        while True:
+            near = np.abs(x) <= reach
+            degree = min(DEGREE, int(near.sum()) - 1)
+            basis = np.vander(x[near] / reach, degree + 1, increasing=True)
+            c = np.linalg.lstsq(basis, y[near], rcond=None)[0]
+            left, freedom = np.sum((basis @ c - y[near]) ** 2) / sigma[column] ** 2, near.sum() - degree - 1
+            if left <= freedom + LEFT_OVER * np.sqrt(2 * freedom) or reach <= shortest:
+                break
+            reach = max(reach / WIDER, shortest)
+        found[column] = c[0], c[1] / reach if degree else 0.0
+    return found
 
 
 #: Deviations, by all samples' own measure, that a spike is off the mean of its neighbours.
@@ -215,24 +236,53 @@ def without_spikes(trace: Trace) -> Trace:
 
 
 #: Orders of differences tried for the noise; high ones see through faster motions.
-ORDERS = (3, 4, 5, 6)
+ORDERS = (3, 4, 6, 8)
+#: Frames of a block of differences, and the share of the blocks, the calmest ones, that tell the noise: links that whip
+#: are fast for a part of the time only.
+BLOCK, CALM = 24, 0.35
 
 
 def noise(trace: Trace) -> np.ndarray:
     """Standard deviation of the noise of each link (n,) [rad], from differences of high order, robust to outliers.
 
     White noise of deviation s gives differences of order q and deviation `s sqrt(C(2 q, q))`; a smooth motion nearly
-    none. The smallest over the orders is taken. Where the motion still shows, it is an upper bound.
+    none. The smallest over the orders is taken, in the calmest blocks of time, and compared with what white noise of
+    known size gives by the same choice. It is at least the rounding of the samples.
     """
-    found = np.full(trace.links, np.inf)
+    white = np.random.default_rng(0).standard_normal((len(trace.t), 16))
+    usual = float(np.nanmean(_calm_difference(white)))
+    found = _calm_difference(trace.theta) / usual
+    found = np.maximum(np.where(np.isfinite(found), found, 1e-3), 1e-6)
+    return np.maximum(found, [_rounding(column) / np.sqrt(12) for column in trace.theta.T])
+
+
+def _calm_difference(theta: np.ndarray) -> np.ndarray:
+    """Size (n,) of the differences in the calmest blocks, the smallest over `ORDERS`; NaN where too few are known."""
+    best = np.full(theta.shape[1], np.nan)
     for order in ORDERS:
-        for j, column in enumerate(trace.theta.T):
-            differences = np.diff(column, order)
-            differences = differences[np.isfinite(differences)]
-            if len(differences) >= FEWEST:
-                size = 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(comb(2 * order, order))
-                found[j] = min(found[j], size)
-    return np.where(np.isfinite(found), np.maximum(found, 1e-6), 1e-3)
+        size = np.abs(np.diff(theta, order, axis=0)) / np.sqrt(comb(2 * order, order))
+        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / BLOCK)))])
+        calm = np.sort(median, axis=0)  # NaN is sorted to the end
+        count = np.maximum(1, np.round(CALM * np.isfinite(median).sum(axis=0))).astype(int)
+        value = np.array([np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
+        best = np.fmin(best, value)
+    return best
+
+
+def _median(block: np.ndarray) -> np.ndarray:
+    """Medians (n,) of a block's columns; NaN for one with fewer than half of its samples."""
+    enough = np.isfinite(block).sum(axis=0) * 2 >= len(block)
+    found = np.full(block.shape[1], np.nan)
+    if enough.any():
+        found[enough] = np.nanmedian(block[:, enough], axis=0)
+    return found
+
+
+def _rounding(column: np.ndarray) -> float:
+    """Smallest difference [rad] that the sensor tells: of the sorted values; next to nothing for unrounded ones."""
+    steps = np.diff(np.unique(column[np.isfinite(column)]))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:

@@ -4,6 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
+import jax
 import pytest
 
 from dropper_jax.cli.commands import parse
@@ -41,6 +42,9 @@ def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypat
     assert registry["shock_cord"] is names["ShockCord"]
     said = capsys.readouterr().out.strip()
     assert said in (DOCS / "add-an-effect.md").read_text()
+    model, start = names["model"], names["start"]
+    force = jax.make_jaxpr(lambda r: model.effects[1].force(model.instant(r, start.v, start.t)))(start.r)
+    assert "scatter" not in str(force), "a scatter keeps a run from being one kernel"
     # the promise that nothing else changes: no stepper or solver was replaced, the effect is the scene's own
     assert names["model"].effects[1].name == "shock_cord"
 

@@ -95,7 +95,6 @@ def site(tmp_path_factory):
     return folder
 
 
-@pytest.mark.check
 def test_the_site_builds_and_no_internal_link_is_broken(site):
     pages = {path: Parts() for path in sorted(site.rglob("*.html"))}
     for path, parts in pages.items():
@@ -113,7 +112,6 @@ def test_the_site_builds_and_no_internal_link_is_broken(site):
                 assert heading in pages[there].ids, f"{path.name}: {target}"
 
 
-@pytest.mark.check
 def test_the_site_fetches_nothing_from_elsewhere(site):
     for path in site.rglob("*.html"):
         parts = Parts()
@@ -125,7 +123,6 @@ def test_the_site_fetches_nothing_from_elsewhere(site):
     assert [p.name for p in site.rglob("*") if p.suffix in (".woff", ".woff2", ".ttf", ".otf", ".eot", ".js")] == []
 
 
-@pytest.mark.check
 def test_every_page_of_the_documentation_is_in_the_site(site):
     for page in (ROOT / "docs").glob("*.md"):
         name = "index.html" if page.stem == "README" else f"{page.stem}.html"

@@ -4,9 +4,16 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import jax.numpy as jnp
 import pytest
+
+import dropper_jax as dj
+from dropper_jax import SceneError
+from dropper_jax.base.fields import component
+from dropper_jax.effects import EFFECTS, Effect, register
 
 EFFECT = """
 from typing import ClassVar
@@ -87,3 +94,49 @@ def test_one_that_cannot_be_loaded_is_named(tmp_path):
     done = dropper(tmp_path, "equilibrium", "scene.toml")
     assert done.returncode == 2
     assert "effects.push: 'pushing:Pull' cannot be used" in done.stderr
+
+
+def returning(**methods):
+    """An effect `strange` of somebody else's module, with these methods."""
+
+    class Strange(Effect):
+        name = "strange"
+
+    for key, value in methods.items():
+        setattr(Strange, key, value)
+    return component(Strange)
+
+
+@pytest.mark.parametrize(
+    ("methods", "words"),
+    [
+        ({"force": lambda self, k: jnp.zeros(3)}, r"force: returns shape \(3,\) of float64; needed: shape \(1, 3\)"),
+        ({"force": lambda self, k: jnp.zeros((1, 1))}, r"force: returns shape \(1, 1\)"),
+        (
+            {"force": lambda self, k: k.r.astype("float32")},
+            r"force: returns shape \(1, 3\) of float32; needed: .*float64",
+        ),
+        (
+            {"force": lambda self, k: 0.0 * k.r, "potential": lambda self, k: k.r[:, 2]},
+            r"potential: returns shape \(1,\) of float64; needed: shape \(\)",
+        ),
+        (
+            {"inertia": lambda self, k, a: a, "kinetic": lambda self, k: jnp.sum(k.v**2, axis=1)},
+            r"kinetic: returns shape \(1,\)",
+        ),
+        ({"point_mass": lambda self, model: jnp.ones(3)}, r"point_mass: returns shape \(3,\)"),
+        (
+            {"begin": lambda self, model: jnp.zeros(1), "entered": lambda self, own: self}
+            | {"advance": lambda self, before, after, tension, h: jnp.zeros(2)},
+            r"advance: returns shape \(2,\)",
+        ),
+    ],
+)
+def test_an_effect_that_returns_another_shape_than_its_slot_is_refused_by_name(methods, words):
+    register(returning(**methods))
+    try:
+        scene = {**tomllib.loads(SCENE), "effects": {"weight": {}, "strange": {}}}
+        with pytest.raises(SceneError, match=rf"effects.strange.{words}"):
+            dj.build(scene)
+    finally:
+        del EFFECTS["strange"]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, simulate
+from dropper_jax import SceneError, equilibrium, load_scene, simulate
 from dropper_jax.moordyn.reading.reader import read_moordyn
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()
@@ -225,3 +225,66 @@ def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch):
     for axis, share in ((0, 0.005), (2, 0.005), (4, 0.03)):  # surge, heave, pitch: parts of the range
         assert np.max(np.abs(mine[:, axis] - theirs[:, axis])) < share * np.ptp(theirs[:, axis])
     assert np.max(np.abs(mine[:, [1, 3, 5]])) < 1e-9
+
+
+#: A cable of 10 m with EI on the end B of a rod along x.
+CANTILEVER = """--- MoorDyn input ---
+---------------------- LINE TYPES ----------------------------------
+TypeName   Diam    Mass/m     EA     BA/-zeta    EI    Cd    Ca   CdAx  CaAx
+(name)     (m)     (kg/m)     (N)    (N-s/-)  (N-m^2)  (-)   (-)  (-)   (-)
+cable      0.05    1.0      1e6    -0.8      1e5   1.2   1.0  0.1   0.0
+---------------------- ROD TYPES -----------------------------------
+TypeName Diam Mass/m Cd Ca CdEnd CaEnd
+(name) (m) (kg/m) (-) (-) (-) (-)
+con 0.05 1.0 1.0 1.0 0.0 0.0
+---------------------- RODS ----------------------------------------
+ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
+(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)
+1 con Fixed -1 0 0 0 0 0 4 -
+---------------------- POINTS --------------------------------------
+ID Attachment X Y Z Mass Volume CdA Ca
+(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)
+1 Free 10 0 0 0 0 0 0
+---------------------- LINES ---------------------------------------
+ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
+(#) (name) (ID) (ID) (m) (-) (-)
+1 cable R1B 1 10.0 40 -
+---------------------- OPTIONS -------------------------------------
+9.81 g
+0 rho
+500 WtrDpth
+---------------------- OUTPUTS -------------------------------------
+END
+"""
+
+
+@pytest.mark.parametrize(
+    ("pairs", "root"),
+    [
+        ((), 0.0),
+        ((("1 cable R1B 1 ", "1 cable 1 R1B "),), 0.0),  # the line's other end
+        ((("1 cable R1B 1 ", "1 cable R1A 1 "), ("1 Free 10 ", "1 Free -11 ")), -1.0),  # the rod's other end
+        ((("0 0 0 4 -", "0 0 0 0 -"), ("1 Free 10 ", "1 Free 9 ")), -1.0),  # a connector: its length is 0
+    ],
+)
+def test_a_line_with_bending_stiffness_is_clamped_along_the_rod_that_it_ends_at(pairs, root, tmp_path):
+    text = CANTILEVER
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    file = tmp_path / "deck.txt"
+    file.write_text(text)
+    nodes = equilibrium(load_scene(read_moordyn(file))).positions
+    held = nodes[np.argmax(nodes[:, 2])]
+    assert held[0] == root
+    sag = 9.81 * 1.0 * 10.0**4 / (8.0 * 1e5)  # a beam of Euler and Bernoulli
+    assert np.ptp(nodes[:, 2]) == pytest.approx(sag, rel=0.01)
+
+
+def test_a_line_that_cannot_be_clamped_as_in_moordyn_is_reported(tmp_path):
+    file = tmp_path / "deck.txt"
+    file.write_text(CANTILEVER.replace("con Fixed", "con Pinned"))
+    assert any("line 'line-1' is pinned on R1B, which moves" in note for note in read_moordyn(file)["notes"])
+    second = "1 cable R1B 1 10.0 40 -\n2 cable R1B 1 10.0 40 -"
+    file.write_text(CANTILEVER.replace("1 cable R1B 1 10.0 40 -", second))
+    assert any("line 'line-2' is pinned on R1B, where others end" in note for note in read_moordyn(file)["notes"])

@@ -169,3 +169,74 @@ def test_points_of_a_vessel_move_together():
     np.testing.assert_allclose(ends.velocities, 0.0, atol=1e-12)
     with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a held point"):
         load_scene({**table, "effects": {"weight": {}, "end_motion": {**motion, "also": ["stren"]}}})
+
+
+def hung(**line) -> dict:
+    """A link of 2 kg below a fixed point."""
+    link = {"name": "link", "from": "top", "to": "end", "links": 1, "length": 1.0, "mass": 2.0}
+    return {
+        "run": {"dt": 0.01, "duration": 0.1},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "end", "kind": "free", "position": [0.0, 0.0, -1.0]},
+        ],
+        "line": [link | {"axial": {"law": "rope", "EA": 1e4}} | line],
+        "effects": {"weight": {}},
+    }
+
+
+def with_line_far_away(scene: dict, **line) -> dict:
+    far = [{"name": "x", "position": [50.0, 0.0, 0.0]}, {"name": "y", "position": [52.0, 0.0, 0.0]}]
+    other = {**scene["line"][0], "name": "other", "from": "x", "to": "y", "links": 3, **line}
+    return {**scene, "point": [*scene["point"], *far], "line": [*scene["line"], other]}
+
+
+@pytest.mark.parametrize(("nodes", "mass"), [(None, 2.0), ("far", 2.0), ("shared", 1.0)])
+def test_a_line_that_touches_nothing_changes_no_masses_and_no_tension(nodes, mass):
+    scene = hung(**({} if nodes is None else {"nodes": nodes}))
+    for one in (scene, with_line_far_away(scene), with_line_far_away(scene, nodes="shared")):
+        model = build_model(load_scene(one))
+        end = model.geometry.node("link" if one is not scene else 0, 1)
+        assert float(model.node_mass[end]) == mass
+        assert float(equilibrium(one).tension[0]) == pytest.approx(mass * 9.81, rel=1e-9)
+
+
+def test_far_and_shared_links_meet_at_a_point_with_their_own_masses():
+    scene = hung(nodes="far")
+    scene["point"].append({"name": "low", "kind": "free", "position": [0.0, 0.0, -3.0]})
+    below = {"name": "below", "from": "end", "to": "low", "links": 2, "mass": 3.0, "nodes": "shared"}
+    scene["line"].append({**scene["line"][0], **below})
+    tension = equilibrium(scene).tension
+    np.testing.assert_allclose(tension, 9.81 * np.array([2.0 + 6.0, 4.5, 1.5]), rtol=1e-9)
+    scene["line"][1]["nodes"] = "far"
+    np.testing.assert_allclose(equilibrium(scene).tension, 9.81 * np.array([2.0 + 6.0, 6.0, 3.0]), rtol=1e-9)
+
+
+def test_water_forces_of_far_links_go_to_their_far_nodes():
+    water = {"sea": {"depth": 20.0, "density": 1025.0}, "effects": {"weight": {}, "buoyancy": {}}}
+    scene = hung(nodes="far", diameter=0.03) | water
+    for point, z in zip(scene["point"], (-5.0, -6.0), strict=True):
+        point["position"] = [0.0, 0.0, z]
+    displaced = 1025.0 * np.pi / 4 * 0.03**2
+    for one in (scene, with_line_far_away(scene, nodes="shared")):
+        if one is not scene:
+            one["point"][2]["position"], one["point"][3]["position"] = [50.0, 0.0, -5.0], [52.0, 0.0, -5.0]
+        assert float(equilibrium(one).tension[0]) == pytest.approx(9.81 * (2.0 - displaced), rel=1e-6)
+
+
+def test_where_the_mass_of_links_goes_is_reported_and_what_cannot_be_is_refused():
+    scene = load_scene(with_line_far_away(hung()))
+    assert scene.link_mass_nodes == {"link": "far", "other": "far"}
+    assert load_scene(scene.to_dict()).link_mass_nodes == scene.link_mass_nodes
+    upside_down = hung(**{"from": "end", "to": "top", "nodes": "far"})
+    with pytest.raises(SceneError, match=r"line.0.nodes: 'far' leaves the free point 'end' without mass"):
+        load_scene(upside_down)
+    kind = {"name": "rope", "mass": 2.0, "diameter": 0.02, "EA": 1e4}
+    by_the_metre = {"name": "link", "from": "top", "to": "end", "type": "rope", "length": 1.0, "links": 1}
+    scene = {**hung(), "line_type": [kind], "line": [by_the_metre]}
+    assert load_scene(scene).link_mass_nodes == {"link": "shared"}
+    scene["line"] = [{**by_the_metre, "nodes": "far"}]
+    assert float(build_model(load_scene(scene)).node_mass[0]) == 2.0
+    scene["line"] = [{**by_the_metre, "mass": 7.0}]
+    with pytest.raises(SceneError, match="line.0.mass: is that of the line's type"):
+        load_scene(scene)

@@ -8,7 +8,7 @@ from typing import Any
 from dropper_jax.moordyn.reading.bodies import free_body, free_rod
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.spar import spar
-from dropper_jax.moordyn.reading.values import columns, number
+from dropper_jax.moordyn.reading.values import columns, number, whole
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
@@ -24,13 +24,17 @@ FORCES = ("FX", "FY", "FZ")
 class Ends:
     """Ends of lines: the points of the scene, its buoys and bodies, and the name of the point for each word of a file.
 
-    Points on bodies are their attachments, and stand in `points` no more.
+    Points on bodies are their attachments, and are not in `points`. `leaving` has, for each end of a rod that stays, by
+    the name of its point, the direction in which a line with bending stiffness leaves; `turning` the points on rods
+    that move.
     """
 
     points: list[dict[str, Any]] = field(default_factory=list)
     buoys: list[dict[str, Any]] = field(default_factory=list)
     bodies: list[dict[str, Any]] = field(default_factory=list)
     names: dict[str, str] = field(default_factory=dict)
+    leaving: dict[str, list[float]] = field(default_factory=dict)
+    turning: list[str] = field(default_factory=list)
 
 
 def read_ends(deck: Deck, notes: list[str]) -> Ends:
@@ -114,6 +118,7 @@ def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> d
         if word in used:
             found.names[word] = f"point-{word}"
             attached[f"point-{word}"] = shape[key]
+            found.turning.append(f"point-{word}")
     return attached
 
 
@@ -202,13 +207,18 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
         found.bodies.append({**body, "attachments": _rod_ends(row, body["cylinders"][0], found, used)})
         return ""
     if holder.lower() in (*COUPLED, *FIXED):
-        columns(deck, row, 9, "rod")
-        for end, first in (("A", 3), ("B", 6)):
+        columns(deck, row, 10, "rod")
+        a, b = ([number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]] for first in (3, 6))
+        connector = not whole(deck, row, row.words[9], "NumSegs", 0)  # has a direction and no length
+        for end, place, sign in (("A", a, -1.0), ("B", a if connector else b, 1.0)):
             word = f"R{key}{end}"
             if word in used:
-                place = [number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]]
                 found.names[word] = f"point-{word}"
                 found.points.append({"name": f"point-{word}", "position": place})
+                found.leaving[f"point-{word}"] = [sign * (y - x) for x, y in zip(a, b, strict=True)]
+        if connector:
+            told = "has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)"
+            notes.append(f"line {row.number}: rod {key} {told}")
         if holder.lower() in COUPLED:
             told = f"rod {key} is coupled: its ends are held; [[vessel]] moves such points together"
             notes.append(f"line {row.number}: {told}")

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.references import referenced
 from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
-from dropper_jax.moordyn.reading.points import first_version, read_ends
+from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
 from dropper_jax.moordyn.reading.sections import Deck, split_file
 from dropper_jax.moordyn.reading.types import read_seafloor, read_types
 from dropper_jax.moordyn.reading.values import columns, number, whole
@@ -62,12 +62,12 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         "name": path.stem,
         "description": "",
         "run": _run(options, notes),
-        "line_type": (used := [types[name] for name in types if any(line["type"] == name for line in lines)]),
+        "line_type": [types[name] for name in types if any(line["type"] == name for line in lines)],
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
         **({"buoy": ends.buoys} if ends.buoys else {}),
         **({"body": ends.bodies} if ends.bodies else {}),
-        "effects": _effects(options, path.parent, any("EI" in kind for kind in used)),
+        "effects": _effects(options, path.parent, _bending(lines, types, ends, notes)),
         **({"failure": broken} if (broken := _failures(deck, lines, ends.names, notes)) else {}),
         **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
         **_sea(deck, options, notes),
@@ -160,7 +160,28 @@ def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     return {"dt": dt, **({"save_every": every} if every > 1 else {})}
 
 
-def _effects(options: Options, folder: Path, stiff: bool) -> dict[str, Any]:
+def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, notes: list[str]) -> dict[str, Any] | None:
+    """`[effects.bending]` of lines with EI, clamped where they end at rods that stay (as MoorDyn); None without any."""
+    stiff = [line for line in lines if "EI" in types[line["type"]]]
+    if not stiff:
+        return None
+    every = [line[key] for line in lines for key in ("from", "to")]
+    clamped = []
+    for line in stiff:
+        for name in (line["from"], line["to"]):
+            rod = name.removeprefix("point-")
+            if name in ends.turning:
+                notes.append(
+                    f"line {line['name']!r} is pinned on {rod}, which moves; MoorDyn's is clamped along the rod"
+                )
+            elif name in ends.leaving and every.count(name) > 1:
+                notes.append(f"line {line['name']!r} is pinned on {rod}, where others end; MoorDyn's is clamped")
+            elif name in ends.leaving:
+                clamped.append(name)
+    return {"clamped": clamped, "directions": [ends.leaving[name] for name in clamped]} if clamped else {}
+
+
+def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> dict[str, Any]:
     values = options.values
     bed: dict[str, Any] = {"stiffness": values["kbot"], "damping": values["cbot"]}
     if "seafloorfile" in options.texts:
@@ -174,8 +195,8 @@ def _effects(options: Options, folder: Path, stiff: bool) -> dict[str, Any]:
         if values["statdynfricscale"] > 1.0:
             friction["seabed_friction"]["static"] = values["frictioncoefficient"] * values["statdynfricscale"]
     seabed = {"seabed": bed} if values["wtrdpth"] or "bed_x" in bed else {}
-    bending = {"bending": {}} if stiff else {}
-    return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {}), **bending}
+    stiff = {} if bending is None else {"bending": bending}
+    return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {}), **stiff}
 
 
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
+import numpy as np
+
+from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.moordyn.writing.pieces import detachment
+from dropper_jax.scene import BodySpec
 
-#: Effects with a place in MoorDyn.
-KNOWN = (
-    *("weight", "buoyancy", "morison_drag", "morison_inertia"),
-    *("seabed", "seabed_friction", "end_motion", "bending"),
-)
+#: Values of effects that a file has, or that have a sentence of their own below; any other that is given is listed.
+KNOWN: dict[str, tuple[str, ...]] = {
+    "weight": ("gravity", "wet_weight"),
+    "buoyancy": (),
+    "morison_drag": ("cdn", "cdt", "tangents"),  # how directions enter a step is no matter of physics
+    "morison_inertia": ("can", "cat", "fluid_acceleration", "added_mass"),
+    "seabed": ("stiffness", "damping", "depth", "bed_x", "bed_y", "bed_depth"),
+    "seabed_friction": ("kinetic", "static"),
+    "end_motion": ("amplitude", "period", "phase", "ramp", "time", "displacement", "point", "also"),
+    "bending": ("EI", "directions", "clamped"),
+}
+#: Effects that move points, which a file can only call coupled, and the keys of the points' names.
+MOTIONS = {"end_motion": ("point", "also"), "sea_following_end": ("point", "also"), "recorded_motion": ("points",)}
 
 
 def differences(scene: Scene) -> list[str]:
@@ -22,11 +36,14 @@ def differences(scene: Scene) -> list[str]:
 def _effects(scene: Scene) -> Iterator[str]:
     effects, wet = scene.effects, scene.sea is not None
     for name in effects:
-        if name not in KNOWN:
+        if name in MOTIONS:
+            for point in _named_points(effects[name], MOTIONS[name]):
+                yield f"effects.{name}: point {point!r} is Coupled; its motion is not in the file"
+        elif name not in KNOWN:
             yield f"effects.{name}: not represented"
-    if "end_motion" in effects:
-        for name in (effects["end_motion"]["point"], *effects["end_motion"]["also"]):
-            yield f"effects.end_motion: point {name!r} is Coupled; its motion is not in the file"
+        for key in _given(EFFECTS[name], effects[name]):
+            if key not in KNOWN.get(name, (key,)):
+                yield f"effects.{name}.{key}: not represented"
     if "weight" not in effects:
         yield "effects.weight: missing here, but MoorDyn's lines have weight"
     elif effects["weight"]["wet_weight"] is not None:
@@ -50,6 +67,28 @@ def _effects(scene: Scene) -> Iterator[str]:
         yield f"effects.seabed.depth: not represented; MoorDyn's bed is at the water's depth, {scene.sea.depth:g} m"
 
 
+def moved_points(scene: Scene) -> set[str]:
+    """Names of the points that effects or vessels move."""
+    vessels = {vessel.name for vessel in scene.vessels}
+    found = {point.name for point in scene.points if point.on in vessels}
+    for name in MOTIONS.keys() & scene.effects.keys():
+        found |= set(_named_points(scene.effects[name], MOTIONS[name]))
+    return found
+
+
+def _named_points(values: Mapping[str, Any], keys: Sequence[str]) -> list[str]:
+    words = [[values[key]] if isinstance(values[key], str) else values[key] for key in keys]
+    return [name for names in words for name in names if name]
+
+
+def _given(cls: type, values: Mapping[str, Any]) -> Iterator[str]:
+    """Keys whose values differ from the defaults of the class."""
+    for field in dataclasses.fields(cls):
+        value = values.get(field.name)
+        if field.name in values and value is not None and not np.array_equal(value, field.default):
+            yield field.name
+
+
 def _water(scene: Scene) -> Iterator[str]:
     sea = scene.sea
     if sea is None:
@@ -68,6 +107,8 @@ def _water(scene: Scene) -> Iterator[str]:
             yield "sea.ramp: MoorDyn's ramp is linear, ours is sin^2 of the same length"
         if sea.wave_current != "none":
             yield f"sea.wave_current: {sea.wave_current!r} is not represented; the components are those in still water"
+        if sea.dispersion != "exact":
+            yield f"sea.dispersion: {sea.dispersion!r} is not represented; MoorDyn solves the dispersion relation"
         if sea.interpolation != "none":
             yield "sea.interpolation: not represented; components are summed"
     if current is not None:
@@ -93,8 +134,17 @@ def _things(scene: Scene) -> Iterator[str]:
             yield f"line {line.name!r}: MoorDyn joins the rows of a table by straight lines and ends at the last one"
         elif line.axial_law not in ("rope", "damped_rope"):
             yield f"line {line.name!r}: axial law {line.axial_law!r} is not represented; MoorDyn's lines do not push"
+        if scene.link_mass_nodes[line.name] == "far":
+            yield f"line {line.name!r}: nodes 'far' is not represented; MoorDyn's links have halves at both nodes"
         if line.breaking_load is not None:
             yield f"line {line.name!r}: breaking load is not represented"
+    for vessel in scene.vessels:
+        for name in vessel.attachments:
+            yield f"vessel {vessel.name!r}: point {name!r} is Coupled; its motion is not in the file"
+    for body in scene.bodies:
+        yield from _body(body, scene.effects.get("seabed") is not None)
+    for anchor in scene.anchors:
+        yield f"anchor at {anchor.point!r}: its resistance is not represented; MoorDyn's fixed points hold any load"
     bodies = {point.name: point.body for point in scene.points}
     for buoy in scene.buoys:
         if buoy.attachment:
@@ -105,3 +155,19 @@ def _things(scene: Scene) -> Iterator[str]:
             yield f"point {buoy.point!r}: what it carries beside the buoy {buoy.name!r} is not represented"
     if scene.start.kind == "positions":
         yield "start.positions: not represented; MoorDyn finds the start"
+
+
+def _body(body: BodySpec, bed: bool) -> Iterator[str]:
+    for i, cylinder in enumerate(body.cylinders):
+        if cylinder.ends != "both":
+            yield f"body {body.name!r}: cylinder {i} has water at {cylinder.ends!r} only; MoorDyn's rods at both ends"
+    if body.spheres:
+        yield f"body {body.name!r}: its sphere may leave the water; MoorDyn's volume of a body stays wet"
+    if np.any(body.velocity) or np.any(body.angular_velocity):
+        yield f"body {body.name!r}: velocities at the start are not represented"
+    if body.bed_friction:
+        yield f"body {body.name!r}: bed_friction is not represented"
+    if bed and body.cylinders and not body.touches_bed:
+        yield f"body {body.name!r}: touches_bed = false is not represented; MoorDyn's rods meet the bed"
+    if bed and body.spheres and body.touches_bed:
+        yield f"body {body.name!r}: MoorDyn's volume of a body does not meet the bed"

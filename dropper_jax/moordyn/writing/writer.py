@@ -15,12 +15,13 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.moordyn.reading.spar import SEGMENTS, UPRIGHT
 from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
-from dropper_jax.moordyn.writing.differences import differences
+from dropper_jax.moordyn.writing.bodies import body_numbers, body_tables, check_bodies
+from dropper_jax.moordyn.writing.differences import differences, moved_points
 from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
 from dropper_jax.moordyn.writing.water import current_text, waves_text
-from dropper_jax.scene import BuoySpec, LineSpec
+from dropper_jax.run.growth import overgrown
+from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components
 
 
@@ -30,22 +31,27 @@ def write_moordyn(
     *,
     dt: float | None = None,
     options: Mapping[str, Any] | None = None,
+    force: bool = False,
 ) -> list[str]:
     """Write a system of lines as a MoorDyn v2 input; returns what the file cannot say, one line each.
 
     Lines of unequal links become several lines joined at free points. Spar buoys become upright massless rods on
-    bodies that cannot turn. `wave_frequencies.txt` and `current_profile.txt` are written to the same folder.
+    bodies that cannot turn, bodies become bodies with massless rods, moving points coupled ones. The files of waves and
+    current have the names that MoorDyn looks for, `wave_frequencies.txt` and `current_profile.txt`, in the same folder;
+    other files carry the name of `path`.
 
     Args:
         scene: lines of elastic links (`rope` or `elastic`).
         path: the file to write.
         dt: MoorDyn's time step [s] where it must be smaller than the scene's: its schemes are explicit.
         options: further MoorDyn options by name, such as tScheme.
+        force: replace files of waves and current that are there and differ.
 
     Raises:
-        SceneError: rigid links, links without a diameter, or a scene that is no system of lines.
+        SceneError: rigid links, links without a diameter, a scene that is no system of lines, bodies that MoorDyn does
+            not have, or a file of waves or current of another deck in the folder.
     """
-    scene, path = load_scene(scene), Path(path)
+    scene, path = overgrown(load_scene(scene)), Path(path)
     if not scene.branched or any(line.rigid for line in scene.lines):
         raise SceneError(
             "scene: MoorDyn's lines are elastic; allowed: a system of lines with EA (a line with a [[line_type]])"
@@ -55,10 +61,18 @@ def write_moordyn(
     for i, buoy in enumerate(scene.buoys):
         if any(other.point == buoy.point for other in scene.buoys[:i]):
             raise SceneError(f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each")
+    check_bodies(scene)
     notes = differences(scene)
-    text = [*_front(scene), *_tables(scene), *_options(scene, dt, options or {}), *_outputs(scene)]
-    for name, words in _files(scene).items():
-        atomic_write(path.parent / name, words)
+    text = [*_front(scene), *_tables(scene, path), *_options(scene, path, dt, options or {}), *_outputs(scene)]
+    files = {path.parent / name: words for name, words in _files(scene, path).items()}
+    for file, words in files.items():
+        if file.name in (FREQUENCIES, CURRENT) and not force and file.exists() and file.read_text() != words:
+            raise SceneError(
+                f"{file}: exists and differs: MoorDyn knows no other name for it, so it may be that of another deck; "
+                "use another folder, or --force to replace it"
+            )
+    for file, words in files.items():
+        atomic_write(file, words)
     atomic_write(path, "\n".join(text) + "\n")
     return notes
 
@@ -96,7 +110,7 @@ def _whole(scene: Scene) -> list[list[str]]:
     return [[name, *own] for name, own in found.items()]
 
 
-def _tables(scene: Scene) -> Iterator[str]:
+def _tables(scene: Scene, path: Path) -> Iterator[str]:
     parts = [pieces(scene, i) for i in range(len(scene.lines))]
     kinds = line_types(parts)
     yield _rule("LINE TYPES")
@@ -105,21 +119,25 @@ def _tables(scene: Scene) -> Iterator[str]:
     for (*values, table), name in kinds.items():
         words = [_value(x) for x in values]
         if table is not None:
-            words[2] = _table_file(name)
+            words[2] = _table_file(path, name)
         yield " ".join([name, *words])
-    if scene.buoys:
-        yield from _buoys(scene)
+    for title, rows in body_tables(scene):
+        yield _rule(title)
+        yield from rows
     words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}
     rows = []
-    motion = scene.effects.get("end_motion")
-    moved = () if motion is None else (motion["point"], *motion["also"])
+    moved, bodies = moved_points(scene), body_numbers(scene)
     for point in scene.points:
         if point.name in words:
             continue
         words[point.name] = str(len(rows) + 1)
         kind = "Free" if point.kind == "free" else "Coupled" if point.name in moved else "Fixed"
+        place = point.position
+        if point.on in bodies:
+            kind = f"Body{bodies[point.on]}"
+            place = next(body.attachments[point.name] for body in scene.bodies if body.name == point.on)
         body = [point.mass, point.volume, point.drag_area, point.added_mass]
-        rows.append(_point(len(rows) + 1, kind, point.position, body, point.name))
+        rows.append(_point(len(rows) + 1, kind, place, body, point.name))
     lines = []
     first: dict[str, int] = {}
     for line, part in zip(scene.lines, parts, strict=True):
@@ -190,31 +208,7 @@ def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str]
         rows.append(_point(len(rows) + 1, "Free", start + share * (end - start), [None] * 4, name))
 
 
-def _buoys(scene: Scene) -> Iterator[str]:
-    yield _rule("ROD TYPES")
-    yield "TypeName Diam Mass/m Cd Ca CdEnd CaEnd"
-    yield "(name) (m) (kg/m) (-) (-) (-) (-)"
-    for i, b in enumerate(scene.buoys):
-        yield " ".join([f"buoy{i + 1}", _value(b.diameter), "0.0", *(_value(x) for x in (b.cdn, b.can, b.cdt, b.cat))])
-    yield _rule("BODIES")
-    yield "ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca"
-    yield "(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)"
-    for i, b in enumerate(scene.buoys):
-        place = " ".join(_value(x) for x in _base(scene, b))
-        yield f"{i + 1} Free {place} 0 0 0 {_value(b.mass)} 0 {_value(100 * UPRIGHT)} 0 0 0  ! name: {b.point}"
-    yield _rule("RODS")
-    yield "ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs"
-    yield "(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)"
-    for i, b in enumerate(scene.buoys):
-        yield f"{i + 1} buoy{i + 1} Body{i + 1} 0 0 0 0 0 {_value(b.height)} {SEGMENTS} -  ! name: {b.name}"
-
-
-def _base(scene: Scene, buoy: BuoySpec) -> np.ndarray:
-    """Where the buoy's point is; MoorDyn hangs lines on the base."""
-    return scene.point(buoy.point).position
-
-
-def _options(scene: Scene, dt: float | None, more: Mapping[str, Any]) -> Iterator[str]:
+def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]) -> Iterator[str]:
     run, sea, bed = scene.run, scene.sea, scene.effects.get("seabed")
     depth = sea.depth if sea is not None else (bed or {}).get("depth")
     values: dict[str, Any] = {
@@ -227,7 +221,7 @@ def _options(scene: Scene, dt: float | None, more: Mapping[str, Any]) -> Iterato
     if bed is not None:
         values.update({"kBot": bed["stiffness"], "cBot": bed["damping"]})
         if bed["bed_x"] is not None:
-            values["SeafloorFile"] = "seafloor.txt"
+            values["SeafloorFile"] = f"{path.stem}-seafloor.txt"
     friction = scene.effects.get("seabed_friction")
     if friction is not None:
         values["FrictionCoefficient"] = friction["kinetic"]
@@ -259,18 +253,18 @@ def _outputs(scene: Scene) -> Iterator[str]:
     yield _rule("need this line")
 
 
-def _table_file(name: str) -> str:
-    return f"{name}-axial.txt"
+def _table_file(path: Path, name: str) -> str:
+    return f"{path.stem}-{name}-axial.txt"
 
 
-def _files(scene: Scene) -> dict[str, str]:
+def _files(scene: Scene, path: Path) -> dict[str, str]:
     """Text of the files beside the input, by name."""
     found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
     for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
             rows = [f"{_value(e)} {_value(pull)}" for e, pull in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
-            found[_table_file(name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
+            found[_table_file(path, name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
     if sea is not None and sea.waves is not None:
         drawn = wave_components(sea.waves, sea.depth, sea.gravity)
         arrays = (drawn.amplitude, drawn.omega, drawn.phase, drawn.direction)
@@ -282,5 +276,5 @@ def _files(scene: Scene) -> dict[str, str]:
         x, y, z = (np.asarray(bed[key], float) for key in ("bed_x", "bed_y", "bed_depth"))
         rows = [f"{_value(a)} {_value(b)} {_value(-c)}" for (a, b), c in zip(product(x, y), z, strict=True)]
         head = [f"{len(x)} {len(y)}", *(" ".join(_value(v) for v in axis) for axis in (x, y))]
-        found["seafloor.txt"] = "\n".join([*head, *rows]) + "\n"
+        found[f"{path.stem}-seafloor.txt"] = "\n".join([*head, *rows]) + "\n"
     return found

@@ -9,12 +9,11 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.stepping.integrate import integrate
-from fitting.calibration.advice import wide
-from fitting.calibration.estimating import estimate
-from fitting.calibration.freeing import free_by_advice
+from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.jumps import _best_jump, alone
+from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import prepare
-from fitting.estimate.uncertainty import uncertainty
+from fitting.calibration.summary import summarise
 from fitting.traces.synthetic import Camera, Motion, observe
 
 
@@ -117,16 +116,18 @@ def test_a_kick_is_named_with_its_time_and_what_it_spoils_is_left_out(rig, share
     """In the plane or out of it, frames missing there: before, such a fit was `ok` with chi-square 2000 and no name."""
     trace = spoil(kicked(rig(TRUTH), change))
     prepared = prepare(trace, rig(2 * TRUTH), DAMPING, window=1.5, simulator=shared[0] if shared else None)
-    shared[:] = shared or [wide(prepared)]
-    at = free_by_advice(prepared, estimate, "windows", simulator=shared[0])
+    shared[:] = [prepared.simulator]
+    prepared, names = without_kicks(prepared, estimate)
+    prepared = with_sound_windows(prepared)
+    at = summarise(prepared, "windows", estimate(prepared, "windows"))
     assert at.solution.status == "ok"
-    error = uncertainty(at.solution).std_error
-    assert np.all(np.abs(at.solution.values - TRUTH) < 3 * error)
+    error = at.uncertainty.std_error
+    assert np.all(np.abs(at.values - TRUTH) < 3 * error)
     assert np.all(error < 0.2 * TRUTH)
     if words is None:
-        assert not at.names
+        assert not names
         return
-    (candidate,) = at.names
+    (candidate,) = names
     assert words in candidate.name
     assert float(candidate.name.split(" about ")[1].split()[0]) == pytest.approx(KICK, abs=0.35)
     left = at.solution.windows.begin

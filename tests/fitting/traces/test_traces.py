@@ -9,7 +9,7 @@ from fitting.parameters.naming import full_names
 from fitting.parameters.parameter import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
-from fitting.traces.trace import Convention, Trace, convention, local_polynomial, noise, read_trace, write_trace
+from fitting.traces.trace import Convention, Trace, convention, local_motion, noise, read_trace, write_trace
 
 ANY = Convention()
 
@@ -89,13 +89,34 @@ def test_the_noise_of_a_smooth_motion_is_found_within_a_tenth():
     np.testing.assert_allclose(noise(trace), 0.005, rtol=0.1)
 
 
-def test_the_local_polynomial_is_exact_on_cubics_with_gaps():
+def test_the_noise_of_links_that_whip_for_a_part_of_the_time_is_found_within_a_fifth():
+    rng = np.random.default_rng(1)
+    t = np.arange(600) / 60
+    whip = np.cumsum(50 * np.exp(-0.5 * t) * np.sin(12 * t + 3 * np.sin(7 * t))) / 60
+    trace = Trace("x", t, (whip + 0.004 * rng.standard_normal(len(t)))[:, None])
+    np.testing.assert_allclose(noise(trace), 0.004, rtol=0.2)
+
+
+def test_the_noise_is_at_least_the_rounding_of_the_sensor():
+    t = np.arange(600) / 60
+    rounded = np.round(np.exp(-t) * np.sin(9 * t) / 0.01) * 0.01
+    assert noise(Trace("x", t, rounded[:, None])) >= 0.01 / np.sqrt(12) * (1 - 1e-9)
+
+
+def test_the_local_motion_is_exact_on_cubics_with_gaps():
     t = np.linspace(0, 1, 60) ** 1.2
     y = 1 + 2 * t - 3 * t**2 + t**3
     y[10:20] = np.nan
-    value, slope = local_polynomial(t, y, 0.3, 0.2)
+    ((value, slope),) = local_motion(t, y[:, None], 0.3, np.array([1e-9]), 0.2)
     assert value == pytest.approx(1 + 0.6 - 0.27 + 0.027, abs=1e-10)
     assert slope == pytest.approx(2 - 1.8 + 0.27, abs=1e-8)
+
+
+def test_the_local_motion_of_a_whip_is_not_smoothed_away():
+    t = np.arange(200) / 200
+    theta = np.sin(60 * (t - 0.5))[:, None]
+    (found,) = local_motion(t, theta, 0.5, np.array([1e-3]), 0.1)
+    np.testing.assert_allclose(found, (0.0, 60.0), rtol=0.01, atol=2e-3)
 
 
 def test_the_convention_of_a_closed_loop_is_guessed_from_closure_and_gravity(dropper):

@@ -1,0 +1,106 @@
+"""Whether what an effect returns has the shapes and the precision that its slots ask for: once, as a model is built.
+
+A force of shape (3,) would otherwise be added to every node, and one in another precision change that of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model.effect import Effect, Law
+from dropper_jax.model.model import Model
+from dropper_jax.model.slots import (
+    AddedMass,
+    ContactArea,
+    Displacement,
+    Force,
+    Paced,
+    Pieces,
+    PointMass,
+    Potential,
+    Stateful,
+)
+
+#: A method, what it returns, and what it is to return.
+Slot = tuple[str, Any, Any]
+
+
+def check_slots(model: Model, effect: Effect) -> None:
+    """Refuse an effect that returns other shapes or another precision than its slots have; nothing is computed.
+
+    Raises:
+        SceneError: naming the effect, the method, what it returns and what is needed.
+    """
+    for method, found, wanted in _slots(model, effect):
+        if jax.tree.structure(found) != jax.tree.structure(wanted):
+            why = f"returns {jax.tree.structure(found)}; needed: {jax.tree.structure(wanted)}"
+            raise SceneError(f"effects.{effect.name}.{method}: {why}")
+        for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+            if one.shape != other.shape or one.dtype != other.dtype:
+                why = f"returns {_words(one)}; needed: {_words(other)}"
+                raise SceneError(f"effects.{effect.name}.{method}: {why}")
+
+
+def _words(one: jax.ShapeDtypeStruct) -> str:
+    return f"shape {one.shape} of {one.dtype}"
+
+
+def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
+    free, links = model.free_nodes, model.geometry.links
+    number, per_node, per_link, vectors = (_array(model, *shape) for shape in ((), (free,), (links,), (free, 3)))
+    own = jax.eval_shape(model.begun)
+
+    def at(name: str, *more: jax.ShapeDtypeStruct) -> Any:
+        """What a method of an instant returns."""
+
+        def call(r: jax.Array, v: jax.Array, t: jax.Array, kept: Any, *rest: jax.Array) -> Any:
+            inside = model.entered(kept)
+            return getattr(inside.effect(effect.name), name)(inside.instant(r, v, t), *rest)
+
+        return jax.eval_shape(call, vectors, vectors, number, own, *more)
+
+    if isinstance(effect, Force):
+        yield "force", at("force"), vectors
+    if isinstance(effect, Potential):
+        yield "potential", at("potential"), number
+    if isinstance(effect, AddedMass):
+        yield "inertia", at("inertia", vectors), vectors
+        yield "kinetic", at("kinetic"), number
+    if isinstance(effect, PointMass):
+        yield "point_mass", jax.eval_shape(lambda: effect.point_mass(model)), per_node
+    if isinstance(effect, ContactArea):
+        yield "contact_area", jax.eval_shape(lambda: effect.contact_area(model)), per_node
+    if isinstance(effect, Displacement):
+        moved = (lambda t: effect.displace(t, model.sea)) if effect.needs_sea else effect.displace
+        yield "displace", jax.eval_shape(moved, number), _array(model, 3)
+    if isinstance(effect, Law) and effect.components:
+        z = _array(model, effect.rows(model), effect.components)
+        yield "law_force", at("law_force", z), vectors
+        yield "law_residual", at("law_residual", z, number), z
+    if isinstance(effect, Pieces):
+        nodes = effect.piece_nodes(model).shape
+        yield "piece_force", at("piece_force", *[_array(model, *nodes, 3)] * 2), _array(model, *nodes, 3)
+
+    def both(name: str) -> Any:
+        """What a method of a step's two ends returns."""
+
+        def call(r: jax.Array, v: jax.Array, t: jax.Array, kept: Any, tension: jax.Array) -> Any:
+            inside = model.entered(kept)
+            k, one = inside.instant(r, v, t), inside.effect(effect.name)
+            return one.too_far(k, k) if name == "too_far" else one.advance(k, k, tension, t)
+
+        return jax.eval_shape(call, vectors, vectors, number, own, per_link)
+
+    if isinstance(effect, Paced):
+        yield "too_far", both("too_far"), jax.ShapeDtypeStruct((), jnp.bool_)
+    if isinstance(effect, Stateful):
+        yield "advance", both("advance"), own[effect.name]
+
+
+def _array(model: Model, *shape: int) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, model.dtype)

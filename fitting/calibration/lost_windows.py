@@ -1,0 +1,223 @@
+"""Windows that their own free start cannot bring down to the noise: found, restarted, split, and in the end left out.
+
+A motion that is chaotic has wrong branches: a link that turns over the other way leaves its window far from the
+samples, and one such window spoils the estimates of all. A window is lost where
+
+    chi2_k/(N_k - m) > FAR max(1, median)     and beyond chance, with its own start fitted, the parameters held
+
+(m numbers of a start). It starts again from the end of the window before it and from the samples at several reaches;
+where nothing helps it is split, down to the fewest frames that can tell a start. What stays lost is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from fitting.calibration.jumps import led, lost_frames
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.gaps import gaps
+from fitting.estimate.gauss_newton import fit_starts
+from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.sandwich import start_covariances
+from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
+
+#: Mean square of a window's residuals over that of most windows from which on it is lost, and the probability with
+#: which noise alone gives as much.
+FAR, CHANCE = 4.0, 1e-7
+#: RMS error [rad] below which no window is lost where the model itself misses most windows: a wrong branch of a link is
+#: off by much more, the friction of a bearing by less.
+BRANCH = 0.05
+#: Noise of the samples that is assumed for the starts of lost windows, over the true one: polynomials of short reach,
+#: of the reach that the noise allows, and of long reach.
+REACHES = (0.2, 1.0, 5.0)
+#: Mean square of a gap over its expected one, and its size over the median gap's, from which on windows are not joined;
+#: the most such gaps, as a share, and the fewest gaps that tell what is usual.
+FAR_GAP, LARGE_GAP, MOST_BREAKS, FEWEST_GAPS = 25.0, 5.0, 0.03, 6
+#: Rounds of restarts and fits, and evaluations for the starts alone.
+ROUNDS, ITERATIONS = 4, 12
+
+
+def lost_windows(solution: Solution) -> np.ndarray:
+    """Which windows (K,) bool miss their samples by far more than noise and than the other windows do."""
+    windows, m2 = solution.windows, solution.problem.freedoms
+    known = (windows.weight > 0).sum(axis=(1, 2))
+    freedom = np.maximum(known - np.where(windows.released, 0, m2), 1)
+    size = 2 * costs(solution.problem, solution.evaluation.residual) / freedom
+    size = np.where(np.isfinite(size), size, np.inf)
+    typical = max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0
+    limit = typical * np.maximum(FAR, chi2.ppf(1 - CHANCE, freedom) / freedom)
+    rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
+    noise = solution.problem.noise
+    assumed = 1.0 if noise is None else float(np.mean(noise.factor**2))
+    explained = typical * assumed < FAR / 2
+    return (known > 0) & (size > limit) & (explained | ~(rms < BRANCH))
+
+
+def costs(problem: Problem, residual: np.ndarray) -> np.ndarray:
+    """Loss of each window (K,)."""
+    return np.array([problem.loss.cost(one) if np.isfinite(one).all() else np.inf for one in residual])
+
+
+def recover_windows(
+    prepared: Prepared,
+    solution: Solution,
+    fit_again: Callable[[Problem, Solution], Solution],
+    keep_jumps: bool = False,
+) -> tuple[Prepared, Solution]:
+    """A fit of separate windows whose lost windows were restarted, split or left out.
+
+    Args:
+        solution: of the separate windows, converged or not.
+        fit_again: fits a problem of changed windows from the values and starts of a solution of theirs.
+        keep_jumps: leave a window in which frames are missing as it is: a split would hide them in a gap.
+
+    Returns:
+        The preparation with the windows that are fitted, its `left_out` set, and their solution.
+    """
+    jump: tuple[int, float] | None = None
+    for last in (False,) * ROUNDS + (True,):
+        solution = with_own_starts(solution) if solution.status != "ok" else solution
+        lost = lost_windows(solution) & ~_around(solution.windows, jump)
+        if not lost.any():
+            break
+        if last:
+            prepared, solution = _leave_out(prepared, solution, lost)
+        else:
+            solution = restart(prepared, solution, lost)
+            lost &= lost_windows(solution)
+            if keep_jumps and jump is None and lost.any():
+                jump = _jump(prepared, solution, lost)
+                lost &= ~_around(solution.windows, jump)
+            prepared, solution = _split(prepared, solution, lost)
+        solution = fit_again(solution.problem, solution)
+    return prepared, solution
+
+
+def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int, float] | None:
+    """Run and time [s] at which frames are missing, if any; lost windows (K,) bool begin where those before end."""
+    windows = solution.windows
+    seen = replace(windows, weight=np.where(lost[:, None, None], 0.0, windows.weight))
+    found = lost_frames(prepared, replace(solution, problem=replace(solution.problem, windows=seen)))
+    return None if found is None else (found.run, float(prepared.traces[found.run].t[found.frame]))
+
+
+def _around(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
+    """The windows (K,) bool that hold a run's moment, and those that end or begin there."""
+    if jump is None:
+        return np.zeros(windows.count, bool)
+    run, time = jump
+    return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
+
+
+def with_own_starts(solution: Solution, which: np.ndarray | None = None) -> Solution:
+    """The solution with each window's start, or those of some (K,) bool, fitted alone, the parameters held."""
+    which = np.ones(solution.windows.count, bool) if which is None else which
+    starts = Starts(*(part[which] for part in solution.starts))
+    return _with_starts(solution, which, starts)
+
+
+def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
+    """The solution with better starts of lost windows (K,) bool, where any are found."""
+    windows, traces = solution.windows.pick(lost), prepared.traces
+    model = solution.problem.simulator.model_at(solution.values)
+    tried = [Starts(*(part[lost] for part in led(solution, lost)))]
+    for share in REACHES:
+        tried.append(first_starts(model, traces, windows, [share * s for s in prepared.sigma]))
+    for starts in tried:
+        solution = _with_starts(solution, lost, starts)
+    return solution
+
+
+def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solution:
+    """The solution with other starts of some windows, fitted alone first, where these are better."""
+    problem, windows = solution.problem, solution.windows
+    few = replace(problem, windows=windows.pick(which))
+    starts, evaluation = fit_starts(few, solution.values, starts, ITERATIONS)
+    index = np.flatnonzero(which)
+    better = costs(problem, evaluation.residual) < costs(problem, solution.evaluation.residual[index])
+    if not better.any():
+        return solution
+    old = Starts(*(part.copy() for part in solution.starts))
+    for part, new in zip(old, starts, strict=True):
+        part[index[better]] = new[better]
+    whole = type(evaluation)(*(part.copy() for part in solution.evaluation))
+    for part, new in zip(whole, evaluation, strict=True):
+        part[index[better]] = new[better]
+    return replace(solution, starts=old, evaluation=whole, weights=problem.weights(whole))
+
+
+def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
+    """The same with lost windows cut in two where enough frames are left, their halves started from the samples."""
+    windows = solution.windows
+    pieces: list[Piece] = []
+    old: list[int] = []
+    for k in range(windows.count):
+        halves = _halves(prepared, windows, k) if lost[k] and not windows.released[k] else [windows.piece(k)]
+        pieces += halves
+        old += [k if len(halves) == 1 else -1] * len(halves)
+    if len(pieces) == windows.count:
+        return prepared, solution
+    prepared = prepared.with_pieces(pieces)
+    # windows without enough samples are dropped: found again by where they begin
+    kept_at = {(int(r), round(float(b), 9)): i for i, (r, b) in enumerate(zip(windows.run, windows.begin, strict=True))}
+    new = prepared.windows
+    origin = np.array([kept_at.get((int(r), round(float(b), 9)), -1) for r, b in zip(new.run, new.begin, strict=True)])
+    same = (origin >= 0) & (new.step_counts == np.where(origin >= 0, windows.step_counts[origin], 0))
+    starts = Starts(*(part.copy() for part in prepared.starts))
+    for part, was in zip(starts, solution.starts, strict=True):
+        part[same] = was[origin[same]]
+    problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
+    evaluation = problem.evaluate(solution.values, starts)
+    found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
+    found = replace(found, weights=problem.weights(evaluation))
+    return prepared, restart(prepared, found, ~same) if (~same).any() else found
+
+
+def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
+    """Window k in two pieces, cut at a whole frame; whole where one of them would have too few frames."""
+    piece = windows.piece(k)
+    frame = max(1, round(prepared.traces[piece.run].interval / windows.dt))
+    frames = piece.steps // frame
+    if frames < 2 * fewest_frames(prepared.traces[piece.run].links, prepared.simulator.freedoms):
+        return [piece]
+    first = (frames // 2) * frame
+    return [
+        piece._replace(steps=first),
+        Piece(piece.run, piece.begin + first * windows.dt, piece.steps - first, True),
+    ]
+
+
+def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
+    """The preparation with windows that are not joined over a single gap far above the others: a kick, lost frames."""
+    windows = solution.windows
+    if windows.follows.sum() < FEWEST_GAPS or solution.status != "ok":
+        return prepared
+    found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+    covariance, _ = start_covariances(solution)
+    spread = found.before @ covariance[found.left] @ np.swapaxes(found.before, 1, 2)
+    spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)
+    distance = np.einsum("gi,gi->g", found.value, np.linalg.solve(spread, found.value[..., None])[..., 0])
+    distance, size = distance / found.value.shape[1], np.linalg.norm(found.value, axis=1)
+    far = (distance > FAR_GAP * max(1.0, np.median(distance))) & (size > LARGE_GAP * np.median(size))
+    if not 0 < far.sum() <= max(1, MOST_BREAKS * len(far)):
+        return prepared
+    follows = prepared.windows.follows.copy()
+    right = found.left[far] + 1
+    follows[right] = False
+    breaks = tuple((int(windows.run[k]), float(windows.begin[k])) for k in right)
+    return replace(prepared, windows=replace(prepared.windows, follows=follows), breaks=(*prepared.breaks, *breaks))
+
+
+def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
+    """The same without the lost windows, whose times and samples are noted."""
+    windows = solution.windows
+    gone = tuple((int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost))
+    prepared = replace(prepared, windows=prepared.windows.without(lost), left_out=(*prepared.left_out, *gone))
+    problem = replace(solution.problem, windows=windows.without(lost))
+    pick = lambda parts: type(parts)(*(part[~lost] for part in parts))  # noqa: E731
+    found = replace(solution, problem=problem, starts=pick(solution.starts), evaluation=pick(solution.evaluation))
+    return prepared, replace(found, weights=solution.weights[~lost], status="not_converged")

@@ -1,0 +1,212 @@
+"""The loss of a trace as functions of JAX: for a loop of your own with optax, a sampler, anything that takes gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.run.build import SceneLike
+from fitting.calibration.preparation import TracesLike, prepare
+from fitting.calibration.prepared import Prepared
+from fitting.estimate.marching import at_samples, march
+from fitting.estimate.windows import Starts
+from fitting.parameters.parameter import apply
+from fitting.parameters.seeing import clock_rate, losses, seen
+from fitting.traces import planar
+
+#: Runs of the windows for one value with the starts at their optimum: from the first starts on four leave 0.01 of
+#: chi-square per window, on noisy traces of the lab dropper.
+INNER = 6
+#: Damping of the first step of a start.
+DAMPING = 1e-3
+
+
+class Blocks(NamedTuple):
+    """A window at its best start yet: z (m2,), cost, and its normal equations A (m2, m2), B (m2, k), gz, gp."""
+
+    z: jax.Array
+    cost: jax.Array
+    A: jax.Array
+    B: jax.Array
+    gz: jax.Array
+    gp: jax.Array
+
+
+class TraceLoss:
+    """Half of chi-square of a trace's windows, `1/2 sum (simulated - measured)^2/sigma^2`, and the priors.
+
+    Windows are separate, each with a start of its own; noise and first starts come from the samples. Both functions are
+    of JAX alone, so that `jax.jit`, `jax.grad` and `jax.vmap` go through. `loss` has a derivative rule of its own: the
+    few derivatives of each window are taken in forward mode, as in a fit, also where `jax.grad` asks for them.
+
+    Attributes:
+        names: of the parameters.
+        params: where they start (k,); `low` and `high` are their bounds, `scale` their sizes.
+        starts: first starts of the windows, angles [rad] and rates [rad/s], each (windows, links).
+        samples: measured angles in all; the loss of a right model is half of them.
+        prepared: windows, noise and model as `fit` would use them.
+    """
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared, windows = prepared, prepared.windows
+        self.names = tuple(p.name for p in prepared.parameters)
+        self.params = jnp.asarray(prepared.values)
+        self.low, self.high = (jnp.array([getattr(p, end) for p in prepared.parameters]) for end in ("low", "high"))
+        self.scale = jnp.array([p.scale for p in prepared.parameters])
+        self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
+        self.samples = windows.samples
+        self._seen = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
+        basis = planar.chart(prepared.simulator.model_at(prepared.values), prepared.starts.theta)
+        self._basis = jnp.asarray(basis)
+        self._cost = jax.custom_jvp(self._half_square)
+        self._cost.defjvp(self._half_square_jvp)
+        self.loss = jax.jit(self._loss)
+        self.value_and_grad = jax.jit(self._value_and_grad)
+
+    def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
+        """Simulated less measured angles over their noise (windows, samples, links), 0 where there is no sample."""
+        return jax.vmap(partial(self._residual, params))(*starts, *self._seen)
+
+    def _loss(self, params: jax.Array, starts: Starts) -> jax.Array:
+        """Half of chi-square and the priors, at parameters (k,) and starts."""
+        cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(6))))(params, *starts, *self._seen)
+        return jnp.sum(cost) + self._prior(params)
+
+    def _value_and_grad(self, params: jax.Array, starts: Starts | None = None) -> tuple[jax.Array, jax.Array]:
+        """The loss with the starts at their optimum, and its gradient by the parameters (k,).
+
+        The elimination is ported to JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
+        from `starts` on. The gradient is the partial one at that optimum (the envelope theorem), corrected to first
+        order for what is left of the starts' own slope. It is to be taken as it is, not to be differentiated again.
+        """
+        best = self._best(params, starts)
+        inner = jnp.linalg.solve(self._regular(best.A), best.gz[..., None])[..., 0]
+        prior, slope = jax.value_and_grad(self._prior)(params)
+        return jnp.sum(best.cost) + prior, jnp.sum(best.gp, axis=0) - jnp.einsum("kij,ki->j", best.B, inner) + slope
+
+    def best_starts(self, params: jax.Array, starts: Starts | None = None) -> Starts:
+        """The starts at their optimum for these parameters, such as for the next call of `value_and_grad`."""
+        first = self.starts if starts is None else starts
+        model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
+        z = self._best(params, first).z
+        m = z.shape[1] // 2
+        shift = lambda part: jnp.einsum("kij,kj->ki", self._basis, part)  # noqa: E731
+        moved = first.theta + shift(z[:, :m]), first.omega + shift(z[:, m:])
+        return Starts(*jax.vmap(partial(planar.closed, model))(*moved))
+
+    def _residual(
+        self,
+        params: jax.Array,
+        theta: jax.Array,
+        omega: jax.Array,
+        measured: jax.Array,
+        weight: jax.Array,
+        index: jax.Array,
+        fraction: jax.Array,
+    ) -> jax.Array:
+        """Residuals (S, n) of one window."""
+        windows, parameters = self.prepared.windows, self.prepared.parameters
+        model = apply(self.prepared.simulator.model, parameters, params)
+        rate = clock_rate(parameters, params)
+        h = jnp.asarray(windows.dt) if rate is None else windows.dt * rate
+        start = planar.closed(model, theta, omega)
+        state, stepper = planar.to_state(model, *start), self.prepared.simulator.stepper
+        angles, rates, _ = march(stepper, model, state, h, windows.steps, windows.substeps, windows.steps)
+        on_grid = not self.prepared.windows.fraction.any()
+        angle = seen(model, parameters, params, at_samples(start, angles, rates, index, fraction, h, on_grid))
+        return planar.wrap(angle - measured) * weight
+
+    def _half_square(self, params: jax.Array, theta: jax.Array, omega: jax.Array, *measured: jax.Array) -> jax.Array:
+        """Half of chi-square of one window."""
+        return 0.5 * jnp.sum(self._residual(params, theta, omega, *measured) ** 2)
+
+    def _half_square_jvp(
+        self, primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
+    ) -> tuple[jax.Array, jax.Array]:
+        """Its value and derivative: linear in the tangents, so that JAX can transpose it."""
+        flat, back = ravel_pytree(primals[:3])
+        push = lambda d: jax.jvp(lambda x: self._half_square(*back(x), *primals[3:]), (flat,), (d,))  # noqa: E731
+        value, slope = jax.vmap(push, out_axes=(None, 0))(jnp.eye(len(flat), dtype=flat.dtype))
+        return value, slope @ ravel_pytree(tangents[:3])[0]
+
+    def _prior(self, params: jax.Array) -> jax.Array:
+        """Half of the squared distances from what is known beforehand."""
+        rows = [(i, *p.prior) for i, p in enumerate(self.prepared.parameters) if p.prior is not None]
+        known = [((params[i] - mean) / sigma) for i, mean, sigma in rows]
+        known += [(each.share @ params - 1) / each.sigma for each in self.prepared.known.common]
+        return 0.5 * sum((one**2 for one in known), jnp.zeros((), params.dtype))
+
+    def _best(self, params: jax.Array, starts: Starts | None) -> Blocks:
+        """Every window at the best start found from `starts` on."""
+        starts = self.starts if starts is None else starts
+        return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._seen)
+
+    def _best_start(
+        self, params: jax.Array, theta: jax.Array, omega: jax.Array, basis: jax.Array, *measured: jax.Array
+    ) -> Blocks:
+        """Levenberg and Marquardt's method for the start of one window, in the chart around (theta, omega)."""
+        m, k = basis.shape[1], len(params)
+
+        def residual(x: jax.Array) -> jax.Array:
+            z, p = x[: 2 * m], x[2 * m :]
+            return self._residual(p, theta + basis @ z[:m], omega + basis @ z[m:], *measured).ravel()
+
+        def blocks(z: jax.Array) -> Blocks:
+            along = jnp.eye(2 * m + k, dtype=z.dtype)
+            point = jnp.concatenate([z, params])
+            r, slope = jax.vmap(lambda d: jax.jvp(residual, (point,), (d,)), out_axes=(None, -1))(along)
+            own, shared = slope[:, : 2 * m], slope[:, 2 * m :]
+            return Blocks(z, 0.5 * r @ r, own.T @ own, own.T @ shared, own.T @ r, shared.T @ r)
+
+        def trial(carry: tuple[Blocks, jax.Array, jax.Array], _: None) -> tuple[Any, None]:
+            best, z, damping = carry
+            found = blocks(z)
+            better = found.cost < best.cost
+            best = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, best)
+            damping = jnp.where(better, 0.1 * damping, 10.0 * damping)
+            diagonal = jnp.diag(jnp.diag(best.A))
+            step = jnp.linalg.solve(self._regular(best.A) + damping * diagonal, best.gz)
+            return (best, best.z - step, damping), None
+
+        z = jnp.zeros(2 * m, params.dtype)
+        shapes = jax.eval_shape(blocks, z)
+        nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)._replace(cost=jnp.asarray(jnp.inf))
+        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * DAMPING)), None, length=INNER)[0][0]
+
+    @staticmethod
+    def _regular(A: jax.Array) -> jax.Array:
+        """A matrix that can be solved with where a direction of a start shows in no sample."""
+        size = jnp.trace(A, axis1=-2, axis2=-1)[..., None, None]
+        return A + (1e-12 * size + 1e-300) * jnp.eye(A.shape[-1], dtype=A.dtype)
+
+
+def loss_of_trace(
+    traces: TracesLike,
+    scene: SceneLike,
+    free: Sequence[str] | None = None,
+    **options: Any,
+) -> TraceLoss:
+    """The loss of traces for an optimizer of your own: `problem.loss(params, starts)` is pure JAX.
+
+    Args:
+        traces, scene, free: as of `fit`.
+        **options: of `prepare`: `window` and `dt` [s], `start`, `bounds`, `priors`, `until`.
+
+    Returns:
+        The problem with `params` and `starts` to start from, `loss(params, starts)`, and `value_and_grad(params)`,
+        which eliminates the starts.
+
+    Raises:
+        SceneError: what `prepare` refuses, and parameters of a release or of lost frames, whose windows have no start.
+    """
+    prepared = prepare(traces, scene, free, **options)
+    if prepared.simulator.release is not None or losses(prepared.parameters):
+        name = next(p.name for p in prepared.parameters if p.name.startswith(("release.", "clock.lost")))
+        raise SceneError(f"free: {name!r} has no loss of its own; allowed: parameters of the model, or `fit`")
+    return TraceLoss(prepared)

@@ -1,0 +1,354 @@
+"""Groups of numbers that may be wrong together, tried by fits and judged on stretches that these fits do not see.
+
+Where the misfit is smooth and far above the noise everywhere, score tests find nothing: their gains are in units of the
+misfit, and one number alone mends little of it. There all groups (geometry, inertia, markers, camera, clock, parts of
+the damping law) are freed at once, with priors that are as wide as such numbers are usually wrong, and fitted to three
+fifths of every run. The score is the error on the other two fifths, with only their starts fitted. Then one group after
+another is held again, and stays held unless the score gets worse by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.progress import Progress, silent
+from dropper_jax.model import Model
+from dropper_jax.run.build import build
+from fitting.calibration.advice import Candidate, joint_information, wide
+from fitting.calibration.heldout import score_held_out, window_length
+from fitting.calibration.law_fits import scene_with_law, substeps_of
+from fitting.calibration.laws import OF_JOINTS, PARTS
+from fitting.calibration.prepared import Prepared
+from fitting.calibration.spans import fitted_parts
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.loss import Loss
+from fitting.estimate.lyapunov import LONGEST
+from fitting.estimate.noise import Noise
+from fitting.estimate.own_noise import memory_of
+from fitting.estimate.problem import Solution
+from fitting.estimate.simulator import Simulator
+from fitting.estimate.uncertainty import degrees_of_freedom, lag_one
+from fitting.estimate.window_scheme import choose_stepper
+from fitting.estimate.windows import Starts
+from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.place import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, LostPlace, ModelPlace, all_joints
+from fitting.parameters.priors import rig_priors
+
+#: Chi-square per degree of freedom, and correlation of neighbouring residuals, beyond which the whole model is wrong:
+#: the misfit is ten times the noise, and smooth.
+WRONG, SMOOTH = 100.0, 0.9
+#: Parts of a run, and those that are scored: one inside the fitted ones, and the end, where damping counts most.
+PARTS_OF_RUN, SCORED = 5, (2, 4)
+#: Most evaluations of a trial, which starts near its end.
+EVALUATIONS = 12
+#: Growth of the score, as a share, from which on a group is needed. Below it the choice is left to chance: the same
+#: model scores 1 to 2 % apart on other stretches.
+NEEDED = 0.05
+#: Least share of a number's information that must be its own: with less it does what others do. The second is added to
+#: the diagonal of others that do the same.
+OWN, RIDGE = 2e-4, 1e-12
+#: Standard deviations of numbers without a prior. A share of the value for what is measured on a bench or computed
+#: from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a share for clocks.
+SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
+
+
+@dataclass(frozen=True)
+class Group:
+    """Numbers that are freed together, and those that stay free in their place where they are held again."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    instead: tuple[Parameter, ...] = ()
+
+
+def is_model_wrong(prepared: Prepared, solution: Solution) -> bool:
+    """Whether a fit leaves a smooth misfit far above the noise that the traces claim."""
+    expected = prepared.windows.weight
+    if solution.windows.weight.shape != expected.shape or not np.isfinite(solution.cost):
+        return False
+    residual = solution.errors * expected
+    chi2 = float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
+    return chi2 > WRONG and lag_one(residual, expected > 0)[0] > SMOOTH
+
+
+def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter]) -> list[Group]:
+    """What may be wrong of a model, first what others are more likely to stand for: it is held again first.
+
+    Args:
+        free: what is free already.
+        shared: friction that was free as one number for all joints; joints of their own replace it.
+    """
+    line, point = model.line, int(model.geometry.held_points[-1])
+    end = [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
+    # of one link the inertia stands for both
+    body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
+    named = [
+        ("clock", [CLOCK]),
+        ("geometry", ["line.0.length", *end]),
+        ("markers", [MARKER] if line.links > 1 else []),
+        ("camera", [CAMERA]),
+        ("inertia", body),
+        *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
+        *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),
+    ]
+    known, found = {p.name for p in free} - {p.name for p in shared}, []
+    for name, paths in named:
+        own = [q for path in paths for q in _existing(model, path) if q.name not in known]
+        instead = tuple(p for p in shared if p.name in paths)
+        if own and (len(own) > 1 or not instead):
+            found.append(Group(name, tuple(_with_width(model, q) for q in own), instead))
+    return found
+
+
+def _existing(model: Model, path: str) -> tuple[Parameter, ...]:
+    try:
+        return resolve(model, [path])
+    except SceneError:
+        return ()  # a scene that has no such number
+
+
+def _with_width(model: Model, p: Parameter) -> Parameter:
+    """A parameter with the prior that numbers of its kind have where nobody gives one; coefficients have none."""
+    width = 0.0
+    if isinstance(p.where, ModelPlace) and p.where.section == "lines":
+        width = SHARE * abs(p.value)
+    elif isinstance(p.where, ModelPlace) and p.where.section == "points":
+        width = SHARE * float(np.mean(model.line.length))
+    elif isinstance(p.where, CameraPlace):
+        width = TURNED
+    elif isinstance(p.where, ClockPlace):
+        width = CLOCKS
+    return replace(p, prior=(p.value, width)) if width > 0 else p
+
+
+class Trials:
+    """Fits of some windows of a prepared fit, scored on the stretches of the others.
+
+    Args:
+        prepared: with a simulator that knows the parameters of all trials.
+        loss: of the fits.
+    """
+
+    def __init__(self, prepared: Prepared, loss: Loss) -> None:
+        windows, scored = prepared.windows, scored_windows(prepared)
+        self.spans = stretches(prepared, scored)
+        self.used, self.loss = ~scored, loss
+        inside = fitted_parts(prepared.traces, list(zip(windows.run, windows.begin, windows.ends, strict=True)))
+        self.prepared = replace(prepared, traces=inside, held_out=tuple(span for _, *span in self.spans))
+        self.windows = self.prepared.windows.pick(self.used)
+
+    @property
+    def possible(self) -> bool:
+        """Whether there is something to fit and something to score."""
+        return bool(self.spans) and bool(self.used.any())
+
+    def weigh(self, errors: np.ndarray, weight: np.ndarray, run: np.ndarray, memory: float) -> None:
+        """Weigh each link by the size of its misfit and each sample by its memory, so that priors count.
+
+        Args:
+            errors, weight: of windows (K, S, n), by the claimed noise.
+            run: of these windows (K,).
+            memory: samples that tell as much as one of white noise.
+        """
+        noise = Noise.claimed(len(self.prepared.traces), errors.shape[2])
+        for i in np.unique(run):
+            mine, count = run == i, (weight[run == i] > 0).sum(axis=(0, 1))
+            noise.factor[i] = np.sqrt(np.sum((errors[mine] * weight[mine]) ** 2, axis=(0, 1)) / np.maximum(count, 1))
+        noise = replace(noise, factor=np.maximum(noise.factor, self.prepared.floor) * np.sqrt(memory))
+        self.claimed = self.prepared.windows.pick(self.used)
+        self.windows = noise.put(self.claimed, self.prepared.traces)
+        self.prepared = replace(self.prepared, noise=noise)
+
+    def with_parameters(self, parameters: Sequence[Parameter], values: np.ndarray) -> Prepared:
+        """The prepared trial with these parameters free."""
+        every, known = rig_priors(self.prepared.scene, self.prepared.simulator.model, parameters)
+        simulator = self.prepared.simulator.viewed(every)
+        return replace(self.prepared, parameters=every, known=known, simulator=simulator, begin=values)
+
+    def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
+        """A short fit of the windows that are not scored."""
+        at = self.with_parameters(parameters, values)
+        problem = replace(at.problem(self.loss), windows=self.windows)
+        if problem.rest is not None:
+            problem = replace(problem, rest=problem.rest.weighed(at.noise, at.simulator, values))
+        return fit_windows(problem, values, starts, iterations=EVALUATIONS)
+
+    def score(self, solution: Solution) -> np.ndarray:
+        """Logarithms of the RMS errors [rad] of the windows of all scored stretches."""
+        at = self.with_parameters(solution.problem.parameters, solution.values)
+        found = []
+        for run, low, high in self.spans:
+            held = score_held_out(at, solution.values, (low, high), [run]).solution
+            known = (held.windows.weight > 0).sum(axis=(1, 2))
+            found.append(np.sum(held.errors**2, axis=(1, 2))[known > 0] / known[known > 0])
+        return 0.5 * np.log(np.maximum(np.concatenate(found), 1e-24))
+
+
+def scored_windows(prepared: Prepared) -> np.ndarray:
+    """Windows (K,) that lie in the scored parts of their runs; none of runs of too few windows."""
+    windows, scored = prepared.windows, np.zeros(prepared.windows.count, bool)
+    for i in np.unique(windows.run):
+        mine = np.flatnonzero(windows.run == i)
+        if len(mine) < PARTS_OF_RUN:
+            continue
+        low, high = windows.begin[mine].min(), windows.ends[mine].max()
+        middle = 0.5 * (windows.begin[mine] + windows.ends[mine])
+        scored[mine] = np.isin(np.floor(PARTS_OF_RUN * (middle - low) / (high - low)), SCORED)
+    return scored & ~windows.released
+
+
+def stretches(prepared: Prepared, scored: np.ndarray) -> list[tuple[int, float, float]]:
+    """(run, from, to) of neighbouring scored windows, in equal parts of at most `LONGEST` [s]."""
+    windows, found = prepared.windows, []
+    for k in np.flatnonzero(scored):
+        run, low, high = int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])
+        if found and k and scored[k - 1] and windows.follows[k]:
+            found[-1] = (*found[-1][:2], high)
+        else:
+            found.append((run, low, high))
+    parts = [(run, np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1)) for run, low, high in found]
+    return [(run, float(a), float(b)) for run, edge in parts for a, b in zip(edge[:-1], edge[1:], strict=True)]
+
+
+def with_whole_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:
+    """The same with every part of a damping law in the model, and friction that was one number for all joints.
+
+    Dry friction takes another scheme, which costs many times as much: it is a candidate on rigs of rods or with
+    friction in their joints, not of strings of point masses.
+    """
+    scene, own = prepared.scene, prepared.simulator
+    given = scene.effects.get("joint_friction", {})
+    free = {p.name for p in prepared.parameters}
+    zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
+    dry = given.get("dry") is not None or own.model.line.compound
+    model, _ = build(scene := scene_with_law(scene, dry, zero, OF_JOINTS))
+    release = None if own.release is None else replace(own.release)  # its poses are of one model
+    parameters, shared = [], []
+    for p in prepared.parameters:
+        new = (p,) if isinstance(p.where, LostPlace) else resolve(model, [p.name], release=release)
+        if len(new) == 1 and new[0].name == p.name:
+            parameters.append(replace(p, where=new[0].where))
+        else:  # joints have their own now
+            parameters.append(replace(p, where=all_joints(model, p.name.rpartition(".")[2])))
+            shared.append(parameters[-1])
+    simulator = Simulator(model, parameters, choose_stepper(model), release)
+    substeps = substeps_of(replace(prepared, windows=solution.windows), simulator)
+    windows = replace(prepared.windows, substeps=substeps)
+    return replace(prepared, scene=scene, parameters=tuple(parameters), simulator=simulator, windows=windows), shared
+
+
+def free_groups(
+    prepared: Prepared, solution: Solution, loss: Loss, progress: Progress = silent
+) -> tuple[Prepared, Simulator, list[Candidate]] | None:
+    """What is prepared with the groups free that stretches which were not fitted ask for; None where they ask for none.
+
+    Args:
+        solution: where a fit of what is prepared ended.
+    """
+    before, (prepared, shared) = prepared, with_whole_law(prepared, solution)
+    found = groups(prepared.simulator.model, prepared.parameters, shared)
+    zero = [replace(p, value=0.0) for p in shared]
+    simulator = wide(prepared, [*(p for group in found for p in group.parameters), *zero])
+    prepared = replace(prepared, simulator=simulator)
+    trials = Trials(prepared, loss)
+    if not trials.possible:
+        return None
+    steps, slots = simulator.room
+    longest = max(window_length(prepared, (low, high)) for _, low, high in trials.spans)
+    frames = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
+    simulator.room = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
+    trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
+    starts = Starts(*(part[trials.used] for part in solution.starts))
+    progress(0.5, "what may be wrong: as it is")
+    base = trials.fit(prepared.parameters, solution.values, starts)
+    first = float(np.mean(trials.score(base)))
+    found = effective(trials, base, found)
+    names = [p.name for p in shared]
+    values = dict(zip((p.name for p in base.problem.parameters), base.values, strict=True))
+    start = {
+        p.name: values.get(p.name.rpartition(".")[0], values.get(p.name, p.value)) for g in found for p in g.parameters
+    }
+    values = start | values
+
+    def tried(free: Sequence[Group], starts: Starts) -> Solution:
+        held = [p for group in found if group not in free for p in group.instead]
+        plain = [p for p in prepared.parameters if p.name not in names] + [
+            p for p in shared if p in held or not any(p in group.instead for group in found)
+        ]
+        every = [*plain, *(p for group in free for p in group.parameters)]
+        return trials.fit(every, np.array([values[p.name] for p in every]), starts)
+
+    progress(0.55, "what may be wrong: all of it")
+    best = tried(found, base.starts)
+    for _ in range(2):  # by its own misfit, which is smaller
+        values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
+        trials.weigh(best.errors, trials.claimed.weight, trials.claimed.run, memory_of(best))
+        best = tried(found, best.starts)
+    score = least = float(np.mean(trials.score(best)))
+    if not score < first - np.log1p(NEEDED):
+        return None
+    free, needed = list(found), {}
+    for group in found:
+        progress(0.6, f"what may be wrong: without {group.name}")
+        values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
+        for p in group.instead:
+            values[p.name] = float(np.mean([values[q.name] for q in group.parameters]))
+        less = tried([other for other in free if other is not group], best.starts)
+        now = float(np.mean(trials.score(less)))
+        if now < least + np.log1p(NEEDED):
+            free.remove(group)
+            best, least = less, min(least, now)
+        else:
+            needed[group.name] = float(np.exp(now - least))
+    if not free:
+        return None
+    whole = Starts(*(part.copy() for part in solution.starts))
+    for part, own in zip(whole, best.starts, strict=True):
+        part[trials.used] = own
+    at = trials.with_parameters(best.problem.parameters, best.values)
+    freed = [_candidate(group, needed[group.name], best) for group in free]
+    at = replace(at, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
+    return at, simulator, freed
+
+
+def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Group]:
+    """The groups without numbers that move no angle, or do what those before them in the group and the free ones do.
+
+    Of coefficients of damping all that are known before count, those of other groups too.
+    """
+    every = [p for group in found for p in group.parameters]
+    at = trials.with_parameters(base.problem.parameters, base.values)
+    _, _, data = joint_information(at, base, trials.prepared.simulator, every)
+    size = np.sqrt(np.maximum(np.diag(data), 0.0))
+    scaled = data / np.outer(np.where(size > 0, size, 1.0), np.where(size > 0, size, 1.0))
+    replaced = {p.name for group in found for p in group.instead}
+    free = [i for i, p in enumerate(base.problem.parameters) if p.name not in replaced]
+    row, left = len(base.problem.parameters), []
+    for group in found:
+        known, own = list(free), []
+        for p in group.parameters:
+            inner = scaled[np.ix_(known, known)] + RIDGE * np.eye(len(known))
+            alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row]) if known else 0.0
+            if size[row] > 0 and 1.0 - alike > OWN:
+                known.append(row)
+                own.append(p)
+            row += 1
+        if any(p.name.startswith(tuple(PARTS.values())) for p in own):
+            free = known
+        left += [replace(group, parameters=tuple(own))] if own else []
+    return left
+
+
+def _candidate(group: Group, factor: float, solution: Solution) -> Candidate:
+    """A group that was freed, with the changes of its numbers."""
+    at = {p.name: i for i, p in enumerate(solution.problem.parameters)}
+    rows = [at[p.name] for p in group.parameters]
+    error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(solution.information, hermitian=True)), 0.0))
+    changes = {p.name: float(solution.values[i] - p.value) for p, i in zip(group.parameters, rows, strict=True)}
+    errors = {p.name: float(max(error[i], 1e-300)) for p, i in zip(group.parameters, rows, strict=True)}
+    name = f"{group.name} (held-out error {factor:.2f} times larger without)"
+    return Candidate(name, tuple(p.name for p in group.parameters), changes, errors, float(np.log(factor)), 0.0)

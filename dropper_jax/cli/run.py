@@ -20,6 +20,7 @@ from dropper_jax.cli.options import (
     read_scene,
 )
 from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
+from dropper_jax.cli.outputs import weights_table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -328,10 +329,16 @@ def _tensions(solution: Solution) -> list[str]:
         kept = sorted(lines, key=lambda name: -lines[name]["max"])[:MOST_LINES]
         parts = {name: values for name, values in lines.items() if name in kept}
         left = len(lines) - len(parts)
-    rows = [("tension [N]", "min", "mean", "max", "final")]
+    rows = [("tension of links [N]", "min", "mean", "max", "final")]
     for part, values in {**parts, "all links": whole["all"]}.items():
         rows.append((part, *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
-    return [table(rows), *([f"and {left} lines with lower maxima (--json has all)"] if left else [])]
+    ends = [("force on end points [N]", "min", "mean", "max", "final")]
+    for name, both in solution.end_forces().items():
+        if name in parts or not solution.scene.branched:
+            for end, values in both.items():
+                ends.append((f"{name}, {end}", *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
+    more = [f"and {left} lines with lower maxima (--json has all)"] if left else []
+    return [table(rows), *more, "", table(ends), *weights_table(solution.scene)]
 
 
 def result_line(solution: Solution) -> str:

@@ -28,6 +28,7 @@ from dropper_jax.run.solution import Solution
 from dropper_jax.run.stiffness import stiffness_remarks
 from dropper_jax.run.twists import twist_remarks
 from dropper_jax.run.versions import versions
+from dropper_jax.run.weights import floating_warnings
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
@@ -121,6 +122,7 @@ def assembled(
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *motion_warnings(scene),
+            *floating_warnings(scene),
             *(() if t[0] else _at_rest(scene, seen.each.positions[0], np.asarray(start.tension))),
             *(words(row) for row in broken),
         ),

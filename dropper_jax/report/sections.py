@@ -79,6 +79,17 @@ def _without_load(lines: list[dict[str, Any]], key: str) -> str:
     return f"\n\nNo breaking load of {which}: give `breaking_load` in the scene, or --breaking-load."
 
 
+def _without_damage(lines: list[dict[str, Any]]) -> str:
+    """Which lines have no damage, by what is missing."""
+    why = dict.fromkeys(line["why_no_damage"] for line in lines if line["damage"] is None)
+    found = ""
+    for reason in why:
+        own = [line for line in lines if line["damage"] is None and line["why_no_damage"] == reason]
+        which = "any line" if len(own) == len(lines) else _names(own)
+        found += f"\n\nNo damage of {which}: {reason}."
+    return found
+
+
 def anchors(anchors: list[dict[str, Any]]) -> str:
     rows, shown = [], largest(anchors, lambda a: a["total_n"]["max"])
     for a in shown:
@@ -168,7 +179,7 @@ def fatigue(lines: list[dict[str, Any]]) -> str:
             ]
         )
     head = ["line", "cycles", "equivalent range [N]", "largest range [N]", "damage per year", "life [years]"]
-    return with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "damage")
+    return with_rest(table(head, rows), len(shown), len(lines)) + _without_damage(lines)
 
 
 def watch(points: list[dict[str, Any]]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.load.bodies import body_warnings
 from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
@@ -122,6 +123,7 @@ def assembled(
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *motion_warnings(scene),
+            *body_warnings(scene),
             *floating_warnings(scene),
             *(() if t[0] else _at_rest(scene, seen.each.positions[0], np.asarray(start.tension))),
             *(words(row) for row in broken),

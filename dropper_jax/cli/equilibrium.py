@@ -37,8 +37,9 @@ def run(args: argparse.Namespace) -> int:
         return _tide(scene, args, plot, out)
 
     from dropper_jax.analysis.angles import link_angles
+    from dropper_jax.load.bodies import body_warnings
     from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.remarks import pose_remarks
+    from dropper_jax.run.remarks import check_stretch, pose_remarks
     from dropper_jax.run.weights import floating_warnings
     from dropper_jax.scene.slices import line_slices
 
@@ -46,8 +47,10 @@ def run(args: argparse.Namespace) -> int:
     lines = line_slices(scene)
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     failed = found.status != "ok"
+    if not failed:
+        check_stretch(scene, found.positions)
     remarks = () if failed else pose_remarks(scene, found.positions, found.tension)
-    remarks = (*remarks, *floating_warnings(scene))
+    remarks = (*remarks, *floating_warnings(scene), *body_warnings(scene))
     print_warnings(remarks)
     if plot and not failed:
         from dropper_jax.study import rest_pictures

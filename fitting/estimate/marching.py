@@ -30,15 +30,16 @@ def march(
     room: int,
     substeps: jax.Array,
     steps: jax.Array | int,
-    counted: jax.Array | int,
+    counted: jax.Array | int | None = None,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Angles and rates (room, n) after every step of dt, and how many (sub)steps of the first
-    `counted` failed; of no use beyond `steps`.
+    `counted` (default: all) failed; of no use beyond `steps`.
 
     Each step is taken in `substeps` parts. Both numbers are traced, so that one program serves every fineness and
     windows of any length. Schemes that hold their own error are as much more exact, and dt is the interval of what is
     seen of them.
     """
+    counted = steps if counted is None else counted
     if isinstance(stepper.integrator, ProjectedRungeKutta):
         return _held(stepper, model, s, dt, room, substeps)
 

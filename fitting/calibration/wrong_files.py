@@ -5,6 +5,7 @@ Three looks, the cheap ones first:
 1. Between fixed points every frame must close: the links at their measured angles end at the second hook, within
    what the noise allows. Each change that a file may need is tried, and the one that closes the frames is named.
 2. Damping takes energy. Where the energy of the motion rises, rows are reversed in time or two runs are in one file.
+   Short windows do not see it: without damping a motion runs backwards as well.
 3. After a fit that does not explain the trace, short windows are fitted as given and for each change, by the programs
    of that fit, of which only starts and damping are free. A change that lowers chi-square ten times is named.
 """
@@ -234,8 +235,7 @@ def name_wrong_file(prepared: Prepared) -> str:
     if not given > WRONG:
         return ""
     links = prepared.traces[0].links
-    later = [_reversed_in_time(), *late_columns(links, SOME_LATE)]
-    groups = [*changes(links), *_resting_shifts(prepared)], later
+    groups = [*changes(links), *_resting_shifts(prepared)], late_columns(links, SOME_LATE)
     left, change = np.inf, None
     for group in groups:  # the second one is large, and its mistakes are rare
         tried = [
@@ -308,7 +308,3 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
         for j, by in enumerate(off):
             yield shift(j, part * float(by))
         yield shift(None, part * float(np.mean(off)))
-
-
-def _reversed_in_time() -> Change:
-    return Change("time is reversed", "turn the rows around", lambda theta: theta[::-1])

@@ -76,7 +76,7 @@ def _split(body: list[str]) -> list[list[str]]:
     if separator is None and " " in header.strip():
         rows = [line.split() for line in body]
     else:
-        rows = list(csv.reader(body, delimiter=separator or ","))
+        rows = list(csv.reader(body, delimiter=separator or ",", skipinitialspace=True))
     if separator == ",":
         return rows
     return [rows[0], *([_with_point(cell) for cell in row] for row in rows[1:])]

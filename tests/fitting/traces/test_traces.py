@@ -65,7 +65,7 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         (rows().replace("0.050,", "0.050,1,"), "one per column"),
         (rows().replace("t,theta_1\n", ""), "has no header"),
         (rows().replace(".", ","), "decimal commas between columns that commas separate"),
-        (rows(value=lambda i: "-999" if i % 5 == 2 else f"{np.sin(i):.6f}"), "-999 in 4 rows .* allowed: empty cells"),
+        (rows(value=lambda i: "-999" if i % 5 == 2 else f"{np.sin(i):.6f}"), "-999 in 4 rows, .* allowed: empty cells"),
         (rows(value=lambda i: "n/a" if i == 4 else f"{np.sin(i):.6f}"), "leave the cell of a missing sample empty"),
         (rows() + rows().partition("\n")[2], "row 21 starts again: two runs in one file"),
     ],

@@ -9,6 +9,8 @@ import pytest
 
 from dropper_jax.cli.commands import parse
 from dropper_jax.effects import EFFECTS, Effect, register
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import write_trace
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -52,8 +54,12 @@ def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypat
 @pytest.mark.slow
 def test_the_scene_and_the_code_of_the_quick_start_run(tmp_path, monkeypatch):
     (tmp_path / "loop.toml").write_text(blocks("quick-start.md", "toml")[0])
+    trace = observe(simulate_truth("dropper-release-a", 2.0, 60.0, 8), Camera(rate=60.0, angle_noise=0.005), seed=0)
+    write_trace(tmp_path / "traces.csv", trace)
     names = run_page("quick-start.md", tmp_path, monkeypatch)
     assert names["solution"].status == "ok"
+    assert names["result"].method == "gradient"
+    assert names["result"].values == pytest.approx([0.002, 0.001], abs=0.002)
 
 
 @pytest.mark.parametrize("page", ["your-own-video.md", "sweeps-and-sensitivity.md", "load-cases.md"])

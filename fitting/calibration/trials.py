@@ -87,10 +87,10 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
     # of one link the inertia stands for both
     body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
     named = [
-        ("clock", [CLOCK]),
+        ("rate of the clock", [CLOCK]),
         ("geometry", ["line.0.length", *end]),
         ("markers", [MARKER] if line.links > 1 else []),
-        ("camera", [CAMERA]),
+        ("roll of the camera", [CAMERA]),
         ("inertia", body),
         *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
         *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),

@@ -7,8 +7,8 @@ decide. Those that the likelihoods leave within `APART` of the best cannot be to
 one of fewest numbers is freed, and how far the others would move the estimates is carried into the errors. Then by the
 method that was asked for, whose joined windows see smaller faults, in the same way by the score tests alone.
 
-Where the misfit is smooth, far above the noise, and no candidate alone explains it, the whole model is wrong. Nothing is
-an outlier there, and groups of numbers are freed by `trials`.
+Where the misfit is smooth, far above the noise, and no candidate alone explains it, the whole model is wrong. Nothing
+is an outlier there, and groups of numbers are freed by `trials`.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 
     python benchmarks/random_droppers.py [--seeds 0:60] [--kind plain] [--window S] [--out FILE]
 
-A draw is a chain of 3 to 12 links between two hooks, every fourth one with a free end. It is lifted at one or two nodes,
-released, and seen by a camera with white noise. Both damping coefficients start five times off. Every third draw
-moves faster than 40 rad/s, the others do not. The truth is simulated by another scheme at a much finer step than a fit takes. Each row
-compares the estimates, standard errors and noise of the default command with the truth. Writes
+A draw is a chain of 3 to 12 links between two hooks, every fourth one with a free end. It is lifted at one or two
+nodes, released, and seen by a camera with white noise. Both damping coefficients start five times off. Every third draw
+moves faster than 40 rad/s, the others do not. The truth is simulated by another scheme at a much finer step than a fit
+takes. Each row compares the estimates, standard errors and noise of the default command with the truth. Writes
 results/random_droppers.json.
 """
 
@@ -166,10 +166,9 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
 
 def residual_freedom(result: Any) -> float:
     """Samples less what the fit has used up of them, by leverage."""
-    from fitting.estimate.own_noise import leverage
+    from fitting.estimate.uncertainty import degrees_of_freedom
 
-    solution = result.solution
-    return float((solution.windows.weight > 0).sum() - leverage(solution).sum())
+    return degrees_of_freedom(result.solution)
 
 
 def table(rows: list[dict[str, Any]]) -> str:

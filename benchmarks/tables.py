@@ -248,12 +248,12 @@ def films(found: dict[str, Any]) -> str:
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
 def descent(found: dict[str, Any]) -> str:
     """Gradient descent beside Gauss-Newton."""
-    rows = [("method", "evaluations", "run [s]", "b_l [kg/s]", "b_q [kg/m]", "off by [standard errors]")]
+    rows = [("method", "evaluations", "processor [s]", "b_l [kg/s]", "b_q [kg/m]", "off by [standard errors]")]
     for row in found["rows"]:
-        numbers = (f"{v:.5f} +- {e:.5f}" for v, e in zip(row["values"], row["std_errors"], strict=True))
+        numbers = (f"{v:.6f} +- {e:.6f}" for v, e in zip(row["values"], row["std_errors"], strict=True))
         off = zip(row["values"], found["truth"], row["std_errors"], strict=True)
         departure = ", ".join(f"{(v - t) / e:+.2f}" for v, t, e in off)
-        rows.append((row["method"], f"{row['evaluations']}", f"{row['run_s']:.1f}", *numbers, departure))
+        rows.append((row["method"], f"{row['evaluations']}", f"{row['processor_s']:.1f}", *numbers, departure))
     truth = "truth", "", "", *(f"{value:g}" for value in found["truth"]), ""
     return markdown([*rows, truth])
 

@@ -40,6 +40,17 @@ CLEARED_AFTER = 48
 BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_fusion_emitters": False}
 
 
+@functools.cache
+def known_options() -> dict[str, str | bool]:
+    """Those of `BRIEFLY` that this version's compiler knows, each tried once on a program of one operation."""
+    found = {}
+    for name, value in BRIEFLY.items():
+        with suppress(jax.errors.JaxRuntimeError):  # a JAX whose compiler no longer has the option
+            jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
+            found[name] = value
+    return found
+
+
 def memory_maps() -> int:
     """Memory maps of this process; 0 where the kernel does not tell (it then has no such limit)."""
     try:
@@ -164,10 +175,7 @@ class Kept(Generic[P, R]):
 
         del one.__wrapped__  # its signature has the static arguments
         program = lowered(self._function, settings, values, one)
-        options = BRIEFLY if self._brief and jax.default_backend() == "cpu" else None
-        with suppress(jax.errors.JaxRuntimeError):  # a JAX whose compiler has other options
-            return program.compile(options)
-        return program.compile()
+        return program.compile(known_options() if self._brief and jax.default_backend() == "cpu" else None)
 
 
 def kept(

@@ -23,6 +23,8 @@ Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 MOST = 2**31 - 1
 #: Longest value text in an error line.
 SHOWN = 60
+#: Longest name: names stand in every message, table and file.
+LONGEST_NAME = 200
 
 
 class Declared(Protocol):
@@ -124,7 +126,9 @@ def read_text(value: Plain, path: str, choices: Iterable[str] | None = None) -> 
     if not isinstance(value, str):
         raise refuse(path, value, "is not a text", "one of " + ", ".join(choices) if choices else "a text")
     if choices is not None and value not in choices:
-        raise SceneError(f"{path}: {value!r} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}")
+        raise SceneError(f"{path}: {shown(value)} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}")
+    if path.rpartition(".")[2] == "name" and len(value) > LONGEST_NAME:
+        raise refuse(path, value, f"has {len(value)} characters", f"at most {LONGEST_NAME}")
     return value
 
 

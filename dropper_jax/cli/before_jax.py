@@ -13,6 +13,8 @@ from dropper_jax.base.one_kernel import one_kernel
 #: `off` in one of these leaves it be; the second else names the folder.
 ONE_KERNEL, COMPILE_CACHE, KEEP_TRACES = "DROPPER_ONE_KERNEL", "DROPPER_COMPILE_CACHE", "DROPPER_KEEP_TRACES"
 OFF, ON = "off", "on"
+#: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
+XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
 #: Objects made between two searches for circles of them: tracing makes millions that live on, and Python (700) takes a
 #: tenth of its time to look through them.
 SELDOM = 100_000, 50, 100
@@ -21,6 +23,7 @@ SELDOM = 100_000, 50, 100
 def prepare() -> None:
     """Runs as one kernel each, and compiled programs kept for the next start, unless the user says otherwise."""
     gc.set_threshold(*SELDOM)
+    os.environ.setdefault(XLA_LOG, FATAL)
     if os.environ.get(ONE_KERNEL) != OFF:
         one_kernel()
     with suppress(RuntimeError):  # a user without a home

@@ -46,5 +46,8 @@ def run(args: argparse.Namespace) -> int:
         (found.target, f"{found.reached:.9g}, wanted {found.wanted:g}"),
         ("static poses", str(found.solves)),
     ]
+    if found.end_forces is not None:
+        more["end_forces_n"] = list(found.end_forces)
+        text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
     deliver(args.json, done_object(scene=scene.name, **values, **more), listing(text), out)
     return OK

@@ -36,7 +36,7 @@ def text(found: dict[str, Any]) -> str:
     for extra, packages in found["versions"].items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
         pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
-    system, cache = found["system"], found["cache"]
+    system, cache, options = found["system"], found["cache"], found["compiler_options"]
     memory = "unknown" if system["memory_bytes"] is None else f"{in_words(system['memory_bytes'])} left"
     kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
     pairs += [
@@ -44,6 +44,7 @@ def text(found: dict[str, Any]) -> str:
         ("devices", ", ".join(found["devices"])),
         ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
         ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),
+        ("compiler", ", ".join(f"{name} {'known' if known else 'UNKNOWN'}" for name, known in options.items())),
         ("cache", kept if cache["folder"] else "off (DROPPER_COMPILE_CACHE)"),
         *((check["name"], f"{'ok' if check['ok'] else 'WRONG'}: {check['found']}") for check in found["checks"]),
     ]

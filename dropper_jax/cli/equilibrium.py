@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.cli.codes import FAILED, OK
 from dropper_jax.cli.options import add_scene, read_scene, whole_number
 from dropper_jax.cli.output import done_object, failure_object, print_line, print_warnings, table
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -37,15 +37,20 @@ def run(args: argparse.Namespace) -> int:
         return _tide(scene, args, plot, out)
 
     from dropper_jax.analysis.angles import link_angles
+    from dropper_jax.load.bodies import body_warnings
     from dropper_jax.run.build import equilibrium
-    from dropper_jax.run.remarks import pose_remarks
+    from dropper_jax.run.remarks import check_stretch, pose_remarks
+    from dropper_jax.run.weights import floating_warnings
     from dropper_jax.scene.slices import line_slices
 
     found = equilibrium(scene)
     lines = line_slices(scene)
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
     failed = found.status != "ok"
+    if not failed:
+        check_stretch(scene, found.positions)
     remarks = () if failed else pose_remarks(scene, found.positions, found.tension)
+    remarks = (*remarks, *floating_warnings(scene), *body_warnings(scene))
     print_warnings(remarks)
     if plot and not failed:
         from dropper_jax.study import rest_pictures
@@ -54,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
     text = _text(lines, found, angles)
     if scene.branched and not failed:
         text += "\n" + _loads(scene, found)
+    if not failed:
+        text += "\n" + "\n".join([_end_forces(scene, found), *weights_table(scene)])
     deliver(args.json, {**_object(scene, found, angles), "warnings": remarks}, text, out)
     if failed:
         print_line(f"error: {found.status}: {found.message}")
@@ -91,6 +98,7 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
+    from dropper_jax.run.weights import line_weights
     from dropper_jax.scene.slices import held_loads, line_places
 
     failed = found.status != "ok"
@@ -102,6 +110,8 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, A
         "positions_m": found.positions,
         "tension_n": found.tension,
     }
+    if not failed:
+        result |= {"end_forces_n": _forces(scene, found), "line_weights": line_weights(scene)}
     if scene.branched:
         result |= {"lines": line_places(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
     return result
@@ -115,6 +125,21 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray) ->
         parts.append(_line_table(found.positions[line.nodes], found.tension[line.links], angles[line.links]))
     note = "angles and tension: of the link that ends at the node; polar is 0 at the horizontal, down > 0"
     return "\n".join([*parts, note])
+
+
+def _forces(scene: Scene, found: Equilibrium) -> dict[str, dict[str, float]]:
+    """Force [N] of each line on its first and last point."""
+    from dropper_jax.run.weights import end_forces
+
+    forces = end_forces(scene, np.asarray(found.positions)[None], np.asarray(found.tension)[None])
+    return {name: dict(zip(("first", "last"), both[0].tolist(), strict=True)) for name, both in forces.items()}
+
+
+def _end_forces(scene: Scene, found: Equilibrium) -> str:
+    """Forces on the lines' end points: with the weight in water of the share of the end link that the point carries."""
+    rows = [("line", "force on first point [N]", "force on last point [N]")]
+    rows += [(name, f"{both['first']:.5g}", f"{both['last']:.5g}") for name, both in _forces(scene, found).items()]
+    return table(rows)
 
 
 def _loads(scene: Scene, found: Equilibrium) -> str:

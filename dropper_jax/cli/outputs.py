@@ -8,13 +8,16 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.cli.options import output_file, output_folder
-from dropper_jax.cli.output import print_result
+from dropper_jax.cli.output import print_result, table
+
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
 
 
 def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
@@ -56,3 +59,14 @@ def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None) -
     if out is not None:
         atomic_write(out, json.dumps(jsonable(found), allow_nan=False, indent=1))
     print_result(as_json, found, text)
+
+
+def weights_table(scene: Scene) -> list[str]:
+    """Mass, weight in water and density of the lines, a row for lines alike; nothing without water."""
+    from dropper_jax.run.weights import line_weights, lines_in_words
+
+    rows = [("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")]
+    keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
+    for row in line_weights(scene):
+        rows.append((lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)))
+    return ["", table(rows)] if len(rows) > 1 else []

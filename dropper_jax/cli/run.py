@@ -20,6 +20,7 @@ from dropper_jax.cli.options import (
     read_scene,
 )
 from dropper_jax.cli.output import listing, print_json, print_line, print_warnings, progress, table
+from dropper_jax.cli.outputs import weights_table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -277,6 +278,7 @@ def text(solution: Solution) -> str:
         ("time", _steps(solution)),
         ("mass of links", link_mass_words(solution.scene.link_mass_nodes)),
         ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
+        *_step_facts(solution),
         ("residual", f"{solution.max_residual:.1e} largest, scaled; closure {solution.max_closure_error:.1e} m"),
         ("energy", f"balance drifts by {solution.energy_drift:.1e} J of a scale of {solution.energy_scale:.3g} J"),
         ("speed", f"{solution.max_speed:.3g} m/s largest"),
@@ -284,6 +286,24 @@ def text(solution: Solution) -> str:
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
     return "\n".join([listing(pairs), "", *_tensions(solution), *_errors(solution), "", result_line(solution)])
+
+
+def _step_facts(solution: Solution) -> list[tuple[str, str]]:
+    """What the steps resolve, where it says something."""
+    from math import degrees
+
+    from dropper_jax.run.resolution import step_facts
+
+    facts, found = step_facts(solution), []
+    if facts["axial_period_s"] is not None:
+        text = f"{facts['steps_per_axial_period']:.2g} steps per period of the stiffest link"
+        step = f"a step of {facts['axial_step_s']:.2g} s resolves it"
+        found.append(("axial motion", f"{text}, {facts['axial_period_s']:.2g} s; {step}"))
+    if facts["largest_turn_rad"] is not None and degrees(facts["largest_turn_rad"]) > 1.0:
+        found.append(("turns", f"links turn by up to {degrees(facts['largest_turn_rad']):.2g} degrees in a step"))
+    if facts["slack_to_taut_steps"]:
+        found.append(("snaps", f"links go from slack to taut in {facts['slack_to_taut_steps']} steps"))
+    return found
 
 
 def _errors(solution: Solution) -> list[str]:
@@ -328,10 +348,16 @@ def _tensions(solution: Solution) -> list[str]:
         kept = sorted(lines, key=lambda name: -lines[name]["max"])[:MOST_LINES]
         parts = {name: values for name, values in lines.items() if name in kept}
         left = len(lines) - len(parts)
-    rows = [("tension [N]", "min", "mean", "max", "final")]
+    rows = [("tension of links [N]", "min", "mean", "max", "final")]
     for part, values in {**parts, "all links": whole["all"]}.items():
         rows.append((part, *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
-    return [table(rows), *([f"and {left} lines with lower maxima (--json has all)"] if left else [])]
+    ends = [("force on end points [N]", "min", "mean", "max", "final")]
+    for name, both in solution.end_forces().items():
+        if name in parts or not solution.scene.branched:
+            for end, values in both.items():
+                ends.append((f"{name}, {end}", *(f"{round(value, 4) + 0.0:.4f}" for value in values.values())))
+    more = [f"and {left} lines with lower maxima (--json has all)"] if left else []
+    return [table(rows), *more, "", table(ends), *weights_table(solution.scene)]
 
 
 def result_line(solution: Solution) -> str:

@@ -114,7 +114,7 @@ class BodyBedFriction(BodyBed):
 
     def _turned(self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array) -> jax.Array:
         """`w x arm` (items, 3) of the bodies `of`, from three edges E of theirs: `E'(E^-1 arm)`."""
-        corners = self.pieces.corners(model, of)
+        corners = self.pieces.body_nodes(model, of)
         edges, rates = (a[corners[:, 1:]] - a[corners[:, :1]] for a in (r, v))
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]
         return jnp.sum(rates * own[..., None], axis=1)

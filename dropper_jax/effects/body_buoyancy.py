@@ -37,17 +37,17 @@ class Pieces:
     cylinder_of: tuple[int, ...] = option("body of each cylinder", type=tuple, default=())
     sphere_of: tuple[int, ...] = option("body of each sphere", type=tuple, default=())
 
-    def corners(self, model: ModelView, of: tuple[int, ...]) -> np.ndarray:
+    def body_nodes(self, model: ModelView, of: tuple[int, ...]) -> np.ndarray:
         """Free nodes (items, 4) of the bodies of cylinders or spheres."""
         return model.geometry.point_node[self.first + 4 * np.array(of, int)[:, None] + np.arange(4)]
 
     def axes(self, model: ModelView, nodal: jax.Array) -> jax.Array:
         """A nodal field (free, 3) at the ends of the axes (c, 2, 3)."""
-        return mixed(self.ends, nodal[self.corners(model, self.cylinder_of)][:, None])
+        return mixed(self.ends, nodal[self.body_nodes(model, self.cylinder_of)][:, None])
 
     def centres(self, model: ModelView, nodal: jax.Array) -> jax.Array:
         """A nodal field at the spheres' centres (s, 3)."""
-        return mixed(self.spheres, nodal[self.corners(model, self.sphere_of)])
+        return mixed(self.spheres, nodal[self.body_nodes(model, self.sphere_of)])
 
     def cut(self, model: ModelView, r: jax.Array, level: jax.Array) -> Cylinders:
         """The cylinders as the surface at `level` (c + s,) [m] over the pieces sees them."""
@@ -72,7 +72,7 @@ class Pieces:
     def push(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
         """Buoyancy over rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
         free, count = model.free_nodes, len(self.cylinder_of)
-        corners = self.corners(model, self.cylinder_of)
+        corners = self.body_nodes(model, self.cylinder_of)
         ends = self.cut(model, r, level).push()
         found = jnp.zeros_like(r)
         if count:
@@ -80,7 +80,7 @@ class Pieces:
         if not self.sphere_of:
             return found
         lift = upright(self._balls(model, r, level))
-        return found + scattered(self.corners(model, self.sphere_of), self.spheres, lift, free)
+        return found + scattered(self.body_nodes(model, self.sphere_of), self.spheres, lift, free)
 
     def middles(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Middles of the cylinders' axes and centres of the spheres (c + s, 3)."""
@@ -92,10 +92,10 @@ class Pieces:
         """Forces (c + s, 3) [N] in the middles and centres, on the free nodes (free, 3)."""
         count = len(self.cylinder_of)
         share = 0.5 * (self.ends[:, 0] + self.ends[:, 1])
-        found = scattered(self.corners(model, self.cylinder_of), share, force[:count], model.free_nodes)
+        found = scattered(self.body_nodes(model, self.cylinder_of), share, force[:count], model.free_nodes)
         if not self.sphere_of:
             return found
-        return found + scattered(self.corners(model, self.sphere_of), self.spheres, force[count:], model.free_nodes)
+        return found + scattered(self.body_nodes(model, self.sphere_of), self.spheres, force[count:], model.free_nodes)
 
 
 def mixed(share: jax.Array, corners: jax.Array) -> jax.Array:

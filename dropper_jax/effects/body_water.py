@@ -54,13 +54,13 @@ class BodyWater(Effect):
 
     def _ends(self, model: ModelView, nodal: jax.Array) -> jax.Array:
         """A nodal field at the ends (e, 3)."""
-        return mixed(self.end, nodal[self.pieces.corners(model, self.end_of)])
+        return mixed(self.end, nodal[self.pieces.body_nodes(model, self.end_of)])
 
     def _axes(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """Unit vectors along the slices (c, 3) and at the ends (e, 3)."""
         ends = self.pieces.axes(k.model, k.r)
         along = ends[:, 1] - ends[:, 0]
-        out = mixed(self.outward, k.r[self.pieces.corners(k.model, self.end_of)])
+        out = mixed(self.outward, k.r[self.pieces.body_nodes(k.model, self.end_of)])
         return along / safe_norm(along)[:, None], out / safe_norm(out)[:, None]
 
     def _across(self, along: jax.Array, field: jax.Array) -> jax.Array:
@@ -113,7 +113,7 @@ class BodyWater(Effect):
         return total + self._at_ends(model, push[:, None] * out)
 
     def _at_ends(self, model: ModelView, force: jax.Array) -> jax.Array:
-        return scattered(self.pieces.corners(model, self.end_of), self.end, force, model.free_nodes)
+        return scattered(self.pieces.body_nodes(model, self.end_of), self.end, force, model.free_nodes)
 
     def _cut(self, k: Kinematics, levels: tuple[jax.Array, jax.Array] | None = None) -> tuple[jax.Array, ...]:
         """Axes of slices and ends, wet volumes of pieces (p,) [m^3] and wet parts of ends (e,).

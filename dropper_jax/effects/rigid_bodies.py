@@ -60,7 +60,7 @@ class RigidBodies(Tie):
     def count(self) -> int:
         return len(self.names)
 
-    def corners(self, model: ModelView) -> np.ndarray:
+    def body_nodes(self, model: ModelView) -> np.ndarray:
         return model.geometry.point_node[self.first + np.arange(4 * self.count)].reshape(-1, 4)
 
     def seats(self, model: ModelView) -> np.ndarray:
@@ -79,7 +79,7 @@ class RigidBodies(Tie):
 
         The same of velocities: those of the reference points, and the axes' rates.
         """
-        own = jnp.einsum("bki,bic->bck", self.affine, r[self.corners(model)])
+        own = jnp.einsum("bki,bic->bck", self.affine, r[self.body_nodes(model)])
         return own[..., 3], own[..., :3]
 
     def references(self, corners: jax.Array) -> jax.Array:
@@ -94,7 +94,7 @@ class RigidBodies(Tie):
             return self.velocity[body] + jnp.einsum("bck,bk->bc", axes[body], turning)
 
         corners = moved(np.repeat(np.arange(self.count), 4), self.corner.reshape(-1, 3))
-        found = place(self.corners(model).ravel(), corners, model.free_nodes)
+        found = place(self.body_nodes(model).ravel(), corners, model.free_nodes)
         return found + place(self.seats(model), moved(np.array(self.owner, int), self.seat), model.free_nodes)
 
     def lengths(self) -> jax.Array:
@@ -107,7 +107,7 @@ class RigidBodies(Tie):
 
     def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
         """`(|d|^2 - L^2)/(2 L)` of the edges, how far seats are from their places, and bodies from pins (rows,) [m]."""
-        corners, length = r[self.corners(model)], self.lengths()
+        corners, length = r[self.body_nodes(model)], self.lengths()
         edge = corners[:, SECOND] - corners[:, FIRST]
         stretch = (dot(edge, edge) - length**2) / (2.0 * length)
         gaps = [stretch.ravel()]
@@ -159,18 +159,18 @@ class RigidBodies(Tie):
 
     def point_mass(self, model: ModelView) -> jax.Array:
         own = jnp.diagonal(self.mass_matrix(), axis1=1, axis2=2).ravel()
-        found = place(self.corners(model).ravel(), own, model.free_nodes)
+        found = place(self.body_nodes(model).ravel(), own, model.free_nodes)
         return found + place(self.seats(model), self._carried(), model.free_nodes) if self.owner else found
 
     def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
-        corners = self.corners(model)
+        corners = self.body_nodes(model)
         between = self.mass_matrix() * (1.0 - np.eye(4))
         force = jnp.sum(between[..., None] * a[corners][:, None, :, :], axis=2)
         return place(corners.ravel(), force.reshape(-1, 3), model.free_nodes)
 
     def node_size(self, model: ModelView) -> jax.Array:
         size = MOVE * jnp.max(self.lengths(), axis=1)
-        found = place(self.corners(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
+        found = place(self.body_nodes(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
         return found + place(self.seats(model), size[np.array(self.owner, int)], model.free_nodes)
 
     def _weights(self) -> jax.Array:
@@ -179,10 +179,10 @@ class RigidBodies(Tie):
         return (self.gravity * self.mass[:, None] * own).ravel()
 
     def force(self, k: Kinematics) -> jax.Array:
-        return place(self.corners(k.model).ravel(), upright(-self._weights()), k.free)
+        return place(self.body_nodes(k.model).ravel(), upright(-self._weights()), k.free)
 
     def potential(self, k: Kinematics) -> jax.Array:
-        return jnp.sum(self._weights() * k.r[self.corners(k.model).ravel(), 2])
+        return jnp.sum(self._weights() * k.r[self.body_nodes(k.model).ravel(), 2])
 
 
 def shares(affine: jax.Array, s: jax.Array) -> jax.Array:

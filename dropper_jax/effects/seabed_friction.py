@@ -33,6 +33,7 @@ class SeabedFriction(Law):
 
     name: ClassVar[str] = "seabed_friction"
     node_local: ClassVar[bool] = True
+    needs: ClassVar[tuple[str, ...]] = ("seabed",)
     kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
     static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, optional=True)
     statics: str = option(

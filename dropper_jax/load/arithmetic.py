@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import warnings
 from collections.abc import Callable, Mapping
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -56,7 +57,9 @@ def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
     if len(text) > LONGEST:
         raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {LONGEST}")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # of `1if`: refused below
+            tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise SceneError(f"{path}: {text.strip()!r} is no expression; allowed: {ALLOWED}") from None
     try:

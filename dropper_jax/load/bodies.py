@@ -50,6 +50,20 @@ def check_bodies(scene: SceneData) -> None:
             raise SceneError(f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: with both, or false")
 
 
+def body_warnings(scene: SceneData) -> tuple[str, ...]:
+    """One line for each body with attachments away from its shapes: the arms of a platform, or a mistake."""
+    found = []
+    for body in scene.bodies:
+        away = body.outside()
+        if away:
+            name = max(away, key=away.get)
+            found.append(
+                f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, {name!r} by "
+                f"{away[name]:.3g} m; they move with it as if held by arms without mass"
+            )
+    return tuple(found)
+
+
 def check_vessels(scene: SceneData) -> None:
     """A vessel in waves has waves that rise from rest, within its table."""
     for i, vessel in enumerate(scene.vessels):

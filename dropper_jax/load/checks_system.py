@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import refuse
+from dropper_jax.base.read import refuse, shown
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData, point_named
@@ -30,7 +30,7 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
     for i, line in enumerate(lines):
         for key, name in (("from", line.start), ("to", line.end)):
             if name not in names:
-                raise SceneError(f"line.{i}.{key}: {name!r} is not a point; {nearest(name, names)}")
+                raise SceneError(f"line.{i}.{key}: {shown(name)} is not a point; {nearest(name, names)}")
     used = {name for line in lines for name in (line.start, line.end)}
     for i, name in enumerate(names):
         if name not in used and points[i].on is None:

@@ -16,7 +16,7 @@ def with_library(table: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         SceneError: an unknown part, or one that is no line.
     """
-    own = {item.get("name") for item in _tables(table.get("line_type"))}
+    own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
     wanted = {}
     for i, line in enumerate(_tables(table.get("line"))):
         places = [(f"line.{i}.type", line)]

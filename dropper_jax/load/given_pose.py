@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.scene import SceneData, directions
+from dropper_jax.scene import SceneData, StartSpec, directions
 
 #: Relative mismatch of a given pose with lengths and held ends that is still taken for rounding.
 POSE_TOLERANCE = 1e-6
+#: The same of angles that are closed on loading: files hold angles with four or five decimals.
+CLOSED_TOLERANCE = 1e-4
+#: Newton steps that close angles; from `CLOSED_TOLERANCE` off two reach rounding.
+CLOSING_STEPS = 4
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
@@ -21,6 +27,30 @@ def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
     steps = line.length[:, None] * directions(start.polar, start.azimuth, start.zero)
     first = scene.point(line.start).position
     return "start.polar", first + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+def closed_start(scene: SceneData) -> StartSpec:
+    """The start of one line between fixed points with angles that close, where rounding kept them from it.
+
+    The smallest change of the polar and azimuth angles is taken. Other starts, and angles that are further off, are
+    returned unchanged, for `check_pose` to refuse.
+    """
+    line, start = scene.lines[0], scene.start
+    end = scene.point(line.end)
+    if start.kind != "angles" or end.kind != "fixed":
+        return start
+    span = end.position - scene.point(line.start).position
+    missing = lambda s: span - line.length @ directions(s.polar, s.azimuth, s.zero)  # noqa: E731
+    if not POSE_TOLERANCE * line.total < np.linalg.norm(missing(start)) <= CLOSED_TOLERANCE * line.total:
+        return start
+    for _ in range(CLOSING_STEPS):
+        # a quarter of a turn on is the derivative of a direction, by its azimuth without z
+        by_polar = directions(start.polar + np.pi / 2, start.azimuth, start.zero)
+        by_azimuth = directions(start.polar, start.azimuth + np.pi / 2, start.zero) * [1.0, 1.0, 0.0]
+        slope = np.concatenate([line.length[:, None] * by_polar, line.length[:, None] * by_azimuth])
+        polar, azimuth = np.split(np.linalg.lstsq(slope.T, missing(start), rcond=1e-9)[0], 2)
+        start = dataclasses.replace(start, polar=start.polar + polar, azimuth=start.azimuth + azimuth)
+    return start
 
 
 def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:

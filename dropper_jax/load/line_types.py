@@ -31,6 +31,7 @@ from dropper_jax.base.read import (
     read_list,
     read_number,
     read_table,
+    read_text,
     refuse,
 )
 from dropper_jax.scene.line import MOST_LINKS
@@ -186,6 +187,7 @@ def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
     for key, needed in (("type", "name of a [[line_type]]"), ("length", "length, > 0 m"), ("links", "number of links")):
         if key not in item:
             raise SceneError(f"{path}.{key}: missing; needed: {needed}")
+    read_text(item["type"], f"{path}.type")
     if item["type"] not in types:
         raise SceneError(f"{path}.type: {item['type']!r} is not a line type; {nearest(str(item['type']), types)}")
     length = read_number(item["length"], f"{path}.length", LENGTH)

@@ -9,6 +9,9 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.packaged import is_packaged, packaged_scene, parse_toml, scene_names
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn
 
+#: Where a shell puts the output of a command that it gives as a file.
+STREAMS = ("/dev/", "/proc/")
+
 
 def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
     """Plain values and name of a packaged scene or a TOML file; of MoorDyn or YAML, still unread, the path and name.
@@ -22,6 +25,8 @@ def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
     looks_like_file = path.suffix or len(path.parts) > 1 or path.exists()
     if not looks_like_file:
         raise SceneError(f"scene: {str(source)!r} is not a packaged scene; {nearest(str(source), scene_names())}")
+    if path.is_fifo() and not str(path).startswith(STREAMS):
+        raise SceneError(f"scene: {str(path)!r} is a named pipe, which may never end; allowed: a file")
     try:
         data = path.read_bytes()
     except OSError as error:

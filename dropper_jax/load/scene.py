@@ -17,7 +17,7 @@ from dropper_jax.load.checks_line import check_line
 from dropper_jax.load.checks_system import check_bed, check_names, check_system, check_system_effects
 from dropper_jax.load.checks_water import check_water
 from dropper_jax.load.from_library import with_library, with_library_points
-from dropper_jax.load.given_pose import check_pose, given_pose
+from dropper_jax.load.given_pose import check_pose, closed_start, given_pose
 from dropper_jax.load.line_types import expand
 from dropper_jax.load.paths import get, put
 from dropper_jax.load.template import Template
@@ -140,6 +140,7 @@ class Scene(SceneData):
                 check_water(effect, scene)
             EFFECTS[effect].check(values, scene)
         check_growth(scene)
+        scene = scene if branched else dataclasses.replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:
             check_pose(scene, *pose)

@@ -35,6 +35,8 @@ class Effect:
     needs_water: ClassVar[bool] = False
     #: Whether it counts nodes, links or joints of one line, and so serves scenes of one line only.
     single_line: ClassVar[bool] = False
+    #: Names of effects that it cannot do without.
+    needs: ClassVar[tuple[str, ...]] = ()
     #: Whether it acts on corners of rigid bodies, and on nothing else (see `Tie`).
     bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost with a link that parts (see `failure`).
@@ -191,7 +193,7 @@ class Tie(Effect):
         """Sizes of the multipliers (rows,) [N]."""
         raise NotImplementedError
 
-    def corners(self, model: ModelView) -> np.ndarray:
+    def body_nodes(self, model: ModelView) -> np.ndarray:
         """Free nodes at the corners of each body (bodies, 4)."""
         raise NotImplementedError
 

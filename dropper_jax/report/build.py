@@ -29,6 +29,7 @@ from dropper_jax.run.bends import bends
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.solution import Solution
+from dropper_jax.run.weights import line_weights
 from dropper_jax.scene import whole_lines
 
 SCHEMA = 1
@@ -58,6 +59,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "to_s": float(part.t[-1]),
         "samples": len(part.t),
         "retried_steps": solution.retried_steps,
+        "line_weights": line_weights(solution.scene),
         "link_mass_nodes": solution.scene.link_mass_nodes,
         "notes": list(part.notes),
         "broken": list(solution.broken),

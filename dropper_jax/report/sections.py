@@ -47,6 +47,8 @@ def tension(lines: list[dict[str, Any]]) -> str:
                 newton(line["least"]["n"]),
                 newton(line["mean_first_link_n"]),
                 newton(line["mean_last_link_n"]),
+                f"{newton(line['mean_first_force_n'])} / {newton(line['max_first_force_n'])}",
+                f"{newton(line['mean_last_force_n'])} / {newton(line['max_last_force_n'])}",
                 newton(max(line["percentiles_n"]["99"])),
                 f"{newton(line['largest']['n'])} at {line['largest']['at_m']:.1f} m, {line['largest']['t_s']:.2f} s",
                 "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
@@ -58,6 +60,8 @@ def tension(lines: list[dict[str, Any]]) -> str:
         "least [N]",
         "mean, first link [N]",
         "mean, last link [N]",
+        "force on first point, mean / max [N]",
+        "force on last point, mean / max [N]",
         "99 % [N]",
         "largest [N]",
         "utilisation",
@@ -73,6 +77,17 @@ def _without_load(lines: list[dict[str, Any]], key: str) -> str:
         return ""
     which = "any line" if len(without) == len(lines) else _names(without)
     return f"\n\nNo breaking load of {which}: give `breaking_load` in the scene, or --breaking-load."
+
+
+def _without_damage(lines: list[dict[str, Any]]) -> str:
+    """Which lines have no damage, by what is missing."""
+    why = dict.fromkeys(line["why_no_damage"] for line in lines if line["damage"] is None)
+    found = ""
+    for reason in why:
+        own = [line for line in lines if line["damage"] is None and line["why_no_damage"] == reason]
+        which = "any line" if len(own) == len(lines) else _names(own)
+        found += f"\n\nNo damage of {which}: {reason}."
+    return found
 
 
 def anchors(anchors: list[dict[str, Any]]) -> str:
@@ -164,7 +179,7 @@ def fatigue(lines: list[dict[str, Any]]) -> str:
             ]
         )
     head = ["line", "cycles", "equivalent range [N]", "largest range [N]", "damage per year", "life [years]"]
-    return with_rest(table(head, rows), len(shown), len(lines)) + _without_load(lines, "damage")
+    return with_rest(table(head, rows), len(shown), len(lines)) + _without_damage(lines)
 
 
 def watch(points: list[dict[str, Any]]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
 from dropper_jax.run import loads
+from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
@@ -20,7 +21,22 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     The largest and least of the line come with their place and time. Utilisation is the largest of max over breaking
     load of the links, and the same with the safety factor.
     """
-    return [_line(record, where, settings) for where in record.whole]
+    at_tension = loads.places_at(record.t, record.positions, record.t_tension)
+    forces = end_forces(record.scene, at_tension, record.tension)
+    return [
+        _line(record, where, settings)
+        | {f"{what}_{end}_force_n": float(value) for end, value, what in _ends(forces[where.name])}
+        for where in record.whole
+    ]
+
+
+def _ends(forces: np.ndarray) -> list[tuple[str, float, str]]:
+    """Mean and largest force on both end points."""
+    return [
+        (end, function(forces[:, i]), what)
+        for i, end in enumerate(("first", "last"))
+        for what, function in (("mean", np.mean), ("max", np.max))
+    ]
 
 
 def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:

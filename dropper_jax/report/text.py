@@ -10,6 +10,7 @@ from dropper_jax.report.bodies import bodies_text
 from dropper_jax.report.crop import crop_text
 from dropper_jax.report.parts import parts_text
 from dropper_jax.report.sections import newton, table
+from dropper_jax.run.weights import lines_in_words
 from dropper_jax.scene import link_mass_words
 
 #: Runs whose values stand side by side.
@@ -85,6 +86,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
         "## Seabed",
         sections.section(run["seabed"], sections.seabed),
         picture("along"),
+        *_weights(run["line_weights"]),
         *_coefficients(run.get("coefficients")),
         *bodies_text(run.get("bodies")),
         *crop_text(run.get("crop")),
@@ -93,6 +95,16 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
 
 def _notes(run: dict[str, Any]) -> list[str]:
     return [*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}."]
+
+
+def _weights(rows: list[dict[str, Any]]) -> list[str]:
+    """What lines weigh in water; nothing without water."""
+    if not rows:
+        return []
+    keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
+    cells = [[lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)] for row in rows]
+    head = ["line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]"]
+    return ["## Weights of lines", table(head, cells)]
 
 
 def _bending(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.load.bodies import body_warnings
 from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
@@ -28,6 +29,7 @@ from dropper_jax.run.solution import Solution
 from dropper_jax.run.stiffness import stiffness_remarks
 from dropper_jax.run.twists import twist_remarks
 from dropper_jax.run.versions import versions
+from dropper_jax.run.weights import floating_warnings
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
@@ -121,6 +123,8 @@ def assembled(
             *_precision(scene, model),
             *(() if model.sea is None else sea_warnings(scene, model.sea)),
             *motion_warnings(scene),
+            *body_warnings(scene),
+            *floating_warnings(scene),
             *(() if t[0] else _at_rest(scene, seen.each.positions[0], np.asarray(start.tension))),
             *(words(row) for row in broken),
         ),

@@ -12,6 +12,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike, equilibrium
+from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.search import Equilibrium
 
@@ -28,6 +29,7 @@ class Design:
         target, wanted, reached: what was asked for, [N] or [m].
         solves: static poses that it took.
         scene: the scene with the value set.
+        end_forces: of a tension's line, the forces [N] on its first and last point, which a link's tension is not.
     """
 
     path: str
@@ -37,6 +39,7 @@ class Design:
     reached: float
     solves: int
     scene: Scene
+    end_forces: tuple[float, float] | None = None
 
 
 def solve_design(scene: SceneLike, path: str, low: float, high: float, target: str, wanted: float) -> Design:
@@ -74,7 +77,18 @@ def solve_design(scene: SceneLike, path: str, low: float, high: float, target: s
             f"does not pass {wanted:g}; allowed: a range whose ends lie on either side"
         )
     value = brentq(miss, low, high, xtol=PRECISION * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
-    return Design(path, value, target, wanted, miss(value) + wanted, len(seen), scene.with_values({path: value}))
+    reached, changed = miss(value) + wanted, scene.with_values({path: value})
+    return Design(path, value, target, wanted, reached, len(seen), changed, _end_forces(changed, target))
+
+
+def _end_forces(scene: Scene, target: str) -> tuple[float, float] | None:
+    kind, _, rest = target.partition(".")
+    if kind != "tension":
+        return None
+    pose, name = equilibrium(scene), rest.rpartition(".")[0]
+    arrays = np.asarray(pose.positions)[None], np.asarray(pose.tension)[None]
+    found = {**end_forces(scene, *arrays, line_slices(scene)), **end_forces(scene, *arrays)}
+    return tuple(found[name][0].tolist())
 
 
 def _measure(scene: Scene, target: str) -> Callable[[Scene, Equilibrium], float]:

@@ -34,6 +34,9 @@ def overgrown(scene: Scene) -> Scene:
     """The scene with its `[line.growth]` and `[growth]` in mass and diameter of the links; others as they are."""
     if scene.season is None and all(line.growth is None for line in scene.lines):
         return scene
+    known = scene.__dict__.get("_overgrown")  # a static pose: found once for each scene
+    if known is not None:
+        return known
     bare = _bare(scene)
     z = static_pose(bare, bare_model(bare)).positions[:, 2]
     changes = {}
@@ -42,7 +45,9 @@ def overgrown(scene: Scene) -> Scene:
         if layer is not None:
             found = grown(line.length, line.mass, line.diameter, *layer, scene.sea.density, scene.sea.gravity)
             changes |= {f"line.{i}.mass": found.mass, f"line.{i}.diameter": found.diameter}
-    return bare.with_values(changes)
+    found = bare.with_values(changes)
+    object.__setattr__(scene, "_overgrown", found)
+    return found
 
 
 def _bare(scene: Scene) -> Scene:

@@ -6,21 +6,52 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import line_slices
 from dropper_jax.scene.nodes import point_nodes
 
+#: Strain of a line at rest from which a warning is given, and from which a scene is an error: a rope breaks before.
+STRETCHED, TORN = 0.1, 0.5
 #: Base of a buoy this near [m] to the bed is on it.
 NEAR = 0.05
 
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
-    """One line for each line beyond its breaking load and each upright buoy under water or on the bed.
+    """One line for each line beyond its breaking load or stretched by 10 %, each buoy under water or on the bed.
 
     Args:
         positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
     """
-    return (*_overloaded(scene, tension), *_misplaced(scene, positions))
+    return (*_overloaded(scene, tension), *_stretched(scene, positions), *_misplaced(scene, positions))
+
+
+def check_stretch(scene: Scene, positions: np.ndarray) -> None:
+    """Refuse lines that are torn at rest.
+
+    Raises:
+        SceneError: a strain of 50 % or more.
+    """
+    for line, strain in _strains(scene, positions):
+        if strain >= TORN:
+            raise SceneError(
+                f"line {line!r}: is stretched by {strain:.0%} at rest; allowed: less than {TORN:.0%}; check its length "
+                "and EA and the positions of its ends"
+            )
+
+
+def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
+    """Largest strain of a link of each line that stretches."""
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if not line.rigid:
+            size = np.linalg.norm(np.diff(np.asarray(positions)[where.nodes], axis=0), axis=1)
+            yield line.name, float(np.max(size / line.length - 1.0))
+
+
+def _stretched(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    for line, strain in _strains(scene, positions):
+        if strain > STRETCHED:
+            yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
 
 
 def _overloaded(scene: Scene, tension: np.ndarray) -> Iterator[str]:

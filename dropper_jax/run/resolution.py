@@ -22,6 +22,12 @@ SHARP = 0.5
 PULSES = 0.05
 #: Tensions that alternate for this many steps by more than this share of their mean.
 ALTERNATING, ALTERNATION = 20, 0.05
+#: Tension over that at rest from which a line that was slack before has snatched.
+SNATCH = 10.0
+#: Tension over that at rest below which a link is slack.
+SLACK = 1e-3
+#: Steps in the period of an oscillation with which the midpoint rule has its frequency to 0.1 %: `(2 pi/n)^2/12`.
+RESOLVED = 60
 #: Most lines that a run names for one fault: a farm of thousands says the same of each.
 MOST = 20
 
@@ -32,6 +38,7 @@ def judged(solution: Kind) -> Kind:
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
     found = _fewer(_tensions(solution)) if every_step else []
+    found += _fewer(_snatches(solution))
     drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
     status = solution.status
     if solution.work_names and drift > DRIFT_TOLD * scale:
@@ -41,6 +48,38 @@ def judged(solution: Kind) -> Kind:
         if drift > DRIFT_FAILED * scale and status == "ok":
             status = "energy_drift"
     return replace(solution, status=status, warnings=(*solution.warnings, *found))
+
+
+def step_facts(solution: Samples) -> dict[str, float | int | None]:
+    """What the steps resolve: of the stiffest link's axial motion, of turning links, and of links that tauten.
+
+    Returns:
+        axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None where none stretches.
+        steps_per_axial_period, axial_step_s: steps in it, and the step that has `RESOLVED` of them.
+        largest_turn_rad: of a link between two saved times; slack_to_taut_steps: steps, summed over the links, before
+            which a link was slack and after which it is not. None where not every step is saved.
+    """
+    line, dt = solution.scene.line, float(solution.settings["dt"])
+    period = None
+    if line.EA is not None:
+        period = float(np.pi * np.sqrt(np.min(line.length * line.mass / line.EA)))
+    facts: dict[str, float | int | None] = {
+        "axial_period_s": period,
+        "steps_per_axial_period": None if period is None else period / dt,
+        "axial_step_s": None if period is None else period / RESOLVED,
+        "largest_turn_rad": None,
+        "slack_to_taut_steps": None,
+    }
+    if solution.settings["save_every"] != 1 or "refused_steps" in solution.settings or len(solution.t) < 3:
+        return facts
+    turns, taut = [0.0], solution.tension[1:] > 0.0
+    for where in solution.lines:
+        links = np.diff(solution.positions[:, where.nodes], axis=1)
+        links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
+        turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
+    facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
+    facts["slack_to_taut_steps"] = int(np.sum(taut[1:] & ~taut[:-1]))
+    return facts
 
 
 def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
@@ -98,6 +137,25 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
         elif _alternates(tension):
             text = f"{line.name}: tension alternates from step to step; means are good, extremes are not"
             yield "tension alternates from step to step", float(np.max(tension)), text
+
+
+def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
+    """Lines that go from slack to many times their tension at rest, of runs that start at rest: fault, size, text."""
+    if solution.scene.start.kind != "static" or solution.continues or "load_errors" in solution.settings:
+        return
+    least = solution.tension if solution.tension_min is None else solution.tension_min
+    largest = solution.tension if solution.tension_max is None else solution.tension_max
+    for line, where in zip(solution.scene.lines, solution.lines, strict=True):
+        rest = float(np.max(solution.tension[0, where.links]))
+        slack = np.any(least[1:, where.links] < SLACK * rest, axis=0)
+        top = np.max(largest[1:, where.links], axis=0, initial=0.0)
+        worst = float(np.max(np.where(slack, top, 0.0)))
+        if rest > 0.0 and worst > SNATCH * rest:
+            text = (
+                f"{line.name}: goes from slack to {worst:.4g} N, {worst / rest:.3g} times its tension at rest: peaks "
+                "come from snatch loads and may be chaotic; run with --errors"
+            )
+            yield "snatch loads", worst, text
 
 
 def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:

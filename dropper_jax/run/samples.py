@@ -18,6 +18,7 @@ from dropper_jax.run.bends import bending_moment, bends, curvature
 from dropper_jax.run.extents import body_extents, extent, largest_size
 from dropper_jax.run.rows import let_go
 from dropper_jax.run.twists import torque
+from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
 
 #: Version of the saved file; a file that says otherwise is refused.
@@ -215,6 +216,15 @@ class Samples:
     def line_tensions(self) -> dict[str, dict[str, float]]:
         """The same of every line of the scene, pieces between attached points together."""
         return {line.name: self._extent(line.links) for line in whole_lines(self.scene)}
+
+    def end_forces(self) -> dict[str, dict[str, dict[str, float]]]:
+        """min, mean, max and final force [N] of every line on its first and last point at the saved times.
+
+        Link tensions are those of the links' middles: half an end link's weight in water is the difference.
+        """
+        found = end_forces(self.scene, self.positions, self.tension)
+        ends = ("first", "last")
+        return {name: {end: extent(both[:, [i]]) for i, end in enumerate(ends)} for name, both in found.items()}
 
     def _extent(self, links: slice | np.ndarray) -> dict[str, float]:
         found = extent(self.tension[:, links])

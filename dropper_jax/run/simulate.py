@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.integrators import OPTIONS
@@ -20,6 +21,7 @@ from dropper_jax.run.assembled import Since, assembled, controlled, followed
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
 from dropper_jax.run.carry import Last, first_row, last_row, may_go_on, named, refused, restored, same_scene
 from dropper_jax.run.pieces import compile_run, first_carry, go_through
+from dropper_jax.run.remarks import check_stretch
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.room import check_room
 from dropper_jax.run.rows import InMemory, OnDisk
@@ -150,6 +152,8 @@ def first_of(stepper: Stepper, model: Model, scene: Scene, before: Solution | No
     run, names = scene.run, work_names(model) if stepper.track_work else ()
     if before is None:
         s = initial_state(model, scene.start)
+        if scene.start.kind == "static":
+            check_stretch(scene, np.asarray(model.nodes(s.r, model.ends(s.t))))
         return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), Since()
 
     def kind(model: Model) -> Last:

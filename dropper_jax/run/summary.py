@@ -7,7 +7,9 @@ from typing import Any
 from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.run.bends import bending_summary, bends
+from dropper_jax.run.resolution import step_facts
 from dropper_jax.run.samples import Samples
+from dropper_jax.run.weights import line_weights
 from dropper_jax.scene import line_places
 
 
@@ -58,6 +60,9 @@ def summary(run: Samples) -> dict[str, Any]:
             if bends(run.scene)
             else {}
         ),
+        "step_facts": step_facts(run),
+        "end_forces_n": run.end_forces(),
+        "line_weights": line_weights(run.scene),
         "link_mass_nodes": run.scene.link_mass_nodes,
         "broken": run.broken,
         "estimated_error": run.settings.get("estimated_error"),

@@ -1,18 +1,28 @@
-"""Weights of links in water."""
+"""Weights of lines in water, and the forces at their ends, which the tension of a link alone is not."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.scene import SceneData
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.growth import overgrown
+from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
 #: Gravity [m/s^2] of scenes without a sea.
 GRAVITY = 9.81
+#: Words in names of lines and types that are not meant to float.
+HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
+#: Diameter [m] from which a line is more than a rope: fibre ropes of aquaculture, some of which float, are thinner.
+THICK = 0.1
 
 
-def wet_weights(scene: SceneData) -> np.ndarray:
-    """Weight less buoyancy (n,) [N] of each link under water, by the effects that the scene has."""
+def wet_weights(scene: Scene) -> np.ndarray:
+    """Weight less buoyancy (n,) [N] of each link under water, by the effects that the scene has; mussels included."""
+    scene = overgrown(scene)
     line, weight = scene.line, scene.effects.get("weight")
     if weight is None:
         return np.zeros(line.links)
@@ -23,3 +33,105 @@ def wet_weights(scene: SceneData) -> np.ndarray:
     if "buoyancy" in scene.effects and diameter is not None:
         found = found - scene.sea.density * scene.sea.gravity * 0.25 * np.pi * diameter**2 * line.length
     return found
+
+
+def end_forces(
+    scene: Scene, positions: np.ndarray, tension: np.ndarray, lines: Sequence[LineSlice] | None = None
+) -> dict[str, np.ndarray]:
+    """Force (k, 2) [N] of every line on its first and its last point, by name.
+
+    The pull of the link there and the weight in water of the share of it that the point carries: a link's own tension
+    is that of its middle, half a link's weight away. Drag and inertia of that share, and the bed, are left out.
+
+    Args:
+        positions: nodes of all lines (k, nodes, 3) [m]; tension: of their links (k, n) [N].
+        lines: where they stand in these; default: lines as they were written, pieces between attached points together.
+    """
+    weights = wet_weights(scene)
+    first, last = _end_shares(scene)
+    found = {}
+    for name, start, stop, links in _ends(whole_lines(scene) if lines is None else lines):
+        rows = ((start, start + 1, links.start, first), (stop, stop - 1, links.stop - 1, last))
+        found[name] = np.stack([_force(positions, tension, weights, *row) for row in rows], axis=1)
+    return found
+
+
+def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, int, slice]]:
+    """Name, first and last node, and links of each line."""
+    for line in lines:
+        nodes = line.nodes
+        first, last = (nodes.start, nodes.stop - 1) if isinstance(nodes, slice) else (int(nodes[0]), int(nodes[-1]))
+        yield line.name, first, last, line.links
+
+
+def _end_shares(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of each link's weight (n,) at its first and its last node."""
+    nodes, near = scene.link_mass_nodes, []
+    for line in scene.lines:
+        kind = nodes[line.name]
+        even = np.full(line.links, 0.5 if kind == "shared" else 0.0)
+        near.append(1.0 - line.centre_of_mass / line.length if kind == "centre_of_mass" else even)
+    first = np.concatenate(near)
+    return first, 1.0 - first
+
+
+def _force(
+    positions: np.ndarray, tension: np.ndarray, weights: np.ndarray, end: int, inner: int, link: int, share: np.ndarray
+) -> np.ndarray:
+    """Size (k,) [N] of the force of an end link on its point."""
+    along = positions[:, inner] - positions[:, end]
+    size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    force = tension[:, link, None] * along / size
+    force[:, 2] -= share[link] * weights[link]
+    return np.linalg.norm(force, axis=1)
+
+
+def line_weights(scene: Scene) -> list[dict[str, Any]]:
+    """Mass, displaced mass, weight in water and density by the metre, one row for lines alike; [] without a sea.
+
+    Values are means over the lines' length, mussels included.
+    """
+    if scene.sea is None:
+        return []
+    bare = scene
+    scene = overgrown(scene)
+    diameter = displaced_diameter(scene.line, scene)
+    if diameter is None:
+        return []
+    volume, weights = 0.25 * np.pi * diameter**2 * scene.line.length, wet_weights(scene)
+    types = {line.get("name"): str(line.get("type", "")) for line in bare.as_written()["line"]}
+    rows: dict[tuple[float, ...], dict[str, Any]] = {}
+    for line, own in zip(whole_lines(scene), whole_lines(bare), strict=True):
+        length, mass = line.spec.total, float(np.sum(line.spec.mass))
+        displaced = scene.sea.density * float(np.sum(volume[line.links]))
+        wet = float(np.sum(weights[line.links]))
+        key = tuple(float(f"{value / length:.6g}") for value in (mass, displaced, wet))
+        row = {
+            "lines": [],
+            "mass_kg_per_m": mass / length,
+            "displaced_kg_per_m": displaced / length,
+            "wet_weight_n_per_m": wet / length,
+            "density_kg_per_m3": scene.sea.density * mass / displaced,
+            "meant_heavy": False,
+        }
+        row = rows.setdefault(key, row)
+        row["lines"].append(line.name)
+        words = f"{line.name} {types.get(line.name, '')}".lower()
+        thick = float(np.max(diameter[line.links])) >= THICK
+        grown = own.spec.growth is not None or bare.season is not None
+        row["meant_heavy"] |= thick or grown or any(word in words for word in HEAVY)
+    return list(rows.values())
+
+
+def lines_in_words(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+
+
+def floating_warnings(scene: Scene) -> list[str]:
+    """One line for lines with mussels, of chain or thicker than a rope that are lighter than water."""
+    return [
+        f"{lines_in_words(row['lines'])}: floats: {row['mass_kg_per_m']:.4g} kg/m displace "
+        f"{row['displaced_kg_per_m']:.4g} kg/m of water; check mass (in air) and diameter"
+        for row in line_weights(scene)
+        if row["meant_heavy"] and row["wet_weight_n_per_m"] < 0.0
+    ]

@@ -23,7 +23,7 @@ from dropper_jax.base.read import (
     refuse,
 )
 
-#: How far outside its shape a body's attachments may lie, over the body's extent: shackles and rounding.
+#: How far outside its shape a body's attachments may lie without a warning, over the body's extent: shackles, rounding.
 OUTSIDE = 0.05
 PLACE = {"unit": "m", "shape": "vector"}
 
@@ -166,13 +166,11 @@ class BodySpec:
                 f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only turns; allowed: none, with "
                 "`angular_velocity`"
             )
-        for name, place in self.attachments.items():
-            away = self.distance(place)
-            if away > OUTSIDE * self.extent:
-                raise SceneError(
-                    f"{path}.attachments.{name}: {place.tolist()} is {away:.3g} m outside the body; allowed: in its "
-                    f"cylinders and spheres, or up to {OUTSIDE * self.extent:.3g} m beside them"
-                )
+
+    def outside(self) -> dict[str, float]:
+        """How far [m] attachments are outside the shapes, by name, of those that are farther than shackles reach."""
+        away = {name: self.distance(place) for name, place in self.attachments.items()}
+        return {name: distance for name, distance in away.items() if distance > OUTSIDE * self.extent}
 
     @property
     def inertia_matrix(self) -> np.ndarray:

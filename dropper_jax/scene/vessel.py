@@ -83,6 +83,25 @@ class RaoSpec:
                 found[f"{name}_phase"] = self.phase[..., i].tolist()
         return found
 
+    def around(self) -> RaoSpec:
+        """The same with its first row repeated a turn later, where its headings go round the vessel."""
+        gap = self.headings[0] + 2 * np.pi - self.headings[-1]
+        widest = np.max(np.diff(self.headings), initial=0.0)
+        if not 1e-9 < gap <= widest * (1 + 1e-9):
+            return self
+        more = {key: np.concatenate([value, value[:1]]) for key, value in self._tables()}
+        return dataclasses.replace(self, headings=np.append(self.headings, self.headings[0] + 2 * np.pi), **more)
+
+    def _tables(self) -> tuple[tuple[str, np.ndarray], ...]:
+        return ("amplitude", self.amplitude), ("phase", self.phase)
+
+    def nearest_turn(self, heading: np.ndarray) -> np.ndarray:
+        """Headings (c,) of waves, turned by whole turns to where they are in the table or nearest to it."""
+        turns = (heading + np.pi) % (2 * np.pi) - np.pi
+        each = turns[:, None] + 2 * np.pi * np.array([0, 1, -1, 2, -2])
+        away = np.maximum(np.maximum(self.headings[0] - each, each - self.headings[-1]), 0.0)
+        return np.take_along_axis(each, np.argmin(away, axis=1)[:, None], axis=1)[:, 0]
+
     def response(self, omega: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Complex motions (c, 6) over the elevation of components, phases leading; linear between the entries."""
         sign = 1.0 if self.phases == "lead" else -1.0

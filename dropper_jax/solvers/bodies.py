@@ -49,7 +49,7 @@ class Carried:
 
     @classmethod
     def of(cls, problem: StepProblem, tie: Tie, between: Coupling | None) -> Carried:
-        graph, corners, seats = problem.model.geometry, tie.corners(problem.model), tie.seats(problem.model)
+        graph, corners, seats = problem.model.geometry, tie.body_nodes(problem.model), tie.seats(problem.model)
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()

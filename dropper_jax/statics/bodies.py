@@ -61,7 +61,7 @@ class Coordinates:
     @classmethod
     def of(cls, model: Model) -> Coordinates:
         (tie,) = model.ties
-        corners, seats = tie.corners(model), tie.seats(model)
+        corners, seats = tie.body_nodes(model), tie.seats(model)
         away = np.concatenate([corners.ravel(), seats])
         pinned = np.isin(np.arange(len(corners)), np.array(tie.pinned, int))
         return cls(np.setdiff1d(np.arange(model.free_nodes), away), corners, seats, model.free_nodes, pinned)

@@ -89,8 +89,9 @@ def _variants(model: Model) -> list[tuple[str, Model]]:
 
 
 def without(model: Model, names: list[str]) -> Model:
-    """The model without these effects."""
-    return replace(model, effects=tuple(e for e in model.effects if e.name not in names))
+    """The model without these effects, and without those that need one of them."""
+    left = [e for e in model.effects if e.name not in names]
+    return replace(model, effects=tuple(e for e in left if not set(e.needs) & set(names)))
 
 
 class _Variant:

@@ -15,6 +15,7 @@ from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice
+from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
@@ -143,11 +144,16 @@ def fit(
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
     if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
         sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
-    prepared = sound
+    whole, prepared = prepared, sound
     if auto_free:
         again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
+        kicked = []
+        if sound.left_out or sound.windows.count > whole.windows.count:  # some were lost
+            whole, kicked = without_kicks(whole, again, loss)
+        if kicked:
+            prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)
         at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
-        prepared, solution, found, freed = at.prepared, at.solution, at.found, at.names
+        prepared, solution, found, freed = at.prepared, at.solution, at.found, [*kicked, *at.names]
         if method == "gradient":
             solution = estimate(prepared, method, at.loss, continuity, iterations, progress, settings)
     else:

@@ -125,7 +125,8 @@ def prepare(
     if window is not None and window > span:
         raise SceneError(f"window: {window:g} s is longer than the trace; allowed: at most {span:g} s")
     frame = max(1, round(interval / dt))
-    base = min(max(1, round(base / dt / frame)), max(1, int(length / dt / frame + 1e-6))) * frame
+    frames = max(1, int(length / dt / frame + 1e-6))
+    base = max(1, frames // max(1, int(length / base + 1e-6))) * frame
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
     room = longest if length < longest < ROOM * length else length

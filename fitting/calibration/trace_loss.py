@@ -1,4 +1,4 @@
-"""The loss of a trace as functions of JAX: for a loop of your own with optax, a sampler, anything that takes gradients."""
+"""The loss of a trace as functions of JAX: for a loop of your own with optax, or anything that takes gradients."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class TraceLoss:
         h = jnp.asarray(windows.dt) if rate is None else windows.dt * rate
         start = planar.closed(model, theta, omega)
         state, stepper = planar.to_state(model, *start), self.prepared.simulator.stepper
-        angles, rates, _ = march(stepper, model, state, h, windows.steps, windows.substeps, windows.steps)
+        angles, rates, _ = march(stepper, model, state, h, windows.steps, windows.substeps, *(2 * [windows.steps]))
         on_grid = not self.prepared.windows.fraction.any()
         angle = seen(model, parameters, params, at_samples(start, angles, rates, index, fraction, h, on_grid))
         return planar.wrap(angle - measured) * weight

@@ -6,28 +6,28 @@ Three looks, the cheap ones first:
    what the noise allows. Each change that a file may need is tried, and the one that closes the frames is named.
 2. Damping takes energy. Where the energy of the motion rises, rows are reversed in time or two runs are in one file.
 3. After a fit that does not explain the trace, short windows are fitted as given and for each change, by the programs
-   of that fit, with the damping held. A change that lowers chi-square ten times is named.
+   of that fit, of which only starts and damping are free. A change that lowers chi-square ten times is named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
-from itertools import combinations, product
-from typing import NamedTuple
+from itertools import product
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.balance import measured
-from fitting.calibration.heldout import fit_starts
 from fitting.calibration.prepared import Prepared
+from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.problem import wrapped
+from fitting.estimate.windows import first_starts
 from fitting.parameters.naming import DAMPING
 from fitting.traces.conventions import resting_angles
-from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
+from fitting.traces.mistakes import Change, changes, in_model, late_columns, shift, units
+from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, without_spikes
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is looked for, and above which frames
 #: that no change closes are refused. Noise is 0.01, lengths that are off by 2 % make 0.02, a marker off by 1 degree
@@ -49,18 +49,12 @@ SMOOTH = 0.06
 #: Times the fastest frame nearby by which angles move where another run begins.
 JUMP = 4.0
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
-SUSPECT, WRONG = 1000.0, 100.0
-#: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period, in
-#: which a wrong acceleration moves a link by a radian; evaluations of each.
-SHORT, PART, EVALUATIONS = 8, 0.5, 3
-
-
-class Change(NamedTuple):
-    """A mistake in words, its fix, and the change of the angles (k, n) [rad] as the file counts them that undoes it."""
-
-    mistake: str
-    fix: str
-    apply: Callable[[np.ndarray], np.ndarray]
+SUSPECT, WRONG = 1000.0, 25.0
+#: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period and
+#: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
+SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
+#: Share of a window's samples that count; the others are the largest residuals, outliers perhaps.
+COUNTED = 0.95
 
 
 def refuse_wrong_file(trace: Trace, model: Model, asked: Convention, free: Sequence[str] = ()) -> list[str]:
@@ -82,41 +76,40 @@ def refuse_wrong_file(trace: Trace, model: Model, asked: Convention, free: Seque
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
     allowed = [c for c in every if named.zero in (None, c.zero) and named.sign in (None, c.sign)]
     rows = unit * trace.theta
-    own = min(allowed, key=lambda c: _opening(model, _in_model(rows, c)))
-    given = _opening(model, _in_model(rows, own))
+    own = min(allowed, key=lambda c: _opening(model, in_model(rows, c)))
+    given = _opening(model, in_model(rows, own))
     if given <= OPEN:
         return []
-    tried, late = [], list(_late_columns(trace.links, range(1, LATE + 1)))
+    moves = any(part in name for name in free for part in GEOMETRY)
+    tried, late = [], list(late_columns(trace.links, range(1, LATE + 1)))
     for at in allowed:
-        for change in [*_changes(trace.links), *_closing_shifts(model, rows, at), *late, *_units(named)]:
-            tried.append((_opening(model, _in_model(change.apply(rows), at)), change, at))
+        # free parameters may be what shifts the angles
+        shifts = [] if moves else _closing_shifts(model, rows, at)
+        for change in [*changes(trace.links), *shifts, *late, *units(named)]:
+            tried.append((_opening(model, in_model(change.apply(rows), at)), change, at))
     for at in every:
         if at not in allowed:
             fix = f"--zero {at.zero} --sign={at.sign}"
             change = Change(f"angles count as zero={at.zero}, sign={at.sign}", fix, lambda theta: theta)
-            tried.append((_opening(model, _in_model(rows, at)), change, at))
+            tried.append((_opening(model, in_model(rows, at)), change, at))
     best = min(left for left, _, _ in tried)
     apart = f"the links at their angles end {_distance(model, given)} m from the second hook"
     if best < min(OPEN, CLOSES * given):
         # of changes that close alike, the one with links that hang as at rest
         alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
         rest = resting_angles(model)
-        left, change, _ = min(alike, key=lambda one: _off_rest(_in_model(one[1].apply(rows), one[2]), rest))
-        raise SceneError(
-            f"{trace.name}: {change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this "
-            f"mistake; allowed: {change.fix}"
-        )
-    if given > TOO_OPEN and not any(part in name for name in free for part in GEOMETRY):
+        off = [round(_off_rest(in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
+        left, change, _ = alike[int(np.argmin(off))]
+        words = f"{change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this mistake"
+        if given <= TOO_OPEN:  # a camera that is rolled by 2 degrees opens them as far, and is what a fit may free
+            return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
+        raise SceneError(f"{trace.name}: {words}; allowed: {change.fix}")
+    if given > TOO_OPEN and not moves:
         raise SceneError(
             f"{trace.name}: another rig, as it seems: {apart} in the median frame, and no single change of the file "
             "closes them; allowed: the file of this scene, or its lengths and hooks freed (--free)"
         )
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
-
-
-def _in_model(theta: np.ndarray, at: Convention) -> np.ndarray:
-    theta = at.sign * theta
-    return np.pi / 2 - theta if at.zero == "down" else theta
 
 
 def _opening(model: Model, theta: np.ndarray) -> float:
@@ -146,90 +139,17 @@ def _off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
     return float(np.sqrt(np.mean(wrapped(mean - rest) ** 2)))
 
 
-def _changes(links: int) -> Iterator[Change]:
-    """Changes that need no number: links mirrored, angles relative, columns in another order."""
-    mirrors = (
-        ("has the wrong sign", "turn the sign of", lambda theta: -theta),
-        ("is measured from the link's other end", "add half a turn to", lambda theta: theta + np.pi),
-        ("is mirrored", "take half a turn less the angles of", lambda theta: np.pi - theta),
-    )
-    for mistake, fix, mirror in mirrors:
-        for j in range(links):
-            name = f"theta_{j + 1}"
-            yield Change(f"{name} {mistake}", f"{fix} {name}", _of_column(j, mirror))
-    # a wrong sign of all is a matter of the convention
-    yield Change("all links are mirrored (seen from behind)", "take half a turn less all angles", mirrors[2][2])
-    if links > 1:
-        total = lambda theta: np.cumsum(theta, axis=1)  # noqa: E731
-        yield Change("angles are relative to the link before", "add up the angles from theta_1 on", total)
-        reverse = lambda theta: theta[:, ::-1]  # noqa: E731
-        fix = "name the columns from the first hook on"
-        yield Change("columns are in the reverse order", fix, reverse)
-        turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
-        yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
-    for j, k in combinations(range(links), 2):
-        names = f"theta_{j + 1} and theta_{k + 1}"
-        yield Change(f"{names} are swapped", f"swap {names}", _with_columns(_swapped(links, j, k)))
-    for by in range(1, links if links > 2 else 0):
-        order = np.roll(np.arange(links), by)
-        fix = f"theta_1 belongs in column theta_{by + 1}"
-        yield Change(f"columns are shifted by {by}", fix, _with_columns(order))
-
-
-def _of_column(j: int, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda theta: np.where(np.arange(theta.shape[1]) == j, change(theta), theta)
-
-
-def _with_columns(order: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda theta: theta[:, order]
-
-
-def _swapped(links: int, j: int, k: int) -> np.ndarray:
-    order = np.arange(links)
-    order[[j, k]] = k, j
-    return order
-
-
-def _shift(j: int | None, by: float) -> Change:
-    name = "all columns" if j is None else f"theta_{j + 1}"
-    mistake = f"the zero of {name} is shifted by {-by:.3g} rad"
-    add = lambda theta: theta + by  # noqa: E731
-    return Change(mistake, f"add {by:.3g} rad to {name}", add if j is None else _of_column(j, add))
-
-
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:
     """Shifts of one column, or of all, that close the frames best."""
-    angle = _in_model(theta, at)
+    angle = in_model(theta, at)
     angle = angle[np.isfinite(angle).all(axis=1)]
     missing, length = _missing_reach(model, angle), np.asarray(model.line.length)
     turn = -at.sign if at.zero == "down" else at.sign
     for j in range(angle.shape[1]):
         own = length[j] * np.exp(1j * angle[:, j])
-        yield _shift(j, turn * float(np.angle(np.sum((missing + own) * own.conj()))))
+        yield shift(j, turn * float(np.angle(np.sum((missing + own) * own.conj()))))
     reach = np.exp(1j * angle) @ length
-    yield _shift(None, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
-
-
-def _late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
-    """One column some frames later or earlier than the others."""
-    for j, by, sign in product(range(links), frames, (1, -1)):
-        name, when, where = f"theta_{j + 1}", *(("late", "up") if sign > 0 else ("early", "down"))
-        move = partial(_moved, by=by * sign)
-        yield Change(f"{name} is {by} frames {when}", f"move {name} {where} by {by} rows", _of_column(j, move))
-
-
-def _moved(theta: np.ndarray, by: int) -> np.ndarray:
-    moved = np.full_like(theta, np.nan)
-    if by > 0:
-        moved[:-by] = theta[by:]
-    else:
-        moved[-by:] = theta[:by]
-    return moved
-
-
-def _units(named: Convention) -> Iterator[Change]:
-    factor, unit = (180 / np.pi, "rad") if named.unit == "deg" else (np.pi / 180, "deg")
-    yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
+    yield shift(None, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
 
 
 def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
@@ -306,26 +226,28 @@ def _breaks(trace: Trace) -> Iterator[float]:
 def name_wrong_file(prepared: Prepared) -> str:
     """The change of the traces that short windows ask for, in a line; empty where they fit as given.
 
-    Only the starts of the windows are fitted, and the compiled programs of the fit are used again.
+    The compiled programs of the fit are used again. Of its parameters only the damping is fitted, from none on: a wrong
+    file leads a whole fit to any values.
     """
     pieces = _moving_pieces(prepared)
     given = _misfit(prepared, prepared.traces, pieces)
     if not given > WRONG:
         return ""
     links = prepared.traces[0].links
-    groups = [*_changes(links), *_resting_shifts(prepared), _reversed_in_time()], _late_columns(links, SOME_LATE)
+    later = [_reversed_in_time(), *late_columns(links, SOME_LATE)]
+    groups = [*changes(links), *_resting_shifts(prepared)], later
     left, change = np.inf, None
-    for group in groups:  # the second one is large and rare
+    for group in groups:  # the second one is large, and its mistakes are rare
         tried = [
             (_misfit(prepared, [_changed(trace, one) for trace in prepared.traces], pieces), i, one)
             for i, one in enumerate(group)
         ]
         left, _, change = min(tried, key=lambda one: one[:2])
-        if left < LOWERS * given:
+        if left < (most := min(LOWERS * given, WRONG)):
             break
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
-    if left < LOWERS * given:
+    if left < most:
         return (
             f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
             f"allowed: {change.fix}"
@@ -339,7 +261,8 @@ def name_wrong_file(prepared: Prepared) -> str:
 def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
     """Run, from and to of short windows, spread over those of the fit's that move more than the median."""
     windows = prepared.windows
-    length = min(windows.length, max(PART * prepared.period, 2 * windows.dt))
+    interval = max(trace.interval for trace in prepared.traces)
+    length = min(windows.length, max(PART * prepared.period, FRAMES * interval))
     known = windows.weight > 0
     mean = np.sum(windows.theta * known, axis=1) / np.maximum(known.sum(axis=1), 1)
     moved = np.sum(known * (windows.theta - mean[:, None]) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
@@ -349,25 +272,28 @@ def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
 
 
 def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int, float, float]]) -> float:
-    """Chi-square per sample of the median short window, by starts of its own; infinite where none can be run."""
-    at = replace(prepared, traces=traces)
-    windows = prepared.windows
+    """Chi-square per sample of the median short window, by its own start; infinite where none can be run."""
+    at = replace(prepared, traces=[without_spikes(trace) for trace in traces])
     try:
-        short = at.cut(min(end - begin for _, begin, end in pieces), pieces)
+        windows = at.cut(min(end - begin for _, begin, end in pieces), pieces)
     except SceneError:
         return np.inf
-    short = replace(short.padded(windows.steps, windows.theta.shape[1]), substeps=windows.substeps)
-    solution = fit_starts(at, short, prepared.values, EVALUATIONS)
-    known = short.weight > 0
-    chi2 = np.sum((solution.errors * short.weight) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
+    windows = replace(windows, substeps=prepared.windows.substeps)
+    damping = np.array([any(f".{part}." in p.name for part in DAMPING) for p in prepared.parameters])
+    values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
+    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.smooth)
+    problem = replace(at.problem(frozen=~damping), windows=windows)
+    solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
+    square = [(error * weight)[weight > 0] ** 2 for error, weight in zip(solution.errors, windows.weight, strict=True)]
+    chi2 = [np.sort(one)[: int(np.ceil(COUNTED * len(one)))].mean() for one in square]
     return float(np.median(np.where(np.isfinite(chi2), chi2, np.inf)))
 
 
 def _changed(trace: Trace, change: Change) -> Trace:
     """A trace in the model's convention, changed as its file counts the angles."""
     at = Convention(trace.convention.zero or "horizontal", trace.convention.sign or 1, "rad")
-    raw = at.sign * _in_model(trace.theta, replace(at, sign=1))
-    return replace(trace, theta=_in_model(change.apply(raw), at), se=None)
+    raw = at.sign * in_model(trace.theta, replace(at, sign=1))
+    return replace(trace, theta=in_model(change.apply(raw), at), se=None)
 
 
 def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
@@ -380,8 +306,8 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
     off = wrapped(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
     for part in (0.7, 1.0, 1.3):  # the mean of a few swings is not that at rest
         for j, by in enumerate(off):
-            yield _shift(j, part * float(by))
-        yield _shift(None, part * float(np.mean(off)))
+            yield shift(j, part * float(by))
+        yield shift(None, part * float(np.mean(off)))
 
 
 def _reversed_in_time() -> Change:

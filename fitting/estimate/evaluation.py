@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Times the median over windows beyond which a window's derivative is taken for none. A joint that is just about to
-#: stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at most.
+#: Times the median over windows with samples beyond which a window's derivative is taken for none. A joint that is
+#: just about to stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at
+#: most.
 WILD = 1e4
 
 
@@ -36,7 +37,8 @@ class Evaluation(NamedTuple):
 def trusted(e: Evaluation) -> Evaluation:
     """The evaluation with no derivative, and one failed step more, where a window's is beyond all measure."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
-    wild = ~(size <= WILD * max(float(np.median(size)), 1e-300))
+    moving = size[size > 0]  # windows without samples have no derivative
+    wild = ~(size <= WILD * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))
     if not wild.any():
         return e
     keep = ~wild

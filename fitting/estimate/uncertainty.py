@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, together
@@ -65,7 +66,13 @@ def degrees_of_freedom(solution: Solution) -> float:
 
 
 def variance(solution: Solution) -> float:
-    """Variance of the noise, in units of the assumed one, by which the inverse information is the covariance.
+    """Variance of the noise, in units of the assumed one, by which the inverse information is the covariance."""
+    known, residual = solution.windows.weight > 0, solution.evaluation.residual
+    return robust_variance(residual[known], solution.problem.loss, degrees_of_freedom(solution))
+
+
+def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
+    """Variance of residuals (N,) that left so many degrees of freedom, for estimates by a robust loss.
 
     With psi the slope of the loss and w its weights, means over the residuals,
 
@@ -73,11 +80,9 @@ def variance(solution: Solution) -> float:
 
     and chi-square per degree of freedom for least squares (Huber 1973).
     """
-    known, residual, loss = solution.windows.weight > 0, solution.evaluation.residual, solution.problem.loss
-    count = max(int(known.sum()), 1)
-    square = float(np.sum((solution.weights * residual) ** 2)) / degrees_of_freedom(solution)
-    weight, slope = float(np.mean(solution.weights[known])), float(np.sum(loss.curvature(residual)[known])) / count
-    return square * weight / max(slope, 1e-3) ** 2
+    weights = loss.weights(residual)
+    square = float(np.sum((weights * residual) ** 2)) / freedom
+    return square * float(np.mean(weights)) / max(float(np.mean(loss.curvature(residual))), 1e-3) ** 2
 
 
 def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:

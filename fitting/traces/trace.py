@@ -249,6 +249,8 @@ def noise(trace: Trace) -> np.ndarray:
     none. The smallest over the orders is taken, in the calmest blocks of time, and compared with what white noise of
     known size gives by the same choice. It is at least the rounding of the samples.
     """
+    if len(trace.t) < FEWEST:
+        return np.full(trace.links, 1e-3)
     white = np.random.default_rng(0).standard_normal((len(trace.t), 16))
     usual = float(np.nanmean(_calm_difference(white)))
     found = _calm_difference(trace.theta) / usual

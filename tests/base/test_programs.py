@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from dropper_jax.base import programs
 from dropper_jax.base.programs import Store, kept
 
 
@@ -93,3 +94,15 @@ def test_the_program_itself_takes_what_is_not_static(traced):
     np.testing.assert_array_equal(program(jnp.array([2.0, 3.0]), jnp.ones(())), [9.0, 28.0])
     raised(jnp.ones(2), 3, jnp.zeros(()))
     assert len(shapes) == 1
+
+
+def test_one_compiler_option_that_is_no_longer_known_does_not_drop_the_others(monkeypatch):
+    known = dict(programs.BRIEFLY)
+    monkeypatch.setattr(programs, "BRIEFLY", {"xla_cpu_is_not_an_option": True, **known})
+    programs.known_options.cache_clear()
+    try:
+        assert programs.known_options() == known
+        brief = programs.kept(brief=True)(lambda x: 2.0 * x)
+        assert float(brief(3.0)) == 6.0
+    finally:
+        programs.known_options.cache_clear()

@@ -69,7 +69,7 @@ def righting(scene, tilt=1e-3):
     """Righting arm over the tilt [m]: GM of a body that floats in its scene, turned about x."""
     model = build_model(dj.load_scene(scene))
     start = np.asarray(equilibrium(scene).state.r)
-    corners = model.ties[0].corners(model).ravel()
+    corners = model.ties[0].body_nodes(model).ravel()
     centre = np.array(scene["body"][0]["centre_of_mass"])
     shares = np.append(centre, 1.0) @ np.asarray(model.ties[0].affine[0])
     middle = shares @ start[corners]

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
+from dropper_jax.load.bodies import body_warnings
 from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
 
@@ -147,13 +148,6 @@ def test_gradient_of_a_tumbling_body_against_differences(both_modes):
         ({"mass": -1.0}, "body.0.mass: -1.0 is out of range"),
         ({"inertia": [1.0, 2.0, 4.0]}, "of no body"),
         ({"inertia": [1.0, 2.0]}, "has 2 entries"),
-        (
-            {
-                "spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0}],
-                "attachments": {"hook": [0.0, 0.0, -2.0]},
-            },
-            "outside the body",
-        ),
         ({"attachments": {"a": [0.0, 0.0, 0.0]}}, "used twice"),
         ({"masss": 1.0}, "unknown key"),
     ],
@@ -163,3 +157,22 @@ def test_scene_refuses(changed, told):
     scene["body"][0] = {key: value for key, value in scene["body"][0].items() if value is not None}
     with pytest.raises(SceneError, match=told):
         dj.load_scene(scene)
+
+
+def test_an_attachment_on_an_arm_outside_the_hull_is_a_warning():
+    scene = dj.load_scene("ballasted-spar")
+    assert body_warnings(scene) == ()
+    arm = scene.with_values({"body.0.attachments.base": [42.0, 0.0, 0.0]})
+    (text,) = body_warnings(arm)
+    assert "1 attachments are outside its cylinders and spheres, 'base' by 41.5 m" in text
+    model, s = dj.build(arm.with_values({"start.kind": "points"}))
+    pose = np.asarray(s.r)
+    tie = model.ties[0]
+    assert float(np.max(np.abs(tie.gap(model, s.r)))) < 1e-9  # the point sits 42 m from the body's axis
+    assert pose.shape[1] == 3
+
+
+def test_nodes_of_bodies_are_not_taken_for_times_at_which_an_effect_is_not_smooth():
+    model, _ = dj.build("ballasted-spar")
+    ramp = float(dj.load_scene("ballasted-spar").sea.ramp)
+    assert sorted(model.corners.tolist()) == [0.0, ramp]  # when the waves begin and are full

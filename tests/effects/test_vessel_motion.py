@@ -105,3 +105,26 @@ def test_point_of_a_vessel_follows_its_table_and_tightens_the_rope():
 def test_scene_refuses(vessel, told):
     with pytest.raises(SceneError, match=told):
         build_model(dj.load_scene(moored(**vessel)))
+
+
+def surge_by_heading(headings, direction):
+    """Operators (real, imaginary) of the waves' components, of a table whose surge is the cosine of the heading."""
+    rows = {"surge": [[abs(np.cos(h))] * 2 for h in headings], "surge_phase": [[h % (2 * np.pi)] * 2 for h in headings]}
+    vessel = {"rao": {"frequency": [0.4, 1.2], "headings": list(headings), "phases": "lead", **rows}, "heading": 0.0}
+    scene = moored(**vessel)
+    scene["sea"]["waves"]["direction"] = direction
+    (effect,) = [e for e in build_model(dj.load_scene(scene)).effects if e.name == "vessel_motion"]
+    return np.asarray(effect.real)[:, 0], np.asarray(effect.imaginary)[:, 0]
+
+
+@pytest.mark.parametrize("direction", [-0.5, -0.5 + 2 * np.pi, -2.0, 3.1, -np.pi])
+def test_headings_of_a_table_are_on_a_circle(direction):
+    step = np.pi / 4
+    centred = surge_by_heading(step * np.arange(-4, 5), direction)
+    for table in (step * np.arange(0, 9), step * np.arange(0, 8)):  # 0 to 2 pi, with and without the last row
+        np.testing.assert_allclose(surge_by_heading(table, direction), centred, rtol=1e-12)
+
+
+def test_a_table_of_one_side_still_refuses_waves_from_the_other():
+    with pytest.raises(SceneError, match=r"rao.headings: waves come at"):
+        surge_by_heading([0.0, 0.5], -0.5)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import copy
+import gc
 import json
 import math
+import os
+import warnings
 
 import numpy as np
 import pytest
@@ -12,7 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import before_jax
+from dropper_jax.load.arithmetic import evaluate
 from dropper_jax.load.packaged import DAMPING, scene_names
+from dropper_jax.load.paths import put
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build_model, equilibrium
@@ -138,6 +144,21 @@ def test_bad_value_is_refused_by_name_with_what_is_allowed(path, value, named, a
     message = refusal(changed(path, value))
     assert message.startswith(named)
     assert allowed in message[len(named) :]
+
+
+@pytest.mark.parametrize("zero", ["horizontal", "down"])
+def test_start_angles_with_four_decimals_are_closed_and_those_further_off_are_refused(zero):
+    """Two links down and two up, symmetric about the middle; the angles by which they close are known."""
+    outer = np.arccos(0.6)
+    polar = np.array([outer, np.arccos(0.4), -np.arccos(0.4), -outer])
+    polar = polar if zero == "horizontal" else np.pi / 2 - polar
+    start = {"kind": "angles", "zero": zero, "polar": np.round(polar, 4).tolist()}
+    scene = Scene.from_dict(changed("start", start))
+    along = np.cos(scene.start.polar) if zero == "horizontal" else np.sin(scene.start.polar)
+    assert 0.1 * along.sum() == pytest.approx(0.2, abs=1e-13)
+    np.testing.assert_allclose(scene.start.polar, polar, atol=1e-4)
+    start["polar"] = (polar + [0.002, 0, 0, 0]).tolist()
+    assert "holds it" in refusal(changed("start", start))
 
 
 NUMBERS = [
@@ -361,3 +382,60 @@ def test_junk_anywhere_is_taken_or_refused_in_one_line(path, value):
 
 def test_model_has_the_precision_of_the_scene():
     assert build_model(Scene.from_dict(changed("run.dtype", "float32"))).dtype == np.float32
+
+
+@pytest.mark.parametrize("bad", [["rope"], {"name": "rope"}, 3])
+@pytest.mark.parametrize("path", ["line.0.type", "line.0.sections.0.type", "line_type.0.name"])
+def test_a_list_or_table_for_the_name_of_a_type_is_refused_by_its_path(path, bad):
+    section = {"type": "rope", "length": 20.0, "links": 4}
+    line = {"name": "line", "from": "a", "to": "b"}
+    scene = {
+        "run": {"dt": 0.1, "duration": 1.0},
+        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 1e5}],
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [15.0, 0.0, 0.0]}],
+        "line": [line | ({"sections": [section]} if "sections" in path else section)],
+        "effects": {"weight": {}},
+    }
+    load_scene(scene)
+    *steps, key = path.split(".")
+    inner = scene
+    for step in steps:
+        inner = inner[int(step) if step.isdecimal() else step]
+    inner[key] = bad
+    with pytest.raises(SceneError, match=f"^{path}: .* is not a text"):
+        load_scene(scene)
+
+
+def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "scene.toml")
+    with pytest.raises(SceneError, match=r"scene: '.*scene.toml' is a named pipe"):
+        load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize("path", ["name", "line.0.name", "point.1.name", "line.0.from"])
+def test_a_very_long_name_is_refused_in_a_short_line(path):
+    scene = load_scene("string").to_dict()
+    put(scene, path, "x" * 100_000)
+    with pytest.raises(SceneError, match=f"^{path}") as caught:
+        load_scene(scene)
+    assert len(str(caught.value)) < 400
+
+
+def test_an_expression_that_python_warns_of_is_refused_without_its_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(SceneError, match="is not allowed in an expression"):
+            evaluate("1if 1 else 0", {}, "parameters.a")
+
+
+def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(monkeypatch):
+    for name in (before_jax.XLA_LOG, before_jax.COMPILE_CACHE, before_jax.KEEP_TRACES):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    monkeypatch.setenv(before_jax.ONE_KERNEL, before_jax.OFF)
+    threshold = gc.get_threshold()
+    try:
+        before_jax.prepare()
+    finally:
+        gc.set_threshold(*threshold)
+    assert os.environ[before_jax.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger

@@ -288,3 +288,15 @@ def test_a_line_that_cannot_be_clamped_as_in_moordyn_is_reported(tmp_path):
     second = "1 cable R1B 1 10.0 40 -\n2 cable R1B 1 10.0 40 -"
     file.write_text(CANTILEVER.replace("1 cable R1B 1 10.0 40 -", second))
     assert any("line 'line-2' is pinned on R1B, where others end" in note for note in read_moordyn(file)["notes"])
+
+
+def test_a_connector_on_a_body_has_no_mass_and_no_length(tmp_path):
+    file = tmp_path / "deck.txt"
+    rod = next(line for line in FLOATING.splitlines() if "Body1      0 0 0   0 0 9" in line)
+    pin = "2  hull    Body1      0 0 0.5   0 0 1.5   0   -"
+    deck = FLOATING.replace(rod, f"{rod}\n{pin}").replace("1  chain    1       2  ", "1  chain    1       R2B ")
+    file.write_text(deck)
+    (body,) = read_moordyn(file)["body"]
+    assert body["mass"] == 4900.0
+    assert len(body["cylinders"]) == 1
+    assert body["attachments"] == {"point-R2B": [0.0, 0.0, 0.5]}

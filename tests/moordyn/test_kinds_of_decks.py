@@ -118,3 +118,20 @@ def test_refusals_name_line_value_and_what_is_allowed(old, new, message, tmp_pat
     with pytest.raises(SceneError, match=rf"deck\.txt.*{message}") as caught:
         read_moordyn(file)
     assert "\n" not in str(caught.value)
+
+
+def test_a_line_of_one_segment_between_held_points_has_two_links_and_a_note(tmp_path):
+    file = tmp_path / "deck.txt"
+    file.write_text(swapped(("100       20       p", "100       1       p")))
+    found = read_moordyn(file)
+    assert [line["links"] for line in found["line"]] == [2]
+    assert any("NumSegs 1 between points that are held: 2 links are taken" in note for note in found["notes"])
+
+
+def test_a_seafloor_file_is_found_from_the_working_folder_as_moordyn_finds_it(tmp_path, monkeypatch):
+    (tmp_path / "decks").mkdir()
+    file = tmp_path / "decks" / "deck.txt"
+    file.write_text(swapped(("50            WtrDpth", "decks/../bed.txt SeafloorFile\n50            WtrDpth")))
+    (tmp_path / "bed.txt").write_text("2 2\n-100 100\n-100 100\n-100 -100 50\n-100 100 50\n100 -100 52\n100 100 52\n")
+    monkeypatch.chdir(tmp_path)
+    assert read_moordyn(file)["effects"]["seabed"]["bed_depth"] == [50.0, 50.0, 52.0, 52.0]

@@ -53,6 +53,13 @@ REFUSED = {
         "-125.0  ",
         r"z = -125 m is below the bed; allowed: >= -120",
     ),
+    "a line to where it starts": (
+        "catenary.txt",
+        "chain76      1        2 ",
+        "chain76      1        1 ",
+        "where it starts",
+    ),
+    "an output of no line": ("bridle.txt", "FairTen2", "FairTen9", "output 'FairTen9': there is no such line"),
     "friction below zero": (
         "catenary.txt",
         "100           TmaxIC",
@@ -82,3 +89,16 @@ def test_what_results_would_lack_is_named_by_itself(tmp_path):
     notes = load_scene(tmp_path / "deck.dat").notes
     for words in ("mu_kT 0.1 is not represented", "mu_kA 0.3 is not represented", "no waves or current of that file"):
         assert len([note for note in notes if words in note]) == 1
+
+
+def test_a_row_of_line_types_is_checked_against_its_header(tmp_path):
+    text = (DECKS / "catenary.txt").read_text()
+    row = next(line for line in text.splitlines() if line.startswith("chain76"))
+    short = " ".join(row.split()[:9])  # EI Cd Ca CdAx of it would be read as Can Cat Cdn Cdt
+    (tmp_path / "deck.txt").write_text(text.replace(row, short))
+    with pytest.raises(SceneError, match=r"deck.txt:\d+: line type: has 9 values; allowed: 10"):
+        load_scene(tmp_path / "deck.txt")
+    head = next(line for line in text.splitlines() if "CdAx" in line)
+    (tmp_path / "deck.txt").write_text(text.replace(head, head.replace(" EI", "   ")).replace(row, short))
+    with pytest.raises(SceneError, match=r"deck.txt:\d+: LINE TYPES: columns CdAx CaAx without EI"):
+        load_scene(tmp_path / "deck.txt")

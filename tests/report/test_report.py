@@ -9,9 +9,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from dropper_jax.report import sections
 from dropper_jax.report.build import report_run
 from dropper_jax.report.distance import segment_distance
-from dropper_jax.report.fatigue import cycles, damage, turning_points
+from dropper_jax.report.fatigue import NO_CURVE, NO_LOAD, cycles, damage, turning_points
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import snap_events
 
@@ -305,3 +306,13 @@ def test_pieces_between_attached_points_are_reported_as_the_line_they_were_cut_f
     near = found["distance"][0]
     assert near["least_distance_m"] == pytest.approx(np.hypot(2.0, 3.0))
     assert (near["nearest"], near["nearest_at_m"]) == ("drop", 4.5)
+
+
+def test_what_fatigue_lacks_is_said_of_lines_with_a_breaking_load():
+    line = {"line": "leg", "cycles": [3.0], "equivalent_range_n": [10.0], "largest_range_n": [20.0], "damage": None}
+    with_load = line | {"why_no_damage": NO_CURVE}
+    text = sections.fatigue([with_load])
+    assert "No breaking load" not in text
+    assert "No damage of any line: no curve of the part: give --curve-k" in text
+    text = sections.fatigue([with_load, line | {"line": "tail", "why_no_damage": NO_LOAD}])
+    assert "No damage of tail: no breaking load" in text

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.load.checks_motion import motion_warnings
@@ -41,7 +42,7 @@ def moored(**motion):
 def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
     positions = np.zeros((5, 3))
     positions[-1, 2] = z
-    found = pose_remarks(load_scene(moored()), positions, np.zeros(4))
+    found = [text for text in pose_remarks(load_scene(moored()), positions, np.zeros(4)) if text.startswith("spar")]
     assert len(found) == len(said)
     assert all(words in remark for words, remark in zip(said, found, strict=True))
     if "under water" in said:
@@ -98,3 +99,27 @@ def test_without_friction_on_the_bed_nothing_is_said():
     scene = moored(amplitude=[0.5, 0.0, 0.0], period=5.0)
     del scene["effects"]["seabed_friction"]
     assert motion_warnings(load_scene(scene)) == ()
+
+
+@pytest.mark.parametrize(("speed", "warned"), [(5e-4, False), (5e-3, False), (0.05, True)])
+def test_a_start_whose_shock_is_small_beside_friction_is_not_warned_of(speed, warned):
+    """Friction of the line is 0.5 * 9.81 * 40 = 196 N; the shock sqrt(1e5 * 1) = 316 N per m/s: 0.16, 1.6 and 16 N."""
+    scene = moored(time=[0.0, 1.0, 2.0], displacement=[[0.0, 0.0, 0.0], [speed, 0.0, 0.0], [2 * speed, 0.0, 0.0]])
+    assert bool(motion_warnings(load_scene(scene))) == warned
+
+
+@pytest.mark.parametrize(("reach", "words"), [(20.5, None), (23.0, "stretched by 15%"), (41.0, "torn")])
+def test_a_line_that_is_much_too_short_is_warned_of_or_refused(reach, words):
+    line = {"name": "rope", "from": "a", "to": "b", "links": 2, "length": 10.0, "mass": 10.0}
+    scene = {
+        "run": {"dt": 0.01, "duration": 0.02},
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [reach, 0.0, 0.0]}],
+        "line": [line | {"nodes": "shared", "axial": {"law": "rope", "EA": 1e6}}],
+        "effects": {"weight": {}},
+    }
+    if words == "torn":
+        with pytest.raises(SceneError, match=r"line 'rope': is stretched by 105% at rest; allowed: less than 50%"):
+            dj.simulate(scene)
+    else:
+        found = [text for text in dj.simulate(scene).warnings if "stretched" in text]
+        assert found == ([] if words is None else ["rope: is stretched by 15% at rest; check its length and EA"])

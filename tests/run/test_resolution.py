@@ -86,3 +86,42 @@ def test_a_farm_names_its_worst_lines_and_counts_the_others():
     assert told == [*(f"line {size}" for size in range(30, 50)), "line x", "30 more lines: not resolved"]
     assert _fewer(iter(rows[:20])) == [f"line {size}" for size in range(20)]
     assert len(_fewer(iter([("not resolved", 1.0, "the same")] * 50))) == MOST + 1
+
+
+def hoisted(amplitude):
+    """500 kg on 20 m of rope whose top heaves every 3 s."""
+    rope = {"law": "rope", "EA": 1e6}
+    places = [{"name": "top", "position": [0.0, 0.0, 0.0]}, {"name": "mass", "kind": "free", "position": [0, 0, -20.0]}]
+    line = {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 20.0, "mass": 500.0, "axial": rope}
+    motion = {"point": "top", "amplitude": [0.0, 0.0, amplitude], "period": 3.0, "ramp": 3.0}
+    return {
+        "run": {"dt": 0.005, "duration": 9.0},
+        "point": places,
+        "line": [line],
+        "effects": {"weight": {}, "end_motion": motion},
+    }
+
+
+def test_a_line_that_snatches_is_reported_as_chaotic_and_one_that_stays_taut_is_not():
+    run = dj.simulate(hoisted(3.0))
+    assert run.tension.min() < 1.0
+    assert run.tension.max() > 10.0 * 500.0 * 9.81
+    (text,) = [w for w in run.warnings if "snatch loads" in w]
+    assert text.startswith(f"rope: goes from slack to {run.tension.max():.4g} N")
+    assert "--errors" in text
+    assert not any("snatch" in w for w in dj.simulate(hoisted(0.3)).warnings)
+
+
+def test_what_the_steps_resolve_is_reported(soft):
+    facts = soft.summary()["step_facts"]
+    # a link of 2 m and 100 kg whose mass is at its far node swings in 0.2 s, its two ends against each other in half
+    assert facts["axial_period_s"] == pytest.approx(0.1)
+    assert facts["steps_per_axial_period"] == pytest.approx(10.0)
+    omega_h = 2.0 * np.pi / (facts["axial_period_s"] / facts["axial_step_s"])
+    assert 2.0 / omega_h * np.arctan(omega_h / 2.0) == pytest.approx(1.0, abs=1.01e-3)  # of the midpoint rule
+    assert facts["largest_turn_rad"] == 0.0
+    taut = soft.tension[1:, 0] > 0
+    assert facts["slack_to_taut_steps"] == sum(b and not a for a, b in zip(taut, taut[1:], strict=False)) > 0
+    still = dj.simulate("double-pendulum-periodic", duration=0.1).summary()["step_facts"]
+    assert still["axial_period_s"] is None
+    assert still["largest_turn_rad"] > 0.0

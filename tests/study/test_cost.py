@@ -7,12 +7,16 @@ import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dropper_jax.cli import main
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.source import load_scene
-from dropper_jax.study.cost import Unused, program, proof
+from dropper_jax.run.build import build
+from dropper_jax.stepping.choose import make_stepper
+from dropper_jax.study.cost import Unused, program, proof, without
+from dropper_jax.study.stability.contact_cases import sledge
 
 SCENE = "dropper-release-a"
 
@@ -63,3 +67,12 @@ def test_absent_effects_leave_no_trace_in_the_program(scene: str) -> None:
 def test_the_proof_can_fail() -> None:
     """Two scenes that differ by one effect have different programs, so equality says something."""
     assert program(load_scene(SCENE)) != program(load_scene(SCENE + "-undamped"))
+
+
+def test_an_effect_that_needs_another_is_left_out_with_it() -> None:
+    model, s = build(sledge())
+    assert {"seabed", "seabed_friction"} <= {e.name for e in model.effects}
+    bare = without(model, ["seabed"])
+    assert {"seabed", "seabed_friction"}.isdisjoint(e.name for e in bare.effects)
+    make_stepper(bare, "energy_momentum")
+    assert np.all(np.isfinite(bare.force(bare.instant(s.r, s.v, s.t))))

@@ -90,7 +90,8 @@ def _moves(deck: Deck, body: Row) -> bool:
 
 def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[str]) -> None:
     """A body with its rods, and the points on it that lines end at."""
-    rods = _on(deck, row)
+    connectors = [rod for rod in _on(deck, row) if _is_connector(deck, rod)]
+    rods = [rod for rod in _on(deck, row) if rod not in connectors]
     body = free_body(deck, row, rods, notes) | _pinned(row, row.words[1], f"body {row.words[0]}", notes)
     attached = {}
     for point in deck.rows.get("points", []):
@@ -100,6 +101,9 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
             attached[name] = [number(deck, point, w, "X, Y, Z") for w in point.words[2:5]]
     for rod, shape in zip(rods, body.get("cylinders", []), strict=True):
         attached |= _rod_ends(rod, shape, found, used)
+    for rod in connectors:
+        place = [number(deck, rod, w, "Xa, Ya, Za") for w in rod.words[3:6]]
+        attached |= _rod_ends(rod, {"from": place, "to": place}, found, used)
     found.bodies.append({**body, **({"attachments": attached} if attached else {})})
 
 
@@ -108,6 +112,12 @@ def _pinned(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]
     if kind.lower() in PINNED_COUPLED:
         notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned in its place")
     return {"pinned": True} if kind.lower() in (*PINNED, *PINNED_COUPLED) else {}
+
+
+def _is_connector(deck: Deck, row: Row) -> bool:
+    """Whether a rod has a direction and neither length nor mass: `NumSegs 0`."""
+    columns(deck, row, 10, "rod")
+    return not whole(deck, row, row.words[9], "NumSegs", 0)
 
 
 def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
@@ -209,7 +219,7 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
     if holder.lower() in (*COUPLED, *FIXED):
         columns(deck, row, 10, "rod")
         a, b = ([number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]] for first in (3, 6))
-        connector = not whole(deck, row, row.words[9], "NumSegs", 0)  # has a direction and no length
+        connector = _is_connector(deck, row)
         for end, place, sign in (("A", a, -1.0), ("B", a if connector else b, 1.0)):
             word = f"R{key}{end}"
             if word in used:

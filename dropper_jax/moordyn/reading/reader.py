@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from dropper_jax.moordyn.reading.water import read_current, read_waves
 
 #: Where the file says nothing: its driver does.
 STEP, DURATION = 0.01, 60.0
+#: Outputs that belong to a line: tensions at its ends, and what its nodes do.
+OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
 #: Steps below this one are what an explicit scheme needs for stability, not for accuracy [s].
 EXPLICIT = 1e-3
 #: Sections without a place in a scene.
@@ -54,6 +57,12 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
     types = read_types(deck, notes)
     ends = read_ends(deck, notes)
     lines = _lines(deck, types, ends.names, notes)
+    _check_outputs(deck)
+    held = {point["name"] for point in ends.points if point.get("kind") != "free"}
+    if not ends.bodies and all(line["links"] == 1 and {line["from"], line["to"]} <= held for line in lines):
+        for line in lines:  # MoorDyn's only stretch; here something must be free to move
+            line["links"] = 2
+            notes.append(f"line {line['name']!r}: NumSegs 1 between points that are held: 2 links are taken")
     at_ends = {line[key] for line in lines for key in ("from", "to")}
     for point in ends.points:
         if point["name"] not in at_ends:
@@ -113,6 +122,8 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
         for end_word in (start, end):
             if end_word.upper() not in by_upper:
                 deck.refuse(row.number, f"{end_word!r} is no point of the file; {nearest(end_word, names)}")
+        if start.upper() == end.upper():
+            deck.refuse(row.number, f"line {row.words[0]} ends at {start}, where it starts; allowed: two points")
         found.append(
             {
                 "name": row.name or f"line-{row.words[0]}",
@@ -124,6 +135,16 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
             }
         )
     return found
+
+
+def _check_outputs(deck: Deck) -> None:
+    """Refuse an output of a line that is not in the file."""
+    known = [row.words[0] for row in deck.rows.get("lines", [])]
+    for row in deck.rows.get("outputs", []):
+        for word in row.words:
+            found = OUTPUT.fullmatch(word.strip(',"'))
+            if found and (found[1] or found[2]) not in known:
+                deck.refuse(row.number, f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
 
 
 def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
@@ -185,7 +206,7 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
     values = options.values
     bed: dict[str, Any] = {"stiffness": values["kbot"], "damping": values["cbot"]}
     if "seafloorfile" in options.texts:
-        bed.update(read_seafloor(referenced(options.texts["seafloorfile"], "SeafloorFile", folder)))
+        bed.update(read_seafloor(_seafloor(options, folder)))
     elif not values["rho"]:
         bed["depth"] = values["wtrdpth"]
     wet = {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}} if values["rho"] else {}
@@ -199,6 +220,13 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
     return {"weight": {"gravity": values["g"]}, **wet, **seabed, **(friction if seabed else {}), **stiff}
 
 
+def _seafloor(options: Options, folder: Path) -> Path:
+    """The file of the bed: next to the deck or, as MoorDyn has it, from the working folder."""
+    text = options.texts["seafloorfile"]
+    own = None if not (folder / text).exists() and Path(text).exists() else folder
+    return referenced(text, "SeafloorFile", own)
+
+
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     """`[sea]`; none where the water has no density."""
     values, folder = options.values, deck.path.parent
@@ -206,7 +234,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
         return {}
     depth = values["wtrdpth"]
     if "seafloorfile" in options.texts and not depth:
-        depths = read_seafloor(referenced(options.texts["seafloorfile"], "SeafloorFile", folder))["bed_depth"]
+        depths = read_seafloor(_seafloor(options, folder))["bed_depth"]
         depth = sum(depths) / len(depths)
     if not depth or depth <= 0.0:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))

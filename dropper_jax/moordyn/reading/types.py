@@ -28,7 +28,7 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
         name = row.words[0]
         if name in found:
             deck.refuse(row.number, f"line type {name!r} is given twice")
-        second = len(row.words) >= 10
+        second = _second_version(deck, row)
         kind: dict[str, Any] = {
             "name": name,
             "diameter": number(deck, row, row.words[1], "Diam", 0.0, open_low=True),
@@ -45,6 +45,19 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
             notes.append(f"line {row.number}: Cl of {name!r} is not represented: no vortex-induced forces")
         found[name] = kind
     return found
+
+
+def _second_version(deck: Deck, row: Row) -> bool:
+    """Whether a row has EI and the order of version 2, by the names of the columns; without these by their number."""
+    names = [word.lower() for word in deck.columns.get("line types", ())]
+    if "ei" in names:
+        columns(deck, row, 10, "line type")
+        return True
+    if any(word in names for word in ("cdax", "caax")):
+        deck.refuse(deck.first["line types"] + 1, "LINE TYPES: columns CdAx CaAx without EI; allowed: EI before Cd")
+    if any(word in names for word in ("can", "cat", "cdt")) and len(row.words) > 9:
+        deck.refuse(row.number, f"line type: has {len(row.words)} values under a header of version 1; allowed: 9")
+    return len(row.words) >= 10
 
 
 def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:

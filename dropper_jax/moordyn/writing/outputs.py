@@ -13,8 +13,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.moordyn.reading.points import read_ends
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn, split_file
-from dropper_jax.moordyn.writing.weights import wet_weights
 from dropper_jax.run.solution import Solution
+from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice
 from dropper_jax.scene.nodes import point_nodes
 
@@ -154,12 +154,8 @@ def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> Li
 
 
 def _end_tension(solution: Solution, line: LineSlice, last: bool) -> np.ndarray:
-    link = line.links.stop - 1 if last else line.links.start
-    end, inner = (line.nodes.stop - 1, line.nodes.stop - 2) if last else (line.nodes.start, line.nodes.start + 1)
-    along = solution.positions[:, inner] - solution.positions[:, end]
-    pull = solution.tension[:, link, None] * along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-    pull[:, 2] -= 0.5 * wet_weights(solution.scene)[link]
-    return np.linalg.norm(pull, axis=1)
+    found = end_forces(solution.scene, solution.positions, solution.tension, solution.lines)
+    return found[line.name][:, int(last)]
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:

@@ -113,6 +113,11 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
         (["--start", "b_l=1", "--start", "b_l=2"], "'b_l' is given twice"),
         (["--bootstrap", "0"], "is not positive"),
         (["--bootstrap", "1"], "tell no spread"),
+        (["--method", "gradient", "--optimizer", "adm"], "optimizer: 'adm' is unknown; did you mean 'adam'"),
+        (["--method", "gradient", "--steps", "0"], "steps: 0 is not positive; allowed: at least 1"),
+        (["--method", "gradient", "--learning-rate", "0"], "learning_rate: 0 is not positive; allowed: > 0"),
+        (["--optimizer", "adam"], "optimizer: 'adam' is given, but method 'shooting' has none; use gradient"),
+        (["--set", "run.solver=network"], "run.solver: 'network' cannot serve this fit: it is for systems of lines"),
     ],
 )
 def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, words):
@@ -123,6 +128,27 @@ def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, w
     lines = [line for line in err.splitlines() if line.startswith("error")]
     assert len(lines) == 1
     assert words in lines[0]
+
+
+@pytest.mark.slow
+def test_a_gradient_fit_lists_its_descent_and_draws_it(files, capsys):
+    options = ["--method", "gradient", "--optimizer", "adam", "--learning-rate", "0.4", "--steps", "80", "--until", "8"]
+    code = main(
+        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), *options,
+         "--report", str(files / "descent"), "--json"]
+    )  # fmt: skip
+    found = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert abs(found["parameters"]["effects.linear_damping.b_l"]["value"] - 0.1) < 0.02
+    loss = [point["loss"] for point in found["descent"]]
+    assert loss[0] > 10 * loss[-1]
+    assert loss[-1] == pytest.approx(1.0, abs=0.2)
+    assert found["descent"][0]["values"] == [1.0, 0.5]
+    weights = [point["gap_weight"] for point in found["descent"]]
+    assert weights[0] is None
+    assert weights[-1] == found["gap_weight"]
+    assert "![descent](descent.png)" in (files / "descent" / "report.md").read_text()
+    assert (files / "descent" / "descent.png").stat().st_size > 10_000
 
 
 @pytest.mark.check

@@ -1,13 +1,11 @@
 """Losses: their weights give the slope that their cost has, and outliers pull no more than they should."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
 from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT, begun_with, loss_of
-from fitting.estimate.uncertainty import variance
+from fitting.estimate.uncertainty import robust_variance
 
 RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])
 
@@ -36,14 +34,7 @@ def test_the_variance_of_a_robust_mean_is_the_scatter_of_draws(loss):
         mean = np.sum(weight * samples, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
     told = []
     for x in (samples - mean)[:200]:
-        r = x.reshape(1, 200, 1)
-        problem = SimpleNamespace(loss=loss, held=np.zeros(1, bool), freedoms=0)
-        windows = SimpleNamespace(weight=np.ones_like(r), samples=200, count=1, released=np.zeros(1, bool))
-        point = SimpleNamespace(
-            problem=problem, windows=windows, weights=loss.weights(r), gap_weight=None,
-            evaluation=SimpleNamespace(residual=r),
-        )  # fmt: skip
-        told.append(variance(point) / loss.weights(r).sum())
+        told.append(robust_variance(x, loss, 199) / loss.weights(x).sum())
     assert np.mean(told) == pytest.approx(mean.var(), rel=0.1)
 
 

@@ -63,12 +63,45 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
         ("t,theta_1\n0,1\n0.01,2\n0.01,3\n" + "".join(f"{i},1\n" for i in range(1, 20)), "is repeated"),
         ("# zero=up\n" + rows(), "zero = 'up' is unknown"),
         (rows().replace("0.050,", "0.050,1,"), "one per column"),
+        (rows().replace("t,theta_1\n", ""), "has no header"),
+        (rows().replace(".", ","), "decimal commas between columns that commas separate"),
+        (rows(value=lambda i: "-999" if i % 5 == 2 else f"{np.sin(i):.6f}"), "-999 in 4 rows .* allowed: empty cells"),
+        (rows(value=lambda i: "n/a" if i == 4 else f"{np.sin(i):.6f}"), "leave the cell of a missing sample empty"),
+        (rows() + rows().partition("\n")[2], "row 21 starts again: two runs in one file"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, words):
     with pytest.raises(SceneError, match=words) as caught:
         read_trace(write(tmp_path, text))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "encode",
+    [
+        lambda text: text.replace(",", ";").encode(),
+        lambda text: text.replace(",", ";").replace(".", ",").encode("utf-8-sig"),
+        lambda text: text.replace(",", "\t").replace(".", ",").replace("\n", "\r\n").encode("utf-16"),
+        lambda text: ("sep=;\n" + text.replace(",", ";")).encode(),
+        lambda text: text.replace(",", "  ").encode(),
+        lambda text: text.replace("t,theta_1", '"t", "theta_1"').encode("utf-8-sig"),
+    ],
+    ids=["semicolons", "decimal commas, BOM", "tabs, UTF-16", "a note of the separator", "spaces", "quoted names"],
+)
+def test_a_file_as_spreadsheets_write_it_is_read(tmp_path, encode):
+    path = tmp_path / "run.csv"
+    path.write_bytes(encode(rows()))
+    trace = read_trace(path)
+    np.testing.assert_allclose(trace.t, np.arange(20) * 0.01, atol=1e-12)
+    np.testing.assert_allclose(trace.theta[:, 0], np.sin(np.arange(20)), atol=1e-6)
+
+
+def test_values_that_a_coarse_encoder_repeats_are_no_mark_of_missing_samples(tmp_path):
+    """A decaying swing in steps of 0.02 rad, which ends at rest between two steps."""
+    rng = np.random.default_rng(0)
+    swing = lambda i: np.sin(0.3 * i) * np.exp(-i / 60)  # noqa: E731
+    text = rows(600, value=lambda i: f"{0.02 * np.round((swing(i) + 0.005 * rng.standard_normal()) / 0.02):.3f}")
+    assert read_trace(write(tmp_path, text)).links == 1
 
 
 def test_columns_must_match_the_scenes_links(tmp_path):
@@ -143,8 +176,10 @@ def test_degrees_are_asked_about(dropper):
     trace = still_swinging(model, start)
     swing = np.sin(np.arange(200) * 0.2)[:, None]
     in_degrees = Trace("x", trace.t, np.degrees(trace.theta + 0.5 * swing))
-    with pytest.raises(SceneError, match="looks like degrees"):
+    with pytest.raises(SceneError, match="looks like degrees; name the unit"):
         settle_convention(in_degrees, model, ANY)
+    with pytest.raises(SceneError, match="looks like degrees; the unit is rad; allowed: --unit deg"):
+        settle_convention(in_degrees, model, Convention(unit="rad"))
 
 
 def test_too_few_samples_per_oscillation_are_refused(dropper):

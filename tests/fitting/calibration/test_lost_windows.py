@@ -1,0 +1,128 @@
+"""Windows that follow the motion: a small dropper that is lifted and released."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dropper_jax import load_scene
+from fitting.calibration.estimating import estimate, with_sound_windows
+from fitting.calibration.fit import fit
+from fitting.calibration.lost_windows import lost_windows, recover_windows
+from fitting.calibration.preparation import prepare
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.windows import Starts
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+
+NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+TRUTH, NOISE, RATE = np.array([0.0015, 0.001]), 0.004, 100.0
+
+
+def rig(mass=0.02, **fit):
+    return load_scene(
+        {
+            "run": {"dt": 0.002, "duration": 3.0},
+            "point": [{"name": "left", "position": [0, 0, 0]}, {"name": "right", "position": [0.12, 0, 0]}],
+            "line": [{"name": "rig", "from": "left", "to": "right", "links": 4, "length": 0.06, "mass": mass}],
+            "effects": {
+                "weight": {},
+                "linear_damping": {"b_l": TRUTH[0]},
+                "quadratic_damping": {"b_q": TRUTH[1]},
+            },
+            "start": {"kind": "static", "release_nodes": [1], "release_force": [[0, 0, 0.7]]},
+            **({"fit": fit} if fit else {}),
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def trace():
+    motion = simulate_truth(rig(), 3.0, RATE, 40, "rattle_4")
+    return observe(motion, Camera(rate=RATE, angle_noise=NOISE), 3, "whip")
+
+
+@pytest.fixture(scope="module")
+def prepared(trace):
+    return prepare([trace], rig(), start=dict(zip(NAMES, 5 * TRUTH, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def result(trace):
+    return fit([trace], rig(), start=dict(zip(NAMES, 5 * TRUTH, strict=True)))
+
+
+def test_the_default_fit_of_a_lifted_dropper_finds_its_damping(result):
+    assert result.status == "ok"
+    assert np.all(np.abs(result.values - TRUTH) < 3.5 * result.uncertainty.std_error)
+    assert 0.93 < result.rms / NOISE < 1.05
+
+
+def test_windows_are_short_where_errors_grow_and_leave_no_sample_out(prepared, trace):
+    windows = prepared.windows
+    assert windows.length > 2 * windows.lengths.min()
+    assert windows.samples >= 0.98 * trace.theta.size
+    np.testing.assert_allclose(windows.ends[:-1], windows.begin[1:], atol=1e-9)
+
+
+def test_the_best_determined_combination_is_surer_than_linear_damping_alone(result):
+    best = result.to_json()["best_determined"]
+    assert best["std_error"] < 0.5 * result.uncertainty.std_error[0]
+    value = TRUTH[0] + best["speed_m_per_s"] * TRUTH[1]
+    assert abs(best["value"] - value) < 3.5 * best["std_error"]
+
+
+def test_windows_of_unlike_lengths_run_together_as_each_alone(prepared):
+    values, starts, windows = prepared.values, prepared.starts, prepared.windows
+    together = prepared.simulator(values, starts, windows)
+    for k in (int(np.argmin(windows.step_counts)), int(np.argmax(windows.step_counts))):
+        which = np.arange(windows.count) == k
+        alone = prepared.simulator(values, Starts(*(part[which] for part in starts)), windows.pick(which))
+        for one, whole in zip(alone, together, strict=True):
+            np.testing.assert_allclose(one[0], whole[k], rtol=1e-9, atol=1e-9 * np.abs(whole[k]).max(initial=1.0))
+
+
+def test_windows_on_a_wrong_branch_are_found_and_start_again(prepared):
+    sound = with_sound_windows(prepared)
+    solution = estimate(sound, "windows")
+    assert not lost_windows(solution).any()
+    turned = Starts(*(part.copy() for part in solution.starts))
+    turned.theta[[3, 7]] += np.array([2.0, -2.0, 2.0, -2.0])
+    turned.omega[[3, 7]] *= -1
+    evaluation = solution.problem.evaluate(solution.values, turned)
+    wrong = replace(solution, starts=turned, evaluation=evaluation)
+    assert set(np.flatnonzero(lost_windows(wrong))) == {3, 7}
+    again = lambda problem, point: fit_windows(problem, point.values, point.starts)  # noqa: E731
+    _, found = recover_windows(sound, wrong, again)
+    assert found.status == "ok"
+    assert not lost_windows(found).any()
+    assert found.windows.samples == solution.windows.samples
+    np.testing.assert_allclose(found.values, solution.values, atol=0.05 * np.abs(solution.values).max())
+
+
+@pytest.fixture(scope="module")
+def swapped(trace):
+    """The trace with 0.3 s in which two links were mistaken for each other."""
+    theta, wrong = trace.theta.copy(), (trace.t >= 1.6) & (trace.t < 1.9)
+    theta[wrong] = theta[wrong][:, [1, 0, 3, 2]]
+    return replace(trace, theta=theta)
+
+
+def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped):
+    result = fit([swapped], rig(), start=dict(zip(NAMES, 2 * TRUTH, strict=True)))
+    table = result.to_json()
+    assert result.status == "lost_windows"
+    assert "samples lie in windows that no start explains" in table["error"]
+    assert all(row["to_s"] > 1.5 and row["from_s"] < 2.0 for row in table["left_out"])
+    assert any("left out: whip" in line for line in result.warnings)
+    assert np.all(np.abs(result.values - TRUTH) < 4 * result.uncertainty.std_error)
+
+
+def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace):
+    heavy = {"mass": [0.02, 0.02, 0.025, 0.02]}
+    start = dict(zip(NAMES, TRUTH, strict=True))
+    missed = fit([trace], rig(**heavy), start=start)
+    assert missed.status in ("misfit", "lost_windows")
+    assert missed.chi2_per_dof > 2
+    stated = fit([trace], rig(**heavy, model_error=float(missed.rms)), start=start)
+    assert stated.status == "ok"
+    assert stated.chi2_per_dof < 2

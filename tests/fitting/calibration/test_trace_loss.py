@@ -1,0 +1,117 @@
+"""The loss of a trace as functions of JAX, for loops of one's own, and the method in forty lines of the docs."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from dropper_jax.base.errors import SceneError
+from fitting import TraceLoss, loss_of_trace
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.windows import Starts
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import write_trace
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+@pytest.fixture(scope="module")
+def problem(two, ready, motion):
+    """Two rods seen by SciPy, five times off."""
+    prepared = ready(two.seen(motion, 0))
+    return TraceLoss(replace(prepared, begin=5 * two.TRUTH))
+
+
+def test_the_loss_is_half_the_chi_square_that_the_windows_of_a_fit_have(problem):
+    prepared = problem.prepared
+    residual = prepared.simulator(prepared.values, prepared.starts, prepared.windows).residual
+    assert float(problem.loss(problem.params, problem.starts)) == pytest.approx(0.5 * np.sum(residual**2), rel=1e-9)
+
+
+def test_the_loss_has_the_slopes_of_differences_and_goes_through_jit_grad_and_vmap(problem):
+    slopes = jax.jit(jax.grad(problem.loss, argnums=(0, 1)))(problem.params, problem.starts)
+    ends = []
+    for i, size in enumerate(1e-5 * np.asarray(problem.scale)):
+        step = size * jnp.eye(len(problem.params))[i]
+        both = jax.vmap(problem.loss, (0, None))(problem.params + jnp.stack([step, -step]), problem.starts)
+        ends.append((both[0] - both[1]) / (2 * size))
+    np.testing.assert_allclose(slopes[0], ends, rtol=1e-5)
+    turn = 1e-6 * jnp.eye(problem.starts.theta.shape[1])[0]
+    moved = [
+        problem.loss(problem.params, Starts(problem.starts.theta + s * turn, problem.starts.omega)) for s in (1, -1)
+    ]
+    assert float(slopes[1].theta[:, 0].sum()) == pytest.approx(float(moved[0] - moved[1]) / 2e-6, rel=1e-4)
+
+
+def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(problem, two):
+    at = 1.05 * jnp.asarray(two.TRUTH)
+    value, gradient = problem.value_and_grad(at, problem.best_starts(at))
+    prepared = problem.prepared
+    held = prepared.problem(frozen=np.ones(2, bool))
+    fitted = fit_windows(held, np.asarray(at), prepared.starts, iterations=30)
+    assert float(value) == pytest.approx(fitted.cost, abs=0.05)
+    # half a standard error of this noise changes the loss by an eighth
+    np.testing.assert_allclose(gradient, fitted.gradient, atol=0.05 * np.sqrt(np.diag(fitted.information)).min())
+    for i, size in enumerate(1e-3 * two.TRUTH):
+        step = size * jnp.eye(2)[i]
+        ends = [problem.value_and_grad(at + side * step, problem.best_starts(at))[0] for side in (1, -1)]
+        assert float(gradient[i]) == pytest.approx(float(ends[0] - ends[1]) / (2 * size), rel=0.02)
+
+
+def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
+    """Adam on the two coefficients, each in units of its start value."""
+    x, starts = problem.params / problem.scale, problem.starts
+    optimizer = optax.adam(optax.cosine_decay_schedule(0.1, 80), b1=0.5, b2=0.9)
+    state = optimizer.init(x)
+    for i in range(80):
+        _, gradient = problem.value_and_grad(x * problem.scale, starts)
+        change, state = optimizer.update(gradient * problem.scale, state)
+        x = jnp.maximum(optax.apply_updates(x, change), 0.0)
+        starts = problem.best_starts(x * problem.scale, starts) if i % 20 == 0 else starts
+    assert np.all(np.abs(x * problem.scale - two.TRUTH) < 3 * ten[0].uncertainty.std_error)
+
+
+def test_a_release_whose_windows_have_no_start_is_refused():
+    trace = observe(simulate_truth("dropper-release-a", 2.5, 30.0, 4), Camera(rate=30.0, angle_noise=0.005), 0)
+    with pytest.raises(SceneError, match=r"free: 'release\.time' has no loss of its own; allowed: parameters of the"):
+        loss_of_trace(trace, "dropper-release-a", ["b_l", "release.time"], window=1.0)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory, chain):
+    """What the program of docs/calibration.md ends with on a chain of three links, in a third of its steps."""
+    page = (DOCS / "calibration.md").read_text()
+    text = next(text for text in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S) if "lax.scan" in text)
+    folder = tmp_path_factory.mktemp("program")
+    effects = {"weight": {}, "linear_damping": {"b_l": 0.01}, "quadratic_damping": {"b_q": 0.02}}
+    start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
+    scene = chain([0.15] * 3, [0.05] * 3, start, right=[0.25, 0.0, 0.0], effects=effects)
+    trace = observe(simulate_truth(scene, 3.0, 60.0), Camera(rate=60.0, angle_noise=5e-4), 0)
+    write_trace(folder / "RUN.csv", trace)
+    names = {"scene_for_test": scene}
+    for old, new in (('"dropper-release-a"', "scene_for_test"), ('"RUN.csv"', repr(str(folder / "RUN.csv")))):
+        assert old in text
+        text = text.replace(old, new)
+    exec(compile(text, "calibration.md", "exec"), names)
+    return names
+
+
+def test_the_method_in_forty_lines_finds_the_damping_from_far_off(program):
+    """Starts are read from the samples, so that a few per cent are left."""
+    np.testing.assert_allclose(np.exp(program["x"]), [0.01, 0.02], rtol=0.15)
+
+
+def test_its_step_is_that_of_the_dense_solver(program):
+    import dropper_jax as dj
+
+    model, start = dj.build(program["scene"])
+    stepper = dj.make_stepper(model, "energy_momentum", "dense")
+    ours, _ = dj.step(stepper, model, start, jnp.asarray(program["h"]))
+    r, v, _ = program["step"](model, (start.r, start.v, jnp.zeros(model.line.links)))
+    np.testing.assert_allclose(r, ours.r, atol=1e-12)
+    np.testing.assert_allclose(v, ours.v, atol=1e-9)

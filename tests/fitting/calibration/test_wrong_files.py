@@ -1,0 +1,176 @@
+"""Wrong trace files are named, refused or not `ok`; right ones are not. Free rods move as SciPy says (`conftest`)."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import main
+from dropper_jax.load.source import load_scene
+from fitting.calibration.fit import fit
+from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
+from fitting.traces.conventions import settle_convention
+from fitting.traces.synthetic import Camera, observe, simulate_truth
+from fitting.traces.trace import Convention, write_trace
+
+HELD = """
+[run]
+dt = 0.002
+duration = 4.0
+[[point]]
+name = "left"
+position = [0.0, 0.0, 0.0]
+[[point]]
+name = "right"
+position = [0.2, 0.0, 0.0]
+[[line]]
+name = "rig"
+from = "left"
+to = "right"
+links = 4
+length = [0.12, 0.1, 0.09, 0.11]
+mass = 0.03
+[effects.weight]
+[effects.linear_damping]
+b_l = 0.02
+[effects.quadratic_damping]
+b_q = 0.01
+[start]
+kind = "static"
+release_nodes = [2]
+release_force = [[0.1, 0.0, 0.6]]
+"""
+
+
+def column(trace, j, change):
+    """The trace with one column changed."""
+    theta = trace.theta.copy()
+    theta[:, j] = change(theta[:, j])
+    return replace(trace, theta=theta)
+
+
+def relative(trace):
+    return replace(trace, theta=np.diff(trace.theta, axis=1, prepend=0.0))
+
+
+def with_mark(trace, mark):
+    """Every 23rd sample of the second link replaced by a mark of missing samples."""
+    theta = trace.theta.copy()
+    theta[::23, 1] = mark
+    return replace(trace, theta=theta)
+
+
+def twice(trace):
+    count = len(trace.t)
+    return replace(trace, t=np.arange(2 * count) * trace.interval, theta=np.concatenate([trace.theta, trace.theta]))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene(tomllib.loads(HELD))
+
+
+@pytest.fixture(scope="module")
+def held_motion(scene):
+    return simulate_truth(scene, 4.0, 60.0, 20, "rattle_4")
+
+
+@pytest.fixture(scope="module")
+def held(held_motion):
+    return observe(held_motion, Camera(angle_noise=0.004), 0, "run")
+
+
+def fit_file(folder, trace, toml, capsys, *more):
+    """Exit code and JSON of the default command."""
+    (folder / "scene.toml").write_text(toml)
+    file = write_trace(folder / f"{trace.name}.csv", trace)
+    code = main(["fit", str(file), "--scene", str(folder / "scene.toml"), "--json", "--quiet", *more])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda trace: column(trace, 1, np.negative), "theta_2 has the wrong sign"),
+        (lambda trace: column(trace, 2, lambda a: np.pi - a), "theta_3 is mirrored"),
+        (lambda trace: column(trace, 0, lambda a: a + np.pi), "theta_1 is measured from the link's other end"),
+        (lambda trace: replace(trace, theta=trace.theta[:, [0, 3, 2, 1]]), "theta_2 and theta_4 are swapped"),
+        (lambda trace: replace(trace, theta=trace.theta[:, ::-1]), "columns are in the reverse order"),
+        (relative, "angles are relative to the link before"),
+        (lambda trace: replace(trace, theta=np.degrees(trace.theta)), "looks like degrees"),
+        (lambda trace: with_mark(trace, -999.0), "theta_2: -999 in 11 rows"),
+        (lambda trace: with_mark(trace, 0.0), "theta_2: 0 in 11 rows"),
+        (lambda trace: column(trace, 3, lambda a: a + 0.4), "the zero of theta_4 is shifted by 0.4"),
+        (lambda trace: column(trace, 3, lambda a: np.r_[a[:9], a[:-9]]), "theta_4 is 9 frames late"),
+        (lambda trace: replace(trace, theta=trace.theta[::-1]), "time is reversed"),
+        (lambda trace: replace(trace, t=trace.t[::-1], theta=trace.theta[::-1]), "decreases from row to row"),
+        (twice, "two runs in one file"),
+        (lambda trace: replace(twice(trace), t=np.tile(trace.t, 2)), "two runs in one file"),
+    ],
+)
+def test_a_wrong_file_between_hooks_is_refused_by_its_mistake(tmp_path, held, capsys, spoil, words):
+    code, found = fit_file(tmp_path, spoil(held), HELD, capsys)
+    assert code == 2
+    assert words in found["error"]
+    assert "allowed: " in found["error"] or "cut this one" in found["error"]
+
+
+def test_the_file_of_another_rig_is_refused_unless_its_geometry_is_free(scene, held):
+    other = scene.with_values({"point.1.position.0": 0.33, "line.0.length": 0.14})
+    model, _ = dj.build(other)
+    with pytest.raises(SceneError, match="another rig, as it seems"):
+        refuse_wrong_file(held, model, Convention(), ["effects.linear_damping.b_l"])
+    (note,) = refuse_wrong_file(held, model, Convention(), ["line.0.length", "point.1.position.0"])
+    assert "from the second hook" in note
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_right_file_with_gaps_outliers_and_a_still_start_is_not_named(scene, held_motion, seed):
+    """At 60 and 30 Hz, counted from another time, 10 % of the samples missing and 2 % off by up to 0.5 rad."""
+    camera = Camera(angle_noise=0.006, missing=0.1, outliers=0.02)
+    trace = observe(held_motion, camera, seed, "right")
+    trace = replace(trace, t=trace.t[:: 1 + seed % 2], theta=trace.theta[:: 1 + seed % 2])
+    still = 60 // (1 + seed % 2)
+    first = np.nanmedian(trace.theta[:3], axis=0) + 0.006 * np.random.default_rng(seed).standard_normal((still, 4))
+    theta = np.concatenate([first, trace.theta])
+    trace = replace(trace, t=17.3 + trace.interval * np.arange(len(theta)), theta=theta)
+    model, _ = dj.build(scene)
+    assert refuse_wrong_file(trace, model, Convention()) == []
+    settled, _ = settle_convention(trace, model, Convention())
+    refuse_rising_energy(settled, model, [(float(trace.t[0]), float(trace.t[-1]))], 0.6)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda trace: trace, None),
+        # with the other one mirrored instead, the whole motion is: both close to the same chi-square
+        (lambda trace: column(trace, 1, np.negative), " has the wrong sign"),
+        (lambda trace: replace(trace, theta=trace.theta[:, ::-1]), "theta_1 and theta_2 are swapped"),
+        (relative, "angles are relative to the link before"),
+        (lambda trace: column(trace, 1, lambda a: a + 0.5), "the zero of theta_2 is shifted by 0."),
+        (lambda trace: column(trace, 1, lambda a: np.r_[a[:5], a[:-5]]), "theta_2 is 5 frames late"),
+    ],
+)
+def test_short_windows_name_a_wrong_file_of_a_free_end(two, ready, motion, spoil, words):
+    prepared = ready(spoil(two.seen(motion, 6)))
+    found = name_wrong_file(prepared)
+    assert words in found if words else found == ""
+
+
+def test_columns_of_two_different_runs_are_called_another_rig(two, ready, motion):
+    first, other = two.seen(motion, 6), two.seen(two.swing([0.4, -1.0]), 7)
+    prepared = ready(column(first, 1, lambda _: other.theta[:, 1]))
+    assert "another rig, as it seems" in name_wrong_file(prepared)
+
+
+def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, motion):
+    result = fit(relative(two.seen(motion, 6)), rods, two.FREE, window=two.WINDOW, method="windows", iterations=3)
+    assert result.status != "ok"
+    assert "angles are relative to the link before" in result.message
+    assert result.wrong_file in result.warnings
+    assert "angles are relative" in result.to_json()["error"]

@@ -281,7 +281,7 @@ def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int,
     windows = replace(windows, substeps=prepared.windows.substeps)
     damping = np.array([any(f".{part}." in p.name for part in DAMPING) for p in prepared.parameters])
     values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
-    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.smooth)
+    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
     problem = replace(at.problem(frozen=~damping), windows=windows)
     solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
     square = [(error * weight)[weight > 0] ** 2 for error, weight in zip(solution.errors, windows.weight, strict=True)]

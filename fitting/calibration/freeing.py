@@ -6,6 +6,9 @@ promise much, each is fitted, and the likelihoods (each with the noise that it l
 decide. Those that the likelihoods leave within `APART` of the best cannot be told apart: they are named together, the
 one of fewest numbers is freed, and how far the others would move the estimates is carried into the errors. Then by the
 method that was asked for, whose joined windows see smaller faults, in the same way by the score tests alone.
+
+Where the misfit is smooth, far above the noise, and no candidate alone explains it, the whole model is wrong. Nothing
+is an outlier there, and groups of numbers are freed by `trials`.
 """
 
 from __future__ import annotations
@@ -118,7 +121,7 @@ def free_by_advice(
     at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
-    if is_model_wrong(at.prepared, at.solution):
+    if is_model_wrong(at.prepared, at.solution) and not _one_fault(at, fit, simulator, progress):
         simulator = _groups(at, fit, simulator, progress)
     wrong, first = is_model_wrong(at.prepared, at.solution), len(at.names)
     if not wrong:
@@ -139,6 +142,19 @@ def free_by_advice(
     if method == "windows":
         return at
     return _joined(at, fit, simulator, method, refused, progress)
+
+
+def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
+    """Free one candidate of the score tests where it alone explains a misfit that is far above the noise."""
+    progress(0.5, "what may be wrong, one by one")
+    named = [c for c in advise(at.prepared, at.solution, simulator) if c.named] if at.solution.status == "ok" else []
+    one = replace(at, names=list(at.names))
+    tries = [c for c in named if c.worth > PROMISING * named[0].worth][:TRIED]
+    _choose(one, fit, simulator, tries, set())
+    if not tries or is_model_wrong(one.prepared, one.solution):
+        return False
+    at.prepared, at.solution, at.names = one.prepared, one.solution, one.names
+    return True
 
 
 def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Simulator:

@@ -39,8 +39,8 @@ from fitting.parameters.place import CAMERA, CLOCK, MARKER, CameraPlace, ClockPl
 from fitting.parameters.priors import rig_priors
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, beyond which the whole model is wrong:
-#: the misfit is ten times the noise, and smooth.
-WRONG, SMOOTH = 100.0, 0.9
+#: the misfit is ten times the noise, and smooth. One that swings at 6 Hz, seen 60 times a second, correlates by 0.81.
+WRONG, SMOOTH = 100.0, 0.8
 #: Parts of a run, and those that are scored: one inside the fitted ones, and the end, where damping counts most.
 PARTS_OF_RUN, SCORED = 5, (2, 4)
 #: Most evaluations of a trial, which starts near its end.
@@ -87,10 +87,10 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
     # of one link the inertia stands for both
     body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
     named = [
-        ("clock", [CLOCK]),
+        ("rate of the clock", [CLOCK]),
         ("geometry", ["line.0.length", *end]),
         ("markers", [MARKER] if line.links > 1 else []),
-        ("camera", [CAMERA]),
+        ("roll of the camera", [CAMERA]),
         ("inertia", body),
         *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
         *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),

@@ -101,10 +101,10 @@ def refuse_wrong_file(trace: Trace, model: Model, asked: Convention, free: Seque
         rest = resting_angles(model)
         off = [round(_off_rest(in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
         left, change, _ = alike[int(np.argmin(off))]
-        raise SceneError(
-            f"{trace.name}: {change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this "
-            f"mistake; allowed: {change.fix}"
-        )
+        words = f"{change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this mistake"
+        if given <= TOO_OPEN:  # a camera that is rolled by 2 degrees opens them as far, and is what a fit may free
+            return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
+        raise SceneError(f"{trace.name}: {words}; allowed: {change.fix}")
     if given > TOO_OPEN and not moves:
         raise SceneError(
             f"{trace.name}: another rig, as it seems: {apart} in the median frame, and no single change of the file "

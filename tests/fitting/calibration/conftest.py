@@ -39,9 +39,9 @@ def acceleration(phi, w, quadratic):
     return np.linalg.solve(square * np.cos(apart), force)
 
 
-def swing(phi0, duration=DURATION, quadratic=QUADRATIC):
+def swing(phi0, duration=DURATION, quadratic=QUADRATIC, rate=RATE):
     """Times and angles (k, 2) from straight down."""
-    t = np.arange(round(duration * RATE) + 1) / RATE
+    t = np.arange(round(duration * rate) + 1) / rate
     slope = lambda t, y: np.concatenate([y[2:], acceleration(y[:2], y[2:], quadratic)])  # noqa: E731
     found = solve_ivp(slope, (0, t[-1]), [*phi0, 0, 0], method="DOP853", t_eval=t, rtol=1e-11, atol=1e-12)
     return t, found.y[:2].T

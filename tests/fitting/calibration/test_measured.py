@@ -30,6 +30,8 @@ RESULTS = Path(__file__).parents[3] / "benchmarks" / "results"
 #: Errors of the published parameters on the two held-out windows [rad], initial state free.
 PUBLISHED = (0.0067, 0.0129)
 UNTIL, HELD_OUT = 36.668, [(36.668, 45.834), (45.834, 55.0)]
+DOUBLE_SPANS = [(69.342 + 2.6645 * k, 69.342 + 2.6645 * (k + 1)) for k in range(4)]
+DOUBLE_PUBLISHED = (0.0023, 0.0024, 0.0022, 0.0021)
 
 
 @pytest.mark.check
@@ -59,8 +61,8 @@ def test_the_measured_single_pendulum_is_predicted_better_than_by_its_published_
             DOUBLE,
             "measured-double-pendulum",
             69.342,
-            [(69.342 + 2.6645 * k, 69.342 + 2.6645 * (k + 1)) for k in range(4)],
-            (0.0023, 0.0024, 0.0022, 0.0021),
+            DOUBLE_SPANS,
+            DOUBLE_PUBLISHED,
             0.5,
         ),
     ],
@@ -73,6 +75,25 @@ def test_a_rig_that_says_what_it_leaves_open_needs_no_list(file, scene, until, s
     assert np.mean([held.rms for held in result.held_out]) < part * np.mean(published)
     inertia = next(i for i, p in enumerate(result.parameters) if p.name.startswith("line.0.inertia"))
     assert result.uncertainty.std_error[inertia] > 0.003 * result.values[inertia]  # angles tell no scale of mass
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(
+    ("file", "name", "until", "spans", "published", "part"),
+    [
+        (FILE, "measured-single-pendulum", UNTIL, HELD_OUT, PUBLISHED, 0.66),
+        (DOUBLE, "measured-double-pendulum", 69.342, DOUBLE_SPANS, DOUBLE_PUBLISHED, 0.29),
+    ],
+)
+def test_a_rig_of_which_nothing_is_stated_is_freed_in_groups(file, name, until, spans, published, part):
+    """Without `[fit]`: no list of what is open, no priors, no sensors."""
+    table = dj.load_scene(name).to_dict()
+    del table["fit"]
+    result = fit(file, table, until=until, held_out=spans, auto_free=True, zero="down", sign=1, unit="rad")
+    assert result.status in ("ok", "misfit")
+    assert all(held.windows.count == 1 for held in result.held_out)
+    assert not any("outliers" in candidate.name for candidate in result.freed)
+    assert np.mean([held.rms for held in result.held_out]) <= part * np.mean(published)
 
 
 @pytest.mark.check

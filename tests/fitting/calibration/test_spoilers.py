@@ -1,5 +1,6 @@
 """What spoils traces of another simulator (`conftest`), told by its name: noises, clocks, markers, outliers, frames."""
 
+import copy
 import re
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from fitting.calibration.advice import advise, wide
 from fitting.calibration.fit import estimate, fit, prepare, summarise
+from fitting.calibration.heldout import window_length
 from fitting.estimate.loss import StudentT
 from fitting.traces.trace import Convention, Trace
 
@@ -181,3 +183,42 @@ def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, mot
     assert int(line.split()[0]) == pytest.approx(off.sum(), rel=0.2)
     named = re.search(r"link (\d) at ([\d.]+) s", line)
     assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1])]
+
+
+def test_held_out_spans_are_scored_by_the_same_windows_however_the_fit_is_cut(rods, two, motion):
+    """Shorter windows of the fit alone must not lower the score; the span itself is cut where errors grow too far."""
+    trace = two.seen(motion, 6)
+    long, short = (prepare(trace, rods, two.FREE, window=s, held_out=[(7.2, 9.6)]) for s in (two.WINDOW, 0.6))
+    assert short.windows.length < long.windows.length
+    assert window_length(short, (7.2, 9.6)) == window_length(long, (7.2, 9.6)) == pytest.approx(2.4)
+    chaotic = replace(long, lyapunov=5.0)  # 12 e-folds over the span, of which a window's start bears 6
+    assert window_length(chaotic, (7.2, 9.6)) == pytest.approx(1.2)
+
+
+@pytest.fixture(scope="module")
+def wrong_model(two, rods):
+    """Rods with wrong inertias, a turned marker and no quadratic drag, seen sixty times a second with little noise."""
+    t, phi = two.swing([1.2, 0.6], rate=60.0)
+    noise = 2e-4 * np.random.default_rng(3).standard_normal(phi.shape)
+    trace = Trace("rods", t, phi + noise + [0.0, 0.03], convention=Convention("down", 1, "rad"))
+    scene = copy.deepcopy(rods)
+    line = scene["line"][0]
+    line["inertia"] = (np.array(line["inertia"]) * [0.9, 1.1]).tolist()
+    line["centre_of_mass"] = (np.array(line["centre_of_mass"]) * [1.03, 0.97]).tolist()
+    del scene["effects"]["quadratic_damping"]
+    return trace, scene
+
+
+@pytest.mark.check
+def test_a_model_that_is_wrong_as_a_whole_is_freed_in_groups_that_halve_the_held_out_error(two, wrong_model):
+    """Geometry and clock are right, and no sample is an outlier; nothing of the held-out end is seen by the choice."""
+    trace, scene = wrong_model
+    options = {"window": two.WINDOW, "method": "windows", "held_out": [(7.2, 9.6)]}
+    plain = fit(trace, scene, two.FREE[:1], **options)
+    freed = fit(trace, scene, two.FREE[:1], auto_free=True, **options)
+    names = [candidate.name.split(" (")[0] for candidate in freed.freed]
+    assert {"markers", "inertia", "quadratic drag"} <= set(names)
+    assert not any("outliers" in name for name in names)
+    assert freed.held_out[0].windows.count == plain.held_out[0].windows.count
+    assert freed.held_out[0].rms < 0.5 * plain.held_out[0].rms
+    assert freed[two.FREE[1]] == pytest.approx(two.QUADRATIC, rel=0.1)

@@ -73,10 +73,11 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
     turns, taut = [0.0], solution.tension[1:] > 0.0
-    for where in solution.lines:
-        links = np.diff(solution.positions[:, where.nodes], axis=1)
-        links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
-        turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
+    with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
+        for where in solution.lines:
+            links = np.diff(solution.positions[:, where.nodes], axis=1)
+            links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
+            turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
     facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
     facts["slack_to_taut_steps"] = int(np.sum(taut[1:] & ~taut[:-1]))
     return facts

@@ -295,7 +295,7 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     from dropper_jax.run.resolution import step_facts
 
     facts, found = step_facts(solution), []
-    if facts["axial_period_s"] is not None:
+    if facts["steps_per_axial_period"] is not None:
         text = f"{facts['steps_per_axial_period']:.2g} steps per period of the stiffest link"
         step = f"a step of {facts['axial_step_s']:.2g} s resolves it"
         found.append(("axial motion", f"{text}, {facts['axial_period_s']:.2g} s; {step}"))

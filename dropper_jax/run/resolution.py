@@ -59,24 +59,25 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
         largest_turn_rad: of a link between two saved times; slack_to_taut_steps: steps, summed over the links, before
             which a link was slack and after which it is not. None where not every step is saved.
     """
-    line, dt = solution.scene.line, float(solution.settings["dt"])
+    line, used = solution.scene.line, solution.settings
     period = None
     if line.EA is not None:
         period = float(np.pi * np.sqrt(np.min(line.length * line.mass / line.EA)))
     facts: dict[str, float | int | None] = {
         "axial_period_s": period,
-        "steps_per_axial_period": None if period is None else period / dt,
+        "steps_per_axial_period": None if period is None or "dt" not in used else period / used["dt"],
         "axial_step_s": None if period is None else period / RESOLVED,
         "largest_turn_rad": None,
         "slack_to_taut_steps": None,
     }
-    if solution.settings["save_every"] != 1 or "refused_steps" in solution.settings or len(solution.t) < 3:
+    if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
     turns, taut = [0.0], solution.tension[1:] > 0.0
-    for where in solution.lines:
-        links = np.diff(solution.positions[:, where.nodes], axis=1)
-        links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
-        turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
+    with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
+        for where in solution.lines:
+            links = np.diff(solution.positions[:, where.nodes], axis=1)
+            links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
+            turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
     facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
     facts["slack_to_taut_steps"] = int(np.sum(taut[1:] & ~taut[:-1]))
     return facts

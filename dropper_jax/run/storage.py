@@ -56,6 +56,8 @@ SOME = (*WITHIN, *BODIES)
 #: Attribute that holds everything that is no array, as JSON.
 #: Before the names of what effects changed.
 OWN = "own."
+#: Group of a netCDF file that holds the state at the end.
+RESTART = "restart"
 PROVENANCE = "dropper_jax_run"
 NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
 
@@ -208,7 +210,7 @@ def from_xarray(dataset: xarray.Dataset, path: str | Path, kind: type[Kind]) -> 
 
 
 def write_netcdf(solution: Samples, path: str | Path) -> Path:
-    """Write netCDF-4, whole or not at all.
+    """Write netCDF-4, whole or not at all; the state at the end, from which a run continues, is its group `restart`.
 
     Raises:
         SceneError: one line, where the packages are missing or the disk refuses.
@@ -229,7 +231,13 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
     HDF5 brings the process down where a write fails as it closes a file: it is told that all went well, and we are not.
     """
     held = Held(file, lambda: let_go(arrays))
-    dataset.to_netcdf(held, engine="h5netcdf", encoding=packed)
+    names = [name for name in dataset.data_vars if str(name).startswith(LAST)]
+    inside, own = ({key: value for key, value in packed.items() if (key in names) == last} for last in (True, False))
+    dataset.drop_vars(names).to_netcdf(held, engine="h5netcdf", encoding=own)
+    if names:
+        dataset[names].drop_attrs(deep=False).reset_coords(drop=True).to_netcdf(
+            held, engine="h5netcdf", encoding=inside, mode="a", group=RESTART
+        )
     if held.refused is not None:
         raise held.refused
 
@@ -306,7 +314,7 @@ def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
             with open(path, "rb"):
                 pass
             with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-                found = from_xarray(dataset, path, kind)
+                found = from_xarray(_with_restart(dataset, path), path, kind)
         except SceneError:
             raise
         except FileNotFoundError as error:
@@ -316,6 +324,16 @@ def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
     if found is None:
         raise SceneError(f"{path}: {NOT_A_RUN}")
     return found
+
+
+def _with_restart(dataset: xarray.Dataset, path: str | Path) -> xarray.Dataset:
+    """The dataset with the group of the state at the end, which older files have among their other variables."""
+    xr = extra("xarray", "io")
+    try:
+        restart = xr.load_dataset(path, engine="h5netcdf", group=RESTART)
+    except (OSError, KeyError):  # a run that failed has none
+        return dataset
+    return dataset.assign(restart.data_vars)
 
 
 @contextmanager

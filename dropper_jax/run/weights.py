@@ -79,11 +79,12 @@ def _force(
     positions: np.ndarray, tension: np.ndarray, weights: np.ndarray, end: int, inner: int, link: int, share: np.ndarray
 ) -> np.ndarray:
     """Size (k,) [N] of the force of an end link on its point."""
-    along = positions[:, inner] - positions[:, end]
-    size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-    force = tension[:, link, None] * along / size
-    force[:, 2] -= share[link] * weights[link]
-    return np.linalg.norm(force, axis=1)
+    with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
+        along = positions[:, inner] - positions[:, end]
+        size = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        force = tension[:, link, None] * along / size
+        force[:, 2] -= share[link] * weights[link]
+        return np.linalg.norm(force, axis=1)
 
 
 def line_weights(scene: Scene) -> list[dict[str, Any]]:

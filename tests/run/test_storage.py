@@ -110,3 +110,21 @@ def test_systems_of_lines_keep_their_names_in_netcdf_and_tables(longline, tmp_pa
         assert head[1:6] == [f"{stem}_leg-a/{j}" for j in (1, 2, 3, 4)] + [f"{stem}_backbone/1"]
     table = np.genfromtxt(tmp_path / "theta.csv", delimiter=",", skip_header=3)
     np.testing.assert_array_equal(table[:, 1:18], solution.polar)
+
+
+def test_the_state_from_which_a_run_continues_is_a_group_of_the_file(run, tmp_path):
+    path = run.save(tmp_path / "run.nc")
+    with xarray.open_dataset(path, engine="h5netcdf") as dataset:
+        names = [str(name) for name in dataset.variables]
+    assert {"position", "velocity", "tension"} <= set(names)
+    assert [name for name in names if name.startswith("last_")] == []
+    with xarray.open_dataset(path, engine="h5netcdf", group="restart") as restart:
+        assert set(map(str, restart.variables)) == set(run.last)
+    again = load_run(path)
+    assert set(again.last) == set(run.last)
+    for name, value in run.last.items():
+        np.testing.assert_array_equal(again.last[name], value)
+        assert again.last[name].dtype == value.dtype
+    older = tmp_path / "older.nc"  # a file of before, with these among its other variables
+    run.to_xarray().to_netcdf(older, engine="h5netcdf")
+    assert set(load_run(older).last) == set(run.last)

@@ -13,7 +13,7 @@ from dropper_jax.base.progress import Progress, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
-from fitting.calibration.estimating import estimate, with_sound_windows
+from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
@@ -157,7 +157,8 @@ def fit(
         if method == "gradient":
             solution = estimate(prepared, method, at.loss, continuity, iterations, progress, settings)
     else:
-        solution = estimate(prepared, method, loss, continuity, iterations, progress, settings)
+        left = iterations if method == "gradient" else max(iterations - sound.iterations, min(iterations - 1, FIRST), 1)
+        solution = estimate(prepared, method, loss, continuity, left, progress, settings)
         found = advise(prepared, solution) if advice and solution.status == "ok" else []
         freed = []
     prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))

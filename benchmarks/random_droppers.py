@@ -33,8 +33,13 @@ GRAVITY = 9.81
 FAST, TRIES = 40.0, 200
 #: Steps of the truth per second; by a fourth-order scheme the truth is then exact to 1e-6 rad over a window.
 TRUTH_STEPS = 4800.0
-#: Kinds of draws: as they are, at 30 Hz, with 5 % of the samples and 0.2 s missing, held still for 2 s at first.
-KINDS = ("plain", "slow-camera", "missing", "still")
+#: Kinds of draws, and what the table calls them.
+KINDS = {
+    "plain": "60 to 240 Hz",
+    "slow-camera": "30 Hz",
+    "missing": "5 % of the samples and 0.2 s missing",
+    "still": "held still for 2 s before the release",
+}
 STILL = 2.0
 
 
@@ -197,7 +202,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="0:60", help="FROM:TO, or single ones with commas")
-    parser.add_argument("--kind", choices=KINDS, default="plain")
+    parser.add_argument("--kind", choices=tuple(KINDS), default="plain")
     parser.add_argument("--window", type=float)
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
@@ -216,7 +221,8 @@ def main() -> None:
         }
         off = (np.array(row["values"]) - d.truth) / np.array(row["std_error"]) if "values" in row else None
         print(seed, row["status"], row.get("residual", np.nan) / d.noise, off, short, flush=True)
-        args.out.write_text(json.dumps({"kind": args.kind, "rows": rows}, indent=1) + "\n")
+        known = json.loads(args.out.read_text()) if args.out.exists() else {}
+        args.out.write_text(json.dumps({**known, KINDS[args.kind]: rows}, indent=1) + "\n")
     print(table(rows))
 
 

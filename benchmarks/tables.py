@@ -18,6 +18,7 @@ from typing import Any
 
 import channel_tables
 import moordyn_tables
+import numpy as np
 import pitching_tables
 import table7_tables
 import wake_tables
@@ -246,6 +247,27 @@ def films(found: dict[str, Any]) -> str:
 
 
 #: Results (`results/NAME.json`) and what writes them, by name of the table.
+def random_droppers(found: dict[str, Any]) -> str:
+    """Fits of random droppers: how many are right, and how good their errors are."""
+    head = ("draws", "`ok`", "and explain their trace", "wrong", "noise within 10 %", "90 % intervals of b_l, b_q hold")
+    lines = [(*head, "error over standard error, RMS")]
+    for kind, rows in found.items():
+        ok = [row for row in rows if row["status"] == "ok"]
+        good = [r for r in ok if 0.95 <= r["residual"] / r["noise"] <= 1.05 and r["fitted"] >= 0.97]
+        wrong = [r for r in ok if r["residual"] / r["noise"] > 1.4]
+        printed = [r for r in rows if abs(r["printed_noise"] / r["noise"] - 1) < 0.1]
+        inside, spread = [], []
+        for i in range(2):
+            inside.append(np.mean([r["low"][i] <= r["truth"][i] <= r["high"][i] for r in ok]))
+            sharp = [r for r in ok if not r["at_bound"][i] and r["std_error"][i] < 0.5 * r["values"][i]]
+            off = [(r["values"][i] - r["truth"][i]) / r["std_error"][i] for r in sharp]
+            spread.append(np.sqrt(np.mean(np.square(off))))
+        cover, rms = (", ".join(form.format(x) for x in two) for form, two in (("{:.0%}", inside), ("{:.2f}", spread)))
+        row = (f"{len(rows)}, {kind}", str(len(ok)), str(len(good)), str(len(wrong)), str(len(printed)), cover, rms)
+        lines.append(row)
+    return markdown(lines)
+
+
 def descent(found: dict[str, Any]) -> str:
     """Gradient descent beside Gauss-Newton."""
     rows = [("method", "evaluations", "processor [s]", "b_l [kg/s]", "b_q [kg/m]", "off by [standard errors]")]
@@ -286,6 +308,7 @@ TABLES = {
     "convergence": ("convergence", convergence),
     "films": ("films", films),
     "descent": ("descent", descent),
+    "random_droppers": ("random_droppers", random_droppers),
     "channels": ("channels", lambda found: markdown(channel_tables.channels(found))),
 }
 

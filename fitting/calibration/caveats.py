@@ -63,10 +63,12 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     noise = solution.problem.noise
     if noise is not None and noise.kind != "white":
         found.append(NAMED[noise.kind])
-    elif not CHI2_RANGE[0] < chi2 < CHI2_RANGE[1]:
+    elif chi2 > CHI2_RANGE[1]:
         found.append(
-            f"chi-square per degree of freedom is {chi2:.3g}: the estimated noise does not explain the residuals"
+            f"chi-square per degree of freedom is {chi2:.3g}: the noise of the samples does not explain the residuals"
         )
+    elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
+        found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
     found += outliers(prepared, solution)
     if solution.step_bias is not None:
         for name, bias in zip(names, solution.step_bias, strict=True):

@@ -91,6 +91,8 @@ class Candidate:
         return {key: getattr(self, key) for key in keys}
 
     def __str__(self) -> str:
+        if not self.changes and not self.gain:
+            return self.name
         if not self.changes:
             return f"{self.name}: gains {self.gain:.0f} in log likelihood"
         largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))

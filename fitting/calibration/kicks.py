@@ -107,7 +107,8 @@ def find_kicks(
             break
     limit = KICKED * np.median(size[good])
     while good.sum() >= few:
-        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & claimed.follows)
+        # the window of the kick itself may have too few samples
+        first = np.flatnonzero(~good & np.r_[True, good[:-1]] & np.r_[False, claimed.run[1:] == claimed.run[:-1]])
         first = first[size[first] > KICKED * size[first - 1]]
         if not len(first):
             break
@@ -126,7 +127,7 @@ def find_kicks(
 
 def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
     """The kick in window k, with all that it spoils."""
-    ends = (j for j in range(k + 1, windows.count) if good[j] or not windows.follows[j])
+    ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
     last = next(ends, windows.count)
     return Kick(int(windows.run[k]), float(time), np.arange(k, last), last > k + 1)
 

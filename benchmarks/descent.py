@@ -2,8 +2,8 @@
 
     python benchmarks/descent.py [--picture]
 
-A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a gap
-weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit, whose
+A synthetic trace of the lab dropper (scenario A, 16 s, 60 Hz, 5 mrad). Every method has the same windows, joined at a
+gap weight that its own evidence chooses, and the same exact derivatives. Processor times are those of a second fit, whose
 programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws what is stored.
 """
 

@@ -1,8 +1,6 @@
-"""The loss of a trace as functions of JAX, for loops of one's own, and the method in forty lines of the docs."""
+"""The loss of a trace as functions of JAX, for loops of one's own."""
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +13,6 @@ from fitting import TraceLoss, loss_of_trace
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
-from fitting.traces.trace import write_trace
-
-DOCS = Path(__file__).parents[3] / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -78,40 +73,7 @@ def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
 
 def test_a_release_whose_windows_have_no_start_is_refused():
     trace = observe(simulate_truth("dropper-release-a", 2.5, 30.0, 4), Camera(rate=30.0, angle_noise=0.005), 0)
-    with pytest.raises(SceneError, match=r"free: 'release\.time' has no loss of its own; allowed: parameters of the"):
+    with pytest.raises(
+        SceneError, match=r"free: 'release\.time\.0' has no loss of its own; allowed"
+    ):
         loss_of_trace(trace, "dropper-release-a", ["b_l", "release.time"], window=1.0)
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory, chain):
-    """What the program of docs/calibration.md ends with on a chain of three links, in a third of its steps."""
-    page = (DOCS / "calibration.md").read_text()
-    text = next(text for text in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S) if "lax.scan" in text)
-    folder = tmp_path_factory.mktemp("program")
-    effects = {"weight": {}, "linear_damping": {"b_l": 0.01}, "quadratic_damping": {"b_q": 0.02}}
-    start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
-    scene = chain([0.15] * 3, [0.05] * 3, start, right=[0.25, 0.0, 0.0], effects=effects)
-    trace = observe(simulate_truth(scene, 3.0, 60.0), Camera(rate=60.0, angle_noise=5e-4), 0)
-    write_trace(folder / "RUN.csv", trace)
-    names = {"scene_for_test": scene}
-    for old, new in (('"dropper-release-a"', "scene_for_test"), ('"RUN.csv"', repr(str(folder / "RUN.csv")))):
-        assert old in text
-        text = text.replace(old, new)
-    exec(compile(text, "calibration.md", "exec"), names)
-    return names
-
-
-def test_the_method_in_forty_lines_finds_the_damping_from_far_off(program):
-    """Starts are read from the samples, so that a few per cent are left."""
-    np.testing.assert_allclose(np.exp(program["x"]), [0.01, 0.02], rtol=0.15)
-
-
-def test_its_step_is_that_of_the_dense_solver(program):
-    import dropper_jax as dj
-
-    model, start = dj.build(program["scene"])
-    stepper = dj.make_stepper(model, "energy_momentum", "dense")
-    ours, _ = dj.step(stepper, model, start, jnp.asarray(program["h"]))
-    r, v, _ = program["step"](model, (start.r, start.v, jnp.zeros(model.line.links)))
-    np.testing.assert_allclose(r, ours.r, atol=1e-12)
-    np.testing.assert_allclose(v, ours.v, atol=1e-9)

@@ -107,7 +107,14 @@ def _runs(
         h = windows.dt if rate is None else windows.dt * rate
         start = planar.closed(model, theta, omega)
         angles, rates, _ = march(
-            simulator.stepper, model, planar.to_state(model, *start), h, steps, jnp.int32(windows.substeps), steps
+            simulator.stepper,
+            model,
+            planar.to_state(model, *start),
+            h,
+            steps,
+            jnp.int32(windows.substeps),
+            steps,
+            steps,
         )
         angles, rates = (jnp.concatenate([a[None], b]) for a, b in zip(start, (angles, rates), strict=True))
         look = lambda angles: seen(model, parameters, values, angles)  # noqa: E731

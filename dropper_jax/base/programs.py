@@ -41,7 +41,7 @@ BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_f
 
 
 @functools.cache
-def known_options() -> dict[str, str | bool]:
+def supported_options() -> dict[str, str | bool]:
     """Those of `BRIEFLY` that this version's compiler knows, each tried once on a program of one operation."""
     found = {}
     for name, value in BRIEFLY.items():
@@ -175,7 +175,7 @@ class Kept(Generic[P, R]):
 
         del one.__wrapped__  # its signature has the static arguments
         program = lowered(self._function, settings, values, one)
-        return program.compile(known_options() if self._brief and jax.default_backend() == "cpu" else None)
+        return program.compile(supported_options() if self._brief and jax.default_backend() == "cpu" else None)
 
 
 def kept(

@@ -58,8 +58,8 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     def at(name: str, *more: jax.ShapeDtypeStruct) -> Any:
         """What a method of an instant returns."""
 
-        def call(r: jax.Array, v: jax.Array, t: jax.Array, kept: Any, *rest: jax.Array) -> Any:
-            inside = model.entered(kept)
+        def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, *rest: jax.Array) -> Any:
+            inside = model.entered(at_entry)
             return getattr(inside.effect(effect.name), name)(inside.instant(r, v, t), *rest)
 
         return jax.eval_shape(call, vectors, vectors, number, own, *more)
@@ -89,8 +89,8 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     def both(name: str) -> Any:
         """What a method of a step's two ends returns."""
 
-        def call(r: jax.Array, v: jax.Array, t: jax.Array, kept: Any, tension: jax.Array) -> Any:
-            inside = model.entered(kept)
+        def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, tension: jax.Array) -> Any:
+            inside = model.entered(at_entry)
             k, one = inside.instant(r, v, t), inside.effect(effect.name)
             return one.too_far(k, k) if name == "too_far" else one.advance(k, k, tension, t)
 

@@ -23,7 +23,7 @@ class LinkEnd(Part):
 
     def __init__(self, graph: Graph, last: bool) -> None:
         self.graph, self.last = graph, last
-        self.share = 1.0 - graph.near if last else graph.near
+        self.share = 1.0 - graph.near_share if last else graph.near_share
         node = graph.last if last else graph.first
         self._node = np.minimum(node, max(graph.free - 1, 0))  # held nodes take any value: nothing is collected there
 
@@ -82,7 +82,7 @@ class Graph(Geometry):
         return tuple(found)
 
     @cached_property
-    def near(self) -> np.ndarray | float:
+    def near_share(self) -> np.ndarray | float:
         """Share of each link's mass and forces (n,) at its first node; one number where all lines have halves."""
         if not any(m.far for m in self.members):
             return 0.5
@@ -156,7 +156,7 @@ class Graph(Geometry):
         return jnp.stack(rows) if rows else jnp.zeros((0, 3), pull.dtype)
 
     def shared(self, value: jax.Array) -> jax.Array:
-        return self.from_first(self.near * value) + self.from_last((1.0 - self.near) * value)
+        return self.from_first(self.near_share * value) + self.from_last((1.0 - self.near_share) * value)
 
     def parts(self) -> tuple[Part, ...]:
         return LinkEnd(self, last=True), LinkEnd(self, last=False)

@@ -171,7 +171,7 @@ def _moved(vessel: VesselSpec, path: str, name: str, place: np.ndarray, scene: S
     waves = sea.waves
     omega, amplitude = np.asarray(waves.omega, float), np.asarray(waves.amplitude, float)
     course = np.broadcast_to(np.asarray(waves.direction, float), omega.shape) - vessel.heading
-    table, energy = vessel.rao.around(), amplitude**2
+    table, energy = vessel.rao.full_circle(), amplitude**2
     heading = table.nearest_turn(course)
     inside = (omega >= table.frequency[0] * (1 - 1e-9)) & (omega <= table.frequency[-1] * (1 + 1e-9))
     if np.sum(energy[inside]) < COVERED * np.sum(energy):

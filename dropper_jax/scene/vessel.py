@@ -83,7 +83,7 @@ class RaoSpec:
                 found[f"{name}_phase"] = self.phase[..., i].tolist()
         return found
 
-    def around(self) -> RaoSpec:
+    def full_circle(self) -> RaoSpec:
         """The same with its first row repeated a turn later, where its headings go round the vessel."""
         gap = self.headings[0] + 2 * np.pi - self.headings[-1]
         widest = np.max(np.diff(self.headings), initial=0.0)

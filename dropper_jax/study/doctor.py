@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax.base.compile_cache import OFF, VARIABLE
 from dropper_jax.base.memory import available_memory
 from dropper_jax.base.one_kernel import in_force
-from dropper_jax.base.programs import BRIEFLY, known_options
+from dropper_jax.base.programs import BRIEFLY, supported_options
 from dropper_jax.run.simulate import simulate
 
 NEEDED = ("jax", "jaxlib", "numpy", "scipy", "matplotlib", "optax")
@@ -58,7 +58,7 @@ def examine() -> dict[str, Any]:
         "devices": [f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
         "float64": bool(jax.config.jax_enable_x64),
         "one_kernel": in_force(),
-        "compiler_options": {name: name in known_options() for name in BRIEFLY},
+        "compiler_options": {name: name in supported_options() for name in BRIEFLY},
         "cache": cache(),
         "checks": [known_tension(), known_product(), cached_programs()],
     }

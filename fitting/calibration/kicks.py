@@ -50,7 +50,7 @@ class Fit(Protocol):
 
 
 def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> tuple[Prepared, list[Candidate]]:
-    """The preparation without the windows that kicks spoil, which begins where their fit ended, and their names.
+    """The preparation without the windows that kicks disturb, which begins where their fit ended, and their names.
 
     Args:
         prepared: with the noise that the traces claim, its windows not yet split.
@@ -66,23 +66,23 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
     if not found:
         return prepared, []
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
-    names, gone = [], []
+    names, removed = [], []
     for kick in found:
         begin, last = float(windows.begin[kick.windows[0]]), float(windows.ends[kick.windows[-1]])
         what = "is moved by something else, or out of its plane, from" if kick.lasting else "is kicked or touched at"
         words = f"{prepared.traces[kick.run].name} {what} about {kick.time:.2f} s"
         words += f": windows from {begin:.3g} to {last:.3g} s left out"
         names.append(Candidate(words, (), {}, {}, 0.0, 0.0))
-        gone.append((kick.run, begin, last))
+        removed.append((kick.run, begin, last))
     starts = Starts(*(part[~off] for part in clean.starts))
     fewer = replace(prepared, windows=windows.without(off), starts=starts, begin=clean.values)
-    return replace(fewer, left_out=(*prepared.left_out, *gone)), names
+    return replace(fewer, left_out=(*prepared.left_out, *removed)), names
 
 
 def find_kicks(
     claimed: Windows, solution: Solution, fit: Callable[[np.ndarray, Solution], Solution]
 ) -> tuple[list[Kick], Solution]:
-    """Kicks in windows, and the fit without what they spoil.
+    """Kicks in windows, and the fit without what they disturb.
 
     Args:
         claimed: the windows with the noise that the traces claim.
@@ -113,7 +113,7 @@ def find_kicks(
         if not len(first):
             break
         own = _only_starts(clean, claimed, starts)
-        times, found, left = _followed(clean, claimed, first, led(own, ~good), limit)
+        times, found, left = _fit_following(clean, claimed, first, led(own, ~good), limit)
         whole = left <= limit
         if not whole.any():
             kicked = [_kick(claimed, good, k, time) for k, time in zip(first, times, strict=True)]
@@ -126,7 +126,7 @@ def find_kicks(
 
 
 def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
-    """The kick in window k, with all that it spoils."""
+    """The kick in window k, with all that it disturbs."""
     ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
     last = next(ends, windows.count)
     return Kick(int(windows.run[k]), float(time), np.arange(k, last), last > k + 1)
@@ -149,7 +149,7 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
     return replace(solution, problem=problem, starts=starts, evaluation=evaluation)
 
 
-def _followed(
+def _fit_following(
     solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
 ) -> tuple[np.ndarray, Starts, np.ndarray]:
     """Times [s] up to which windows `which` can be followed, by halving; their starts there and misfits as a whole."""

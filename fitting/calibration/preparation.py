@@ -78,8 +78,8 @@ def prepare(
         check_sampling(trace, model)
         check_unit(trace, model, asked.over(trace.convention))
         notes += refuse_wrong_file(trace, model, asked, names)
-    settled = [settle_convention(trace, model, asked) for trace in read]
-    runs, notes = [trace for trace, _ in settled], notes + [note for _, more in settled for note in more]
+    converted = [settle_convention(trace, model, asked) for trace in read]
+    runs, notes = [trace for trace, _ in converted], notes + [note for _, more in converted for note in more]
     if dt is not None:
         check_step(runs, dt)
     release = release_of(scene, state, names, len(runs), static_start)
@@ -129,8 +129,8 @@ def prepare(
     base = max(1, frames // max(1, int(length / base + 1e-6))) * frame
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    room = longest if length < longest < ROOM * length else length
-    simulator.room = int(room / dt + 1e-6), int(room / min(trace.interval for trace in runs) + 1.5)
+    longest_run = longest if length < longest < ROOM * length else length
+    simulator.longest_run = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
     say(0.02, f"windows of at most {length:.3g} s: compiling")
     windows = cut(runs, base * dt, dt, sigma, spans)
     if release is not None:

@@ -153,10 +153,10 @@ class FitResult:
     @property
     def left_out_share(self) -> float:
         """Share of the samples that lie in windows that were left out."""
-        gone = 0
+        removed = 0
         for run, low, high in self.left_out:
-            gone += int(np.isfinite(self.traces[run].between(low, high).theta).sum())
-        return gone / max(gone + self.windows.samples, 1)
+            removed += int(np.isfinite(self.traces[run].between(low, high).theta).sum())
+        return removed / max(removed + self.windows.samples, 1)
 
     @property
     def message(self) -> str:

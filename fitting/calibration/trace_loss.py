@@ -61,7 +61,7 @@ class TraceLoss:
         self.scale = jnp.array([p.scale for p in prepared.parameters])
         self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
         self.samples = windows.samples
-        self._seen = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
+        self._samples = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
         basis = planar.chart(prepared.simulator.model_at(prepared.values), prepared.starts.theta)
         self._basis = jnp.asarray(basis)
         self._cost = jax.custom_jvp(self._half_square)
@@ -71,11 +71,11 @@ class TraceLoss:
 
     def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
         """Simulated less measured angles over their noise (windows, samples, links), 0 where there is no sample."""
-        return jax.vmap(partial(self._residual, params))(*starts, *self._seen)
+        return jax.vmap(partial(self._residual, params))(*starts, *self._samples)
 
     def _loss(self, params: jax.Array, starts: Starts) -> jax.Array:
         """Half of chi-square and the priors, at parameters (k,) and starts."""
-        cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(6))))(params, *starts, *self._seen)
+        cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(6))))(params, *starts, *self._samples)
         return jnp.sum(cost) + self._prior(params)
 
     def _value_and_grad(self, params: jax.Array, starts: Starts | None = None) -> tuple[jax.Array, jax.Array]:
@@ -145,7 +145,7 @@ class TraceLoss:
     def _best(self, params: jax.Array, starts: Starts | None) -> Blocks:
         """Every window at the best start found from `starts` on."""
         starts = self.starts if starts is None else starts
-        return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._seen)
+        return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._samples)
 
     def _best_start(
         self, params: jax.Array, theta: jax.Array, omega: jax.Array, basis: jax.Array, *measured: jax.Array

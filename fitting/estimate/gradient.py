@@ -210,10 +210,10 @@ class GradientDescent:
     ) -> tuple[Point | None, int]:
         """The next point, None where a line search finds none, and how many evaluations it took."""
         direction, problem, nowhere = x.step(point.values, newton.gradient), objective.problem, 0 * point.values
-        room = np.where(direction > 0, high - point.values, low - point.values)
-        direction = np.where(room == 0, 0.0, direction)
+        span = np.where(direction > 0, high - point.values, low - point.values)
+        direction = np.where(span == 0, 0.0, direction)
         ahead = direction != 0
-        direction = direction * min(1.0, np.min(room[ahead] / direction[ahead], initial=1.0))
+        direction = direction * min(1.0, np.min(span[ahead] / direction[ahead], initial=1.0))
         slope, searched = float(newton.gradient @ direction), self.name == "lbfgs"
         if searched and not slope < 0:
             return None, 0

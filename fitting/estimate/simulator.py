@@ -295,8 +295,8 @@ class Simulator:
             rate = clock_rate(self.compiled, p)
             h = h if rate is None else h * rate
             start = planar.closed(model, theta, omega0 + basis @ z[m:])
-            begun_at = planar.to_state(model, *start)
-            angles, rates, failed = march(stepper, model, begun_at, h, room, substeps, steps, own_steps)
+            state = planar.to_state(model, *start)
+            angles, rates, failed = march(stepper, model, state, h, room, substeps, steps, own_steps)
             angle = seen(model, self.compiled, p, at_samples(start, angles, rates, *place, h, on_grid))
             residual = planar.wrap(angle - measured) * weight
             end = jnp.concatenate([angles[own_steps - 1], rates[own_steps - 1]])

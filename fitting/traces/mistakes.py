@@ -83,11 +83,11 @@ def late_columns(links: int, frames: Sequence[int]) -> Iterator[Change]:
     """One column some frames later or earlier than the others."""
     for j, by, sign in product(range(links), frames, (1, -1)):
         name, when, where = f"theta_{j + 1}", *(("late", "up") if sign > 0 else ("early", "down"))
-        move = partial(_moved, by=by * sign)
+        move = partial(_shift_frames, by=by * sign)
         yield Change(f"{name} is {by} frames {when}", f"move {name} {where} by {by} rows", _of_column(j, move))
 
 
-def _moved(theta: np.ndarray, by: int) -> np.ndarray:
+def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
     moved = np.full_like(theta, np.nan)
     if by > 0:
         moved[:-by] = theta[by:]

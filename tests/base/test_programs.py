@@ -99,10 +99,10 @@ def test_the_program_itself_takes_what_is_not_static(traced):
 def test_one_compiler_option_that_is_no_longer_known_does_not_drop_the_others(monkeypatch):
     known = dict(programs.BRIEFLY)
     monkeypatch.setattr(programs, "BRIEFLY", {"xla_cpu_is_not_an_option": True, **known})
-    programs.known_options.cache_clear()
+    programs.supported_options.cache_clear()
     try:
-        assert programs.known_options() == known
+        assert programs.supported_options() == known
         brief = programs.kept(brief=True)(lambda x: 2.0 * x)
         assert float(brief(3.0)) == 6.0
     finally:
-        programs.known_options.cache_clear()
+        programs.supported_options.cache_clear()

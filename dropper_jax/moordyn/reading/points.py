@@ -102,8 +102,8 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     for rod, shape in zip(rods, body.get("cylinders", []), strict=True):
         attached |= _rod_ends(rod, shape, found, used)
     for rod in connectors:
-        place = [number(deck, rod, w, "Xa, Ya, Za") for w in rod.words[3:6]]
-        attached |= _rod_ends(rod, {"from": place, "to": place}, found, used)
+        position = [number(deck, rod, w, "Xa, Ya, Za") for w in rod.words[3:6]]
+        attached |= _rod_ends(rod, {"from": position, "to": position}, found, used)
     found.bodies.append({**body, **({"attachments": attached} if attached else {})})
 
 
@@ -151,8 +151,8 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
     if key in found.names:
         deck.refuse(row.number, f"point {key} is given twice")
     name = row.name or f"point-{key}"
-    place = [number(deck, row, w, "X, Y, Z") for w in row.words[2:5]]
-    point: dict[str, Any] = {"name": name, "position": place}
+    position = [number(deck, row, w, "X, Y, Z") for w in row.words[2:5]]
+    point: dict[str, Any] = {"name": name, "position": position}
     if kind in FREE:
         point["kind"] = "free"
         point.update(_body(deck, row, notes))
@@ -162,7 +162,7 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         found.names[key] = name
         return {kind[4:]}
     elif kind.startswith("body") and kind[4:] in bodies:
-        point["position"] = _on_held(deck, row, bodies[kind[4:]], place, notes)
+        point["position"] = _on_held(deck, row, bodies[kind[4:]], position, notes)
     elif kind.startswith(("body", "turbine")):
         deck.refuse(row.number, f"point {key} on {row.words[1]!r}: is not in the file; allowed: Fixed, Coupled, Free")
     elif kind not in FIXED:

@@ -40,8 +40,8 @@ def body_tables(scene: Scene) -> Iterator[tuple[str, list[str]]]:
     types, bodies, rods = [], [], []
     for i, b in enumerate(scene.buoys):
         types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
-        place = scene.point(b.point).position  # MoorDyn hangs lines on the base
-        whole = _row(i + 1, "Free", *place, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0")
+        base = scene.point(b.point).position  # MoorDyn hangs lines on the base
+        whole = _row(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0")
         bodies.append(f"{whole}  ! name: {b.point}")
         rod = _row(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-")
         rods.append(f"{rod}  ! name: {b.name}")

@@ -41,7 +41,7 @@ def _effects(scene: Scene) -> Iterator[str]:
                 yield f"effects.{name}: point {point!r} is Coupled; its motion is not in the file"
         elif name not in KNOWN:
             yield f"effects.{name}: not represented"
-        for key in _given(EFFECTS[name], effects[name]):
+        for key in _given_values(EFFECTS[name], effects[name]):
             if key not in KNOWN.get(name, (key,)):
                 yield f"effects.{name}.{key}: not represented"
     if "weight" not in effects:
@@ -81,7 +81,7 @@ def _named_points(values: Mapping[str, Any], keys: Sequence[str]) -> list[str]:
     return [name for names in words for name in names if name]
 
 
-def _given(cls: type, values: Mapping[str, Any]) -> Iterator[str]:
+def _given_values(cls: type, values: Mapping[str, Any]) -> Iterator[str]:
     """Keys whose values differ from the defaults of the class."""
     for field in dataclasses.fields(cls):
         value = values.get(field.name)

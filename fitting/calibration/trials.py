@@ -20,7 +20,7 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, joint_information, wide
 from fitting.calibration.heldout import score_held_out, window_length
-from fitting.calibration.law_fits import scene_with_law, substeps_of
+from fitting.calibration.law_fits import scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.laws import OF_JOINTS, PARTS
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.spans import fitted_parts
@@ -311,7 +311,8 @@ def free_groups(
         part[trials.used] = own
     at = trials.with_parameters(best.problem.parameters, best.values)
     freed = [_candidate(group, needed[group.name], best) for group in free]
-    at = replace(at, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
+    scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
+    at = replace(at, scene=scene, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
     return at, simulator, freed
 
 

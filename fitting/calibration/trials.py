@@ -45,8 +45,7 @@ WRONG, SMOOTH = 100.0, 0.8
 PARTS_OF_RUN, SCORED = 5, (2, 4)
 #: Most evaluations of a trial, which starts near its end.
 EVALUATIONS = 12
-#: Growth of the score, as a share, from which on a group is needed. Below it the choice is left to chance: the same
-#: model scores 1 to 2 % apart on other stretches.
+#: Growth of the score, as a share, from which on a group is needed: less makes no difference to a user.
 NEEDED = 0.05
 #: Least share of a number's information that must be its own: with less it does what others do. The second is added to
 #: the diagonal of others that do the same.

@@ -25,7 +25,7 @@ from closed_chain import Chain
 from scipy.interpolate import CubicSpline
 
 from fitting.calibration.advice import wide
-from fitting.calibration.estimating import estimate
+from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice, with_freed
 from fitting.calibration.preparation import prepare
 from fitting.calibration.prepared import Prepared
@@ -224,6 +224,8 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
         trace, scene(), FREE, rest=[(0.0, BEGIN - 0.1)], window=WINDOW, simulator=shared[0] if shared else None
     )
     shared[:] = shared or [wide(prepared)]
+    # as `fit` does first
+    prepared = with_sound_windows(with_freed(prepared, [], None, shared[0]), keep_jumps=True)
     at = free_by_advice(prepared, estimate, "shooting", simulator=shared[0])
     solution = at.solution
     known = replace(solution.problem.known, doubt=doubts(at.names, solution.problem.parameters))

@@ -94,6 +94,19 @@ def scene_with_law(scene: Scene, dry: bool, friction: Mapping[str, float | None]
     return with_effects(Scene.from_dict(table), [path for part, path in PARTS.items() if dry or part != "dry"])
 
 
+def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Scene:
+    """The scene without parts of a damping law that are neither `given` nor free: they are 0."""
+    table = scene.to_dict()
+    for path in PARTS.values():
+        _, effect, field = path.split(".")
+        fields, own = table["effects"].get(effect, {}), given.effects.get(effect, {})
+        if own.get(field) is None and not any(name.startswith(path) for name in free):
+            fields.pop(field, None)
+        if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
+            table["effects"].pop(effect, None)  # an axis alone is no friction
+    return Scene.from_dict(table)
+
+
 def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
     """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
     used, parameters = family.used(law), family.simulator.parameters

@@ -5,8 +5,9 @@ samples, and one such window spoils the estimates of all. A window is lost where
 
     chi2_k/(N_k - m) > FAR max(1, median)     and beyond chance, with its own start fitted, the parameters held
 
-(m numbers of a start). It starts again from the end of the window before it and from the samples at several reaches;
-where nothing helps it is split, down to the fewest frames that can tell a start. What stays lost is left out.
+(m numbers of a start; chi2_k has a bound for each sample, so that outliers do not decide). It starts again from the
+end of the window before it and from the samples at several reaches; where nothing helps it is split, down to the fewest
+frames that can tell a start. What stays lost is left out.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, firs
 #: Mean square of a window's residuals over that of most windows from which on it is lost, and the probability with
 #: which noise alone gives as much.
 FAR, CHANCE = 4.0, 1e-7
+#: Most that one sample counts, as a multiple of the mean square of most windows: an outlier alone makes no window lost.
+#: One tenth of the samples must be more than five deviations off, as on a wrong branch.
+MOST_OF_ONE = 30.0
 #: RMS error [rad] below which no window is lost where the model itself misses most windows: a wrong branch of a link is
 #: off by much more, the friction of a bearing by less.
 BRANCH = 0.05
@@ -46,9 +50,12 @@ def lost_windows(solution: Solution) -> np.ndarray:
     windows, m2 = solution.windows, solution.problem.freedoms
     known = (windows.weight > 0).sum(axis=(1, 2))
     freedom = np.maximum(known - np.where(windows.released, 0, m2), 1)
-    size = 2 * costs(solution.problem, solution.evaluation.residual) / freedom
+    square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
+    usual = lambda size: max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0  # noqa: E731
+    unit = usual(square.sum(axis=1) / freedom)
+    size = np.minimum(square, MOST_OF_ONE * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
-    typical = max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0
+    typical = usual(size)
     limit = typical * np.maximum(FAR, chi2.ppf(1 - CHANCE, freedom) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
     noise = solution.problem.noise

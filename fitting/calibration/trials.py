@@ -20,7 +20,7 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build
 from fitting.calibration.advice import Candidate, joint_information, wide
 from fitting.calibration.heldout import score_held_out, window_length
-from fitting.calibration.law_fits import scene_with_law, substeps_of
+from fitting.calibration.law_fits import scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.laws import OF_JOINTS, PARTS
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.spans import fitted_parts
@@ -45,8 +45,7 @@ WRONG, SMOOTH = 100.0, 0.8
 PARTS_OF_RUN, SCORED = 5, (2, 4)
 #: Most evaluations of a trial, which starts near its end.
 EVALUATIONS = 12
-#: Growth of the score, as a share, from which on a group is needed. Below it the choice is left to chance: the same
-#: model scores 1 to 2 % apart on other stretches.
+#: Growth of the score, as a share, from which on a group is needed: less makes no difference to a user.
 NEEDED = 0.05
 #: Least share of a number's information that must be its own: with less it does what others do. The second is added to
 #: the diagonal of others that do the same.
@@ -311,7 +310,8 @@ def free_groups(
         part[trials.used] = own
     at = trials.with_parameters(best.problem.parameters, best.values)
     freed = [_candidate(group, needed[group.name], best) for group in free]
-    at = replace(at, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
+    scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
+    at = replace(at, scene=scene, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
     return at, simulator, freed
 
 

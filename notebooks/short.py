@@ -42,7 +42,8 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
         ),
         ("np.geomspace(0.25, 4, 61)", "np.array([0.5, 0.9, 1.0, 1.1, 2.0])"),
         ('method="shooting"', 'method="windows"'),
-        ('    "Adam": {"method": "gradient", "optimizer": "adam", "steps": 60},\n', ""),
+        ("for _ in range(25):", "for _ in range(3):"),
+        ('    "Adam": {"method": "gradient", "optimizer": "adam"},\n', ""),
     ],
     "5-sensitivity": [
         (', *(f"line.0.mass.{j}" for j in range(6))]', "]"),

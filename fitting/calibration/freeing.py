@@ -28,6 +28,7 @@ from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.whitening import log_volume
+from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.place import LOST, LostPlace
 from fitting.parameters.priors import rig_priors
@@ -308,6 +309,20 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
     return solution if solution.status == "ok" else at.solution
 
 
+def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
+    """Make one window of window k and the one before it: a jump between separate windows costs nothing.
+
+    Returns:
+        The solution `clean` with the starts of the windows that are left.
+    """
+    pieces = [at.prepared.windows.piece(i) for i in range(at.prepared.windows.count)]
+    pieces[k - 1 : k + 1] = [pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)]
+    starts = Starts(*(np.delete(part, k, axis=0) for part in clean.starts))
+    at.prepared = replace(at.prepared.with_pieces(pieces), begin=clean.values, starts=starts)
+    at.solution = fit(at.prepared, "windows", at.loss)
+    return replace(clean, starts=starts)
+
+
 def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
     """Jumps of the clock where frames are missing."""
     while sum(isinstance(p.where, LostPlace) for p in at.prepared.parameters) < 2:
@@ -321,6 +336,12 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         windows = at.prepared.windows
         own = np.flatnonzero((windows.begin <= trace.t[lost.frame]) & (windows.run == lost.run))[-1:]
         clean = replace(clean, starts=led(clean, np.isin(np.arange(windows.count), own)))
+        if (
+            len(own)
+            and windows.follows[own[0]]
+            and abs(windows.begin[own[0]] - trace.t[lost.frame]) < 0.5 * trace.interval
+        ):
+            clean = _join_before(at, fit, clean, int(own[0]))
         prepared = with_freed(at.prepared, [name], clean, simulator, lost.frames * trace.interval)
         solution = fit(prepared, "windows", at.loss)
         gain = likelihood(solution) - likelihood(at.solution)

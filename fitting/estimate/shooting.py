@@ -25,8 +25,8 @@ from fitting.estimate.problem import Problem, Solution
 #: Gap weights, one after another. Longer jumps lose the optimum's neighbourhood (measured on the lab dropper).
 SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 #: Of weights whose log evidence is this near the best the loosest is taken, with the widest errors: the noise hardly
-#: distinguishes them. Errors over standard errors of 60 random droppers: RMS 0.77 at a difference of 0.5, where standard
-#: errors are up to 1.4 times those of the tightest weight.
+#: distinguishes them. Errors over standard errors of 60 random droppers: RMS 0.77 at a difference of 0.5, where
+#: standard errors are up to 1.4 times those of the tightest weight.
 SAME_EVIDENCE = 0.2
 #: Evidence that changes by less than this from weight to weight has no more to tell.
 LEVEL = 0.02

@@ -138,7 +138,8 @@ def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(two, re
     slots = windows.theta.shape[1] // 2
     steps = int(windows.index[0, slots])
     fields = ("theta", "weight", "index", "fraction")
-    half = replace(windows, steps=steps, **{f: getattr(windows, f)[:, :slots] for f in fields})
+    counts = np.full(windows.count, steps)
+    half = replace(windows, steps=steps, step_counts=counts, **{f: getattr(windows, f)[:, :slots] for f in fields})
     found = simulator(prepared.values, prepared.starts, half)
     assert len(simulator._programs) == programs
     np.testing.assert_allclose(found.residual, whole.residual[:, :slots], atol=1e-12)

@@ -1,6 +1,8 @@
-"""The loss of a trace as functions of JAX, for loops of one's own."""
+"""The loss of a trace as functions of JAX, for loops of one's own, and the short program of the docs."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -8,11 +10,14 @@ import numpy as np
 import optax
 import pytest
 
+import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from fitting import TraceLoss, loss_of_trace
+from fitting import TraceLoss, fit, loss_of_trace, write_trace
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
+
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +80,42 @@ def test_a_release_whose_windows_have_no_start_is_refused():
     trace = observe(simulate_truth("dropper-release-a", 2.5, 30.0, 4), Camera(rate=30.0, angle_noise=0.005), 0)
     with pytest.raises(SceneError, match=r"free: 'release\.time\.0' has no loss of its own; allowed"):
         loss_of_trace(trace, "dropper-release-a", ["b_l", "release.time"], window=1.0)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory, chain):
+    """What the program of docs/calibration.md leaves after it ran on three links for 3 s, from ten times off."""
+    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "calibration.md").read_text(), re.M | re.S)
+    (text,) = (block for block in text if "lax.scan" in block)
+    effects = {"weight": {}, "linear_damping": {"b_l": 0.002}, "quadratic_damping": {"b_q": 0.001}}
+    start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
+    scene = chain([0.15] * 3, [0.05] * 3, start, right=[0.25, 0.0, 0.0], effects=effects)
+    file = tmp_path_factory.mktemp("program") / "RUN.csv"
+    write_trace(file, observe(simulate_truth(scene, 3.0, 60.0, 8), Camera(rate=60.0, angle_noise=5e-4), 0))
+    names = {"scene": scene, "file": file}
+    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file")):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    exec(compile(text, "calibration.md", "exec"), names)
+    return names
+
+
+@pytest.mark.slow
+def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_times_off(program):
+    begin = {"b_l": 0.02, "b_q": 0.01}
+    result = fit(program["file"], program["scene"], list(begin), method="windows", window=0.5, start=begin)
+    errors = result.uncertainty.std_error
+    assert np.all(np.abs(program["b"] - result.values) < 3 * errors)
+    assert np.all(np.abs(np.asarray(program["b"]) - [0.002, 0.001]) < 3 * errors)
+    assert np.all(10 * errors < [0.018, 0.009])  # the start is far off in these units
+    assert float(program["rms"]) == pytest.approx(5e-4, rel=0.1)
+
+
+@pytest.mark.slow
+def test_its_step_is_that_of_the_dense_solver(program):
+    model, start = dj.build(program["scene"])
+    stepper = dj.make_stepper(model, "energy_momentum", "dense")
+    ours, _ = dj.step(stepper, model, start, jnp.asarray(program["h"]))
+    r, v, _ = program["step"](model, start.r, start.v, jnp.zeros(3))
+    np.testing.assert_allclose(r, ours.r, atol=1e-12)
+    np.testing.assert_allclose(v, ours.v, atol=1e-9)

@@ -44,7 +44,7 @@ def with_sound_windows(
     say = lambda fraction, text: progress(0.05 + 0.3 * fraction, text)  # noqa: E731
 
     def fit_again(problem: Problem, before: Solution) -> Solution:
-        found = fit_windows(problem, before.values, before.starts, iterations=FIRST, progress=say)
+        found = fit_windows(problem, before.values, before.starts, iterations=min(FIRST, iterations), progress=say)
         return replace(found, iterations=before.iterations + found.iterations)
 
     problem = prepared.problem(begun_with(loss))

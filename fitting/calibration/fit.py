@@ -166,7 +166,7 @@ def fit(
     solution.iterations += prepared.iterations
     result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
-        result.wrong_file = name_wrong_file(prepared)
+        result.wrong_file = name_wrong_file(whole)
         result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]

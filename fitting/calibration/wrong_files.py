@@ -54,6 +54,8 @@ SUSPECT, WRONG = 1000.0, 25.0
 #: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period and
 #: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
 SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
+#: Chi-square per sample that a change must reach to be named: right ones leave 0.5 to 4.
+EXPLAINED = 9.0
 #: Share of a window's samples that count; the others are the largest residuals, outliers perhaps.
 COUNTED = 0.95
 
@@ -243,7 +245,7 @@ def name_wrong_file(prepared: Prepared) -> str:
             for i, one in enumerate(group)
         ]
         left, _, change = min(tried, key=lambda one: one[:2])
-        if left < (most := min(LOWERS * given, WRONG)):
+        if left < (most := min(LOWERS * given, EXPLAINED)):
             break
     name = ", ".join(trace.name for trace in prepared.traces)
     size = f"short windows miss the angles by {np.sqrt(given):.0f} times their noise as given"
@@ -266,7 +268,8 @@ def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
     known = windows.weight > 0
     mean = np.sum(windows.theta * known, axis=1) / np.maximum(known.sum(axis=1), 1)
     moved = np.sum(known * (windows.theta - mean[:, None]) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
-    moving = np.flatnonzero(moved >= np.median(moved))
+    moved = np.where(windows.lengths > length * (1 - 1e-6), moved, -1.0)  # what is left of a window tells too little
+    moving = np.flatnonzero((moved >= np.median(moved[moved >= 0])) & (moved >= 0))
     some = moving[np.unique(np.linspace(0, len(moving) - 1, SHORT).round().astype(int))]
     return [(int(windows.run[k]), float(windows.begin[k]), float(windows.begin[k]) + length) for k in some]
 

@@ -138,14 +138,15 @@ def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(two, re
     slots = windows.theta.shape[1] // 2
     steps = int(windows.index[0, slots])
     fields = ("theta", "weight", "index", "fraction")
-    counts = np.full(windows.count, steps)
+    counts = np.minimum(windows.step_counts, steps)
     half = replace(windows, steps=steps, step_counts=counts, **{f: getattr(windows, f)[:, :slots] for f in fields})
     found = simulator(prepared.values, prepared.starts, half)
     assert len(simulator._programs) == programs
     np.testing.assert_allclose(found.residual, whole.residual[:, :slots], atol=1e-12)
     np.testing.assert_allclose(found.jacobian, whole.jacobian[:, :slots], rtol=1e-9, atol=1e-9)
     end = whole.theta[:, slots] - np.pi / 2  # the half's end is the whole's next sample
-    assert np.abs(found.end[:, :2] - np.pi / 2 - end).max() < 1e-9
+    longer = windows.step_counts > steps  # not what is left at the end of the trace
+    assert np.abs(found.end[:, :2] - np.pi / 2 - end)[longer].max() < 1e-9
 
 
 @pytest.mark.check

@@ -112,11 +112,14 @@ def fit_file(folder, trace, toml, capsys, *more):
         (lambda trace: replace(twice(trace), t=np.tile(trace.t, 2)), "two runs in one file"),
     ],
 )
-def test_a_wrong_file_between_hooks_is_refused_by_its_mistake(tmp_path, held, capsys, spoil, words):
+def test_a_wrong_file_between_hooks_is_refused_or_named_by_its_mistake(tmp_path, held, capsys, spoil, words):
     code, found = fit_file(tmp_path, spoil(held), HELD, capsys)
-    assert code == 2
-    assert words in found["error"]
-    assert "allowed: " in found["error"] or "cut this one" in found["error"]
+    if code == 2:
+        assert words in found["error"]
+        assert "allowed: " in found["error"] or "cut this one" in found["error"]
+    else:  # frames that open no more than those of a rolled camera are fitted
+        assert code == 3
+        assert any(words in line for line in found["warnings"])
 
 
 def test_the_file_of_another_rig_is_refused_unless_its_geometry_is_free(scene, held):

@@ -334,7 +334,8 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         trace = at.prepared.traces[lost.run]
         # the window with the jump begins where the one before it ends
         windows = at.prepared.windows
-        own = np.flatnonzero((windows.begin <= trace.t[lost.frame]) & (windows.run == lost.run))[-1:]
+        starting = windows.begin <= trace.t[lost.frame] + 1e-6 * trace.interval
+        own = np.flatnonzero(starting & (windows.run == lost.run))[-1:]
         clean = replace(clean, starts=led(clean, np.isin(np.arange(windows.count), own)))
         if (
             len(own)

@@ -1,7 +1,7 @@
 """Windows that their own free start cannot bring down to the noise: found, restarted, split, and in the end left out.
 
 A motion that is chaotic has wrong branches: a link that turns over the other way leaves its window far from the
-samples, and one such window spoils the estimates of all. A window is lost where
+samples, and one such window biases the estimates of all. A window is lost where
 
     chi2_k/(N_k - m) > FAR max(1, median)     and beyond chance, with its own start fitted, the parameters held
 
@@ -32,9 +32,9 @@ FAR, CHANCE = 4.0, 1e-7
 #: Most that one sample counts, as a multiple of the mean square of most windows: an outlier alone makes no window lost.
 #: One tenth of the samples must be more than five deviations off, as on a wrong branch.
 MOST_OF_ONE = 30.0
-#: RMS error [rad] below which no window is lost where the model itself misses most windows: a wrong branch of a link is
-#: off by much more, the friction of a bearing by less.
-BRANCH = 0.05
+#: RMS error [rad] below which no window is lost, and below which none is where the model itself misses most windows: a
+#: wrong branch of a link is off by much more, rounding and the friction of a bearing by less.
+SMALLEST, BRANCH = 2e-3, 0.05
 #: Noise of the samples that is assumed for the starts of lost windows, over the true one: polynomials of short reach,
 #: of the reach that the noise allows, and of long reach.
 REACHES = (0.2, 1.0, 5.0)
@@ -61,7 +61,7 @@ def lost_windows(solution: Solution) -> np.ndarray:
     noise = solution.problem.noise
     assumed = 1.0 if noise is None else float(np.mean(noise.factor**2))
     explained = typical * assumed < FAR / 2
-    return (known > 0) & (size > limit) & (explained | ~(rms < BRANCH))
+    return (known > 0) & (size > limit) & ~(rms < (SMALLEST if explained else BRANCH))
 
 
 def costs(problem: Problem, residual: np.ndarray) -> np.ndarray:
@@ -87,8 +87,8 @@ def recover_windows(
     """
     jump: tuple[int, float] | None = None
     for last in (False,) * ROUNDS + (True,):
-        solution = with_own_starts(solution) if solution.status != "ok" else solution
-        lost = lost_windows(solution) & ~_around(solution.windows, jump)
+        solution = refit_starts(solution) if solution.status != "ok" else solution
+        lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
         if not lost.any():
             break
         if last:
@@ -98,7 +98,7 @@ def recover_windows(
             lost &= lost_windows(solution)
             if keep_jumps and jump is None and lost.any():
                 jump = _jump(prepared, solution, lost)
-                lost &= ~_around(solution.windows, jump)
+                lost &= ~_windows_at(solution.windows, jump)
             prepared, solution = _split(prepared, solution, lost)
         solution = fit_again(solution.problem, solution)
     return prepared, solution
@@ -112,7 +112,7 @@ def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int
     return None if found is None else (found.run, float(prepared.traces[found.run].t[found.frame]))
 
 
-def _around(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
+def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     """The windows (K,) bool that hold a run's moment, and those that end or begin there."""
     if jump is None:
         return np.zeros(windows.count, bool)
@@ -120,7 +120,7 @@ def _around(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
 
 
-def with_own_starts(solution: Solution, which: np.ndarray | None = None) -> Solution:
+def refit_starts(solution: Solution, which: np.ndarray | None = None) -> Solution:
     """The solution with each window's start, or those of some (K,) bool, fitted alone, the parameters held."""
     which = np.ones(solution.windows.count, bool) if which is None else which
     starts = Starts(*(part[which] for part in solution.starts))
@@ -222,8 +222,10 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
 def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
     """The same without the lost windows, whose times and samples are noted."""
     windows = solution.windows
-    gone = tuple((int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost))
-    prepared = replace(prepared, windows=prepared.windows.without(lost), left_out=(*prepared.left_out, *gone))
+    removed = tuple(
+        (int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost)
+    )
+    prepared = replace(prepared, windows=prepared.windows.without(lost), left_out=(*prepared.left_out, *removed))
     problem = replace(solution.problem, windows=windows.without(lost))
     pick = lambda parts: type(parts)(*(part[~lost] for part in parts))  # noqa: E731
     found = replace(solution, problem=problem, starts=pick(solution.starts), evaluation=pick(solution.evaluation))

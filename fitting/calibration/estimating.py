@@ -89,8 +89,8 @@ def estimate(
         descent, progress = descent_of(settings or {}, progress)
         problem = prepared.problem(begun_with(loss), frozen)
         values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)
-        begun = replace(prepared, descent=descent, begin=values, starts=starts)
-        found = estimate(begun, "shooting", loss, continuity, iterations, progress, frozen=frozen)
+        started = replace(prepared, descent=descent, begin=values, starts=starts)
+        found = estimate(started, "shooting", loss, continuity, iterations, progress, frozen=frozen)
         posed_again = replace(found.problem, descent=None)
         return replace(found, problem=posed_again, history=[*history, *found.history])
     share = 0.5 if method == "shooting" else 0.9

@@ -75,7 +75,7 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
         names.append(Candidate(words, (), {}, {}, 0.0, 0.0))
         removed.append((kick.run, begin, last))
     starts = Starts(*(part[~off] for part in clean.starts))
-    fewer = replace(prepared, windows=windows.without(off), starts=starts, begin=clean.values)
+    fewer = replace(prepared, windows=windows.exclude(off), starts=starts, begin=clean.values)
     return replace(fewer, left_out=(*prepared.left_out, *removed)), names
 
 

@@ -225,8 +225,8 @@ def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tupl
     removed = tuple(
         (int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])) for k in np.flatnonzero(lost)
     )
-    prepared = replace(prepared, windows=prepared.windows.without(lost), left_out=(*prepared.left_out, *removed))
-    problem = replace(solution.problem, windows=windows.without(lost))
+    prepared = replace(prepared, windows=prepared.windows.exclude(lost), left_out=(*prepared.left_out, *removed))
+    problem = replace(solution.problem, windows=windows.exclude(lost))
     pick = lambda parts: type(parts)(*(part[~lost] for part in parts))  # noqa: E731
     found = replace(solution, problem=problem, starts=pick(solution.starts), evaluation=pick(solution.evaluation))
     return prepared, replace(found, weights=solution.weights[~lost], status="not_converged")

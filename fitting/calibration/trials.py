@@ -213,7 +213,7 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[tuple[int, float, 
     return [(run, float(a), float(b)) for run, edge in parts for a, b in zip(edge[:-1], edge[1:], strict=True)]
 
 
-def with_whole_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:
+def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:
     """The same with every part of a damping law in the model, and friction that was one number for all joints.
 
     Dry friction takes another scheme, which costs many times as much: it is a candidate on rigs of rods or with
@@ -248,7 +248,7 @@ def free_groups(
     Args:
         solution: where a fit of what is prepared ended.
     """
-    before, (prepared, shared) = prepared, with_whole_law(prepared, solution)
+    before, (prepared, shared) = prepared, with_full_law(prepared, solution)
     found = groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
     simulator = wide(prepared, [*(p for group in found for p in group.parameters), *zero])

@@ -60,12 +60,12 @@ EXPLAINED = 9.0
 COUNTED = 0.95
 
 
-def refuse_wrong_file(trace: Trace, model: Model, asked: Convention, free: Sequence[str] = ()) -> list[str]:
+def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: Sequence[str] = ()) -> list[str]:
     """Refuse a trace between fixed points whose frames do not close; warnings where they nearly do.
 
     Args:
         trace: as the file counts its angles.
-        asked: the convention that the caller names.
+        requested: the convention that the caller names.
         free: names of the parameters that a fit frees; those of the geometry may close the frames.
 
     Raises:
@@ -74,7 +74,7 @@ def refuse_wrong_file(trace: Trace, model: Model, asked: Convention, free: Seque
     frames = trace.theta[np.isfinite(trace.theta).all(axis=1)]
     if not model.end_held or len(frames) < FEWEST:
         return []
-    named = asked.over(trace.convention)
+    named = requested.over(trace.convention)
     unit = np.pi / 180 if named.unit == "deg" else 1.0
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
     allowed = [c for c in every if named.zero in (None, c.zero) and named.sign in (None, c.sign)]

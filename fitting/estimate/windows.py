@@ -148,7 +148,7 @@ class Windows:
         part = {f: getattr(self, f)[which] for f in (*PER_WINDOW, *OF_NOISE) if getattr(self, f) is not None}
         return replace(self, follows=np.zeros(len(part["begin"]), bool), **part)
 
-    def without(self, which: np.ndarray) -> Windows:
+    def exclude(self, which: np.ndarray) -> Windows:
         """The windows without some (K,) bool; those after them follow none."""
         follows = self.follows & ~np.concatenate([[False], which[:-1]])
         return replace(self.pick(~which), follows=follows[~which])
@@ -250,7 +250,7 @@ def _drop_empty(windows: Windows) -> Windows:
         return windows
     if not enough.any():
         raise SceneError("window: no window has two samples of every link; allowed: longer windows or denser traces")
-    return windows.without(~enough)
+    return windows.exclude(~enough)
 
 
 class Starts(NamedTuple):

@@ -41,6 +41,8 @@ KINDS = {
     "still": "held still for 2 s before the release",
 }
 STILL = 2.0
+#: Windows [s], weight of their gaps and iterations of their starts in the bound of the standard errors.
+BOUND_WINDOW, BOUND_GAP, BOUND_ROUNDS = 0.15, 3e-5, 8
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,29 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
         **{"fitted": float(known.sum() / np.isfinite(d.trace.theta).sum()), "gap_weight": solution.gap_weight},
         **{"windows": result.windows.count, "blocks": u.blocks, "warnings": result.warnings},
         **{"substeps": result.windows.substeps, "seconds": time.process_time() - begun},
+        **{"bound": bound(d, solution.problem.simulator).tolist()},
     }
+
+
+def bound(d: Draw, simulator: Any) -> np.ndarray:
+    """The least standard errors (2,) that the trace allows a fit, by the curvature at the truth with the true noise.
+
+    With free gaps between windows of a fixed length: tighter ones let the bound of a chaotic run fall without limit.
+
+    Args:
+        simulator: of the fit, whose programs serve these windows too.
+    """
+    from fitting.calibration.plan import at_weight
+    from fitting.calibration.preparation import prepare
+    from fitting.estimate.gauss_newton import fit_starts
+    from fitting.estimate.normal_equations import solve_spd
+
+    known = replace(d.trace, se=np.full_like(d.trace.theta, d.noise))
+    prepared = prepare([known], d.scene, NAMES, window=BOUND_WINDOW, simulator=simulator)
+    problem, values = prepared.problem(), prepared.values
+    _, evaluation = fit_starts(problem, values, prepared.starts, BOUND_ROUNDS)
+    step = at_weight(problem, evaluation, values, BOUND_GAP)
+    return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values)))))
 
 
 def residual_freedom(result: Any) -> float:
@@ -195,6 +219,10 @@ def table(rows: list[dict[str, Any]]) -> str:
             f"RMS of error over standard error {np.sqrt(np.mean(off**2)) if len(off) else np.nan:.2f}, "
             f"largest {np.abs(off).max(initial=0):.1f}"
         )
+    ratios = np.array([np.divide(r["std_error"], r["bound"]) for r in ok if not any(r["at_bound"]) and "bound" in r])
+    if len(ratios):
+        middle, high = np.median(ratios), np.quantile(ratios, 0.9)
+        lines.append(f"standard error over its bound: median {middle:.2f}, nine of ten below {high:.2f}")
     others = {r["seed"]: r["status"] for r in rows if r["status"] != "ok"}
     return "\n".join([*lines, f"not ok: {others}"])
 

@@ -7,10 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 
 
-def place(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
+def place(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
     """`zeros(size, ...)` with `values` (k, ...) added at the rows `where` (k,)."""
     where = np.asarray(where)
     counts = np.bincount(where, minlength=size)
+    if isinstance(values, np.ndarray):
+        found = np.zeros((size, *values.shape[1:]), values.dtype)
+        np.add.at(found, where, values)
+        return jnp.asarray(found, values.dtype)
     if not len(where):
         return jnp.zeros((size, *values.shape[1:]), values.dtype)
     if len(where) == size and counts.max() == 1:

@@ -51,6 +51,11 @@ def supported_options() -> dict[str, str | bool]:
     return found
 
 
+def brief_options() -> dict[str, str | bool] | None:
+    """Compiler options of programs that are to compile fast."""
+    return supported_options() if jax.default_backend() == "cpu" else None
+
+
 def memory_maps() -> int:
     """Memory maps of this process; 0 where the kernel does not tell (it then has no such limit)."""
     try:
@@ -175,7 +180,7 @@ class Kept(Generic[P, R]):
 
         del one.__wrapped__  # its signature has the static arguments
         program = lowered(self._function, settings, values, one)
-        return program.compile(supported_options() if self._brief and jax.default_backend() == "cpu" else None)
+        return program.compile(brief_options() if self._brief else None)
 
 
 def kept(

@@ -139,7 +139,8 @@ def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, fl
 
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
     line = model.line
-    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
+    ends, force = _forces(model, None if near is None else near.r, np.asarray(t, model.dtype))
+    ends = jax.tree.map(np.asarray, ends)
     total = np.asarray(force, float) + np.asarray(loads, float)
     if not np.any(total):
         raise SceneError(

@@ -20,7 +20,7 @@ from dropper_jax.statics.rest_problem import (
     static_solver,
     static_tolerance,
 )
-from dropper_jax.statics.system import force_scale
+from dropper_jax.statics.system import host_scale
 
 #: First displacement from an unstable pose, in lengths of a link, and steps of the fall that follows.
 NUDGE = 0.1
@@ -36,11 +36,12 @@ def stable(model: Model, s: State) -> bool:
     unsymmetric: every slow motion returns), against the mean tension, or weight, per length. A
     line whose links are all in tension under dead loads is stable, and long ones are not looked at further.
     """
-    if bool(jnp.all(s.tension > 0)) and model.constant_force:
+    tension = np.asarray(s.tension)
+    if (tension > 0).all() and model.constant_force:
         return True
     if SOLVERS["dense"].size(model) > DENSE_LIMIT:
         return True
-    scale = max(float(jnp.mean(jnp.abs(s.tension))), float(force_scale(model))) / float(jnp.mean(model.line.length))
+    scale = max(np.abs(tension).mean(), host_scale(model)) / np.mean(np.asarray(model.line.length))
     return softest(model, s)[0] > -1e-6 * scale
 
 
@@ -74,7 +75,7 @@ def _stiffness(model: Model, s: State) -> jax.Array:
 def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[State, float]:
     """From an unstable pose down to a stable one, starting out to either side of the softest displacement."""
     stiffness, side = softest(model, s)
-    nudge = NUDGE * float(jnp.mean(model.line.length)) / np.abs(side).max() * side
+    nudge = NUDGE * float(np.mean(np.asarray(model.line.length))) / np.abs(side).max() * side
     for start in (s.r + nudge, s.r - nudge):
         fallen = _fall(model, replace(s, r=start), loads, 4.0 * abs(stiffness), static_solver(model))
         found, size = solve_statics(model, fallen, loads, float(s.t))

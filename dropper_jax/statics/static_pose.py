@@ -40,7 +40,8 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
-    return place(index, jnp.asarray(forces, model.dtype), model.free_nodes)
+    values = forces if isinstance(forces, jax.Array) else np.asarray(forces, model.dtype)
+    return place(index, values, model.free_nodes)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
@@ -232,4 +232,4 @@ def tested(
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
-    return change, error, -inner @ np.append(change, 1.0), gain, float(chi2.sf(2 * gain, len(A)))
+    return change, error, -inner @ np.append(change, 1.0), gain, float(chdtrc(len(A), max(2 * gain, 0.0)))

@@ -6,14 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import toeplitz
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Potential
 from fitting.parameters.naming import DAMPING
 from fitting.traces import planar
-from fitting.traces.trace import Trace
+from fitting.traces.trace import Trace, smoothed, smoothers
 
 #: Fewest samples of a run.
 FEWEST = 120
@@ -43,21 +42,14 @@ def measured(trace: Trace, span: tuple[float, float], reach: float) -> tuple[np.
         return None
     step = part.interval
     t = np.arange(part.t[0], part.t[-1] + 0.5 * step, step)
-    width = _width(part, reach)
-    theta, omega = np.zeros((2, len(t), trace.links))
-    for j, column in enumerate(part.theta.T):
-        known = np.isfinite(column)
-        even = np.interp(t, part.t[known], column[known])
-        theta[:, j] = savgol_filter(even, width, 3)
-        omega[:, j] = savgol_filter(even, width, 3, deriv=1, delta=step)
-    return t, theta, omega
+    return t, *smoothed(part.at(t), _width(part, reach), step)
 
 
 def left(trace: Trace, reach: float, kept: float) -> tuple[float, float]:
     """Deviation that smoothing leaves of noise of deviation 1 and memory `kept`, in angles and in rates [1/s]."""
     width = _width(trace, reach)
     memory = toeplitz(kept ** np.arange(width))
-    weights = savgol_coeffs(width, 3), savgol_coeffs(width, 3, deriv=1, delta=trace.interval)
+    weights = (every[width // 2] for every in smoothers(width, trace.interval))
     return tuple(float(np.sqrt(w @ memory @ w)) for w in weights)
 
 

@@ -19,7 +19,7 @@ from dataclasses import replace
 from math import comb
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law import Law
@@ -39,7 +39,7 @@ DRAWS = 1000
 
 def chance(gain: float, coefficients: int) -> float:
     """Probability of a log likelihood higher by `gain` from coefficients that are zero and cannot be less."""
-    beyond = [float(gain <= 0.0), *(chi2.sf(2 * gain, i) for i in range(1, coefficients + 1))]
+    beyond = [float(gain <= 0.0), *(chdtrc(i, max(2 * gain, 0.0)) for i in range(1, coefficients + 1))]
     return float(sum(comb(coefficients, i) * p for i, p in enumerate(beyond)) / 2**coefficients)
 
 

@@ -92,7 +92,7 @@ def _noise(result: FitResult, run: int, omega: np.ndarray, reach: float) -> tupl
 
 
 def _reach(model: Model) -> float:
-    return SMOOTH * 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
+    return SMOOTH * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
 
 
 def _seen(result: FitResult, run: int) -> tuple[float, float]:

@@ -13,7 +13,6 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.lost_windows import break_far_gaps, recover_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
-from fitting.estimate.gradient import descent_of
 from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with
 from fitting.estimate.noise import Noise
 from fitting.estimate.own_noise import posed, with_own_noise
@@ -86,6 +85,8 @@ def estimate(
 ) -> Solution:
     """Run an estimator; arguments as in `fit`."""
     if method == "gradient":  # the same with other steps: windows, noise, gap weight and time step as by default
+        from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
+
         descent, progress = descent_of(settings or {}, progress)
         problem = prepared.problem(begun_with(loss), frozen)
         values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)

@@ -21,7 +21,6 @@ from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
 from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
-from fitting.estimate.gradient import descent_of
 from fitting.estimate.loss import loss_of
 from fitting.estimate.nuts import nuts
 from fitting.estimate.posterior import importance
@@ -115,7 +114,10 @@ def fit(
     if settings and method != "gradient":
         name = sorted(settings)[0]
         raise SceneError(f"{name}: {settings[name]!r} is given, but method {method!r} has none; use gradient")
-    descent_of(settings)  # refuses settings before anything is compiled
+    if method == "gradient":
+        from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
+
+        descent_of(settings)  # refuses settings before anything is compiled
     if bootstrap < 0 or bootstrap == 1:
         raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
     if sampler not in SAMPLERS:

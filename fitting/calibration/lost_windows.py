@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fitting.calibration.jumps import led, lost_frames
 from fitting.calibration.prepared import Prepared
@@ -56,7 +56,7 @@ def lost_windows(solution: Solution) -> np.ndarray:
     size = np.minimum(square, MOST_OF_ONE * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
     typical = usual(size)
-    limit = typical * np.maximum(FAR, chi2.ppf(1 - CHANCE, freedom) / freedom)
+    limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
     noise = solution.problem.noise
     assumed = 1.0 if noise is None else float(np.mean(noise.factor**2))

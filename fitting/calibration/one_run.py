@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from fitting.calibration.result import FitResult
 from fitting.estimate.marching import march
@@ -82,6 +81,8 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
     starts = np.stack([theta, theta + aside]), np.stack([omega, omega])
     at = np.arange(steps + 1) * windows.dt + begin
     angles = _runs(result, np.stack([values, np.clip(values + error, low, high)]), *starts, steps)
+    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and a report alone needs it
+
     near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
     measured = trace.theta[inside]
     return OneRun(t, measured, near, _parting(t, other - near), _parting(t, measured - near))

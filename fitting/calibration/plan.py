@@ -144,11 +144,12 @@ def _errors(
     few = replace(problem, windows=first(windows, count))
     seen = Evaluation(*(part[:count] for part in evaluation))
     weight = gap_weight or _expected_weight(few, seen, values)
-    step = _step(few, seen, values, weight)
+    step = at_weight(few, seen, values, weight)
     return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values))))), weight
 
 
-def _step(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
+def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
+    """The Gauss-Newton step of joined windows at one weight of the gaps; its information is the inverse covariance."""
     level = JoinedWindows(problem, weight)
     nowhere = np.zeros(len(values))
     step = level.solve(level.system(evaluation, values), values, 0.0, nowhere, nowhere)
@@ -163,7 +164,7 @@ def _expected_weight(problem: Problem, evaluation: Evaluation, values: np.ndarra
 
     def logs(weight: float) -> np.ndarray:
         """log|A| and log|H|."""
-        step = _step(problem, evaluation, values, weight)
+        step = at_weight(problem, evaluation, values, weight)
         return step.log_determinant + np.array([0.0, np.linalg.slogdet(step.information)[1]])
 
     evidence = []

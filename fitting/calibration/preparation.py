@@ -95,14 +95,14 @@ def prepare(
     model_error = 0.0 if scene.fit is None else scene.fit.model_error
     sigma = [np.hypot(noise(trace), model_error) for trace in fitted_parts(runs, spans)]
     runs = [trace if trace.se is None else replace(trace, se=np.hypot(trace.se, model_error)) for trace in runs]
-    slowest = 2 * np.pi * np.sqrt(float(np.sum(model.line.length)) / 9.81)
+    slowest = 2 * np.pi * np.sqrt(float(np.sum(np.asarray(model.line.length))) / 9.81)
     if release is None:
         spans, more = without_held_starts(
             spans, fitted_parts(runs, spans), sigma, slowest, lambda: resting_angles(model)
         )
         notes += more
     span = max(high - low for _, low, high in spans)
-    period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
+    period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
     for i, trace in enumerate(runs):
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
@@ -121,7 +121,9 @@ def prepare(
     interval = max(trace.interval for trace in runs)
     fewest = fewest_frames(model.line.links, simulator.freedoms)
     base = max(chaos.SHORTEST_PART * period, fewest * interval)
-    length = window or chaos.longest_window(simulator.freedoms // 2, float(np.mean(model.line.length)), span, base)
+    length = window or chaos.longest_window(
+        simulator.freedoms // 2, float(np.mean(np.asarray(model.line.length))), span, base
+    )
     if window is not None and window > span:
         raise SceneError(f"window: {window:g} s is longer than the trace; allowed: at most {span:g} s")
     frame = max(1, round(interval / dt))
@@ -130,7 +132,7 @@ def prepare(
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
     longest_run = longest if length < longest < ROOM * length else length
-    simulator.longest_run = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
+    simulator.room = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
     say(0.02, f"windows of at most {length:.3g} s: compiling")
     windows = cut(runs, base * dt, dt, sigma, spans)
     if release is not None:

@@ -116,7 +116,7 @@ def _with_width(model: Model, p: Parameter) -> Parameter:
     if isinstance(p.where, ModelPlace) and p.where.section == "lines":
         width = SHARE * abs(p.value)
     elif isinstance(p.where, ModelPlace) and p.where.section == "points":
-        width = SHARE * float(np.mean(model.line.length))
+        width = SHARE * float(np.mean(np.asarray(model.line.length)))
     elif isinstance(p.where, CameraPlace):
         width = TURNED
     elif isinstance(p.where, ClockPlace):

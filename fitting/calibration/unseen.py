@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from fitting.calibration.balance import balance, measured
 from fitting.calibration.prepared import Prepared
@@ -29,7 +29,7 @@ from fitting.traces import planar
 #: Half width of the smoother of the measured motion, as a part of the shortest link's period.
 SMOOTH_PART = 0.06
 #: Share of the lost energy that a part must be able to show, and quantile of the normal law of its upper limit.
-SHARE, LIMIT = 0.1, float(norm.ppf(0.95))
+SHARE, LIMIT = 0.1, float(ndtri(0.95))
 
 
 def taken(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:

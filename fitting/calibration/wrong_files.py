@@ -128,7 +128,7 @@ def _opening(model: Model, theta: np.ndarray) -> float:
 def _missing_reach(model: Model, theta: np.ndarray) -> np.ndarray:
     """From the end of the links to the second hook (k,) [m], x + i z with z downwards."""
     ends = model.ends(0.0)
-    span = np.asarray(ends.end - ends.start)
+    span = np.asarray(ends.end) - np.asarray(ends.start)
     return span[0] - 1j * span[2] - np.exp(1j * theta) @ np.asarray(model.line.length)
 
 

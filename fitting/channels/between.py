@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 
 @dataclass(frozen=True)
@@ -64,5 +64,5 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
         variance = 0.0
     mean, weight, square, _ = solved(variance)
     error = float(np.sqrt(max(square / (n - 1), 1.0 if variance == 0.0 else 0.0) / weight))
-    reach = float(student(n - 1).ppf(0.5 + level / 2)) * error
+    reach = float(stdtrit(n - 1, 0.5 + level / 2)) * error
     return Between(name, np.asarray(values), own, mean, error, mean - reach, mean + reach, float(np.sqrt(variance)))

@@ -14,16 +14,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from fitting.channels.descent import Point
 from fitting.channels.noise import CORRELATED, CORRELATION_FLOOR, lag_one
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.sandwich import FEW, PIECES, Pieces, jackknife
+from fitting.estimate.sandwich import PIECES, Pieces, jackknife
+from fitting.estimate.uncertainty import LEVEL, quantile
 from fitting.parameters.place import ModelPlace
 
-LEVEL = 0.90
 #: Largest sensitivity of the most sensitive channel at which a parameter is not determined.
 INSENSITIVE = 0.05
 #: Standard error over the prior's beyond which the prior alone tells a parameter.
@@ -80,7 +78,7 @@ def errors_of(point: Point) -> Errors:
     covariance[np.ix_(free, free)] = inner
     covariance = covariance + problem.known.carried_covariance(np.where(problem.held, 0.0, point.values))
     se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    reach = (student(blocks - 1) if 0 < blocks < FEW else norm).ppf(0.5 + LEVEL / 2) * se
+    reach = quantile(0.5 + LEVEL / 2, blocks) * se
     least, most = (np.array([getattr(p, end) for p in problem.parameters]) for end in ("low", "high"))
     low, high = np.maximum(point.values - reach, least), np.minimum(point.values + reach, most)
     at_bound = ~problem.held & ((point.values <= least) | (point.values >= most))
@@ -142,7 +140,7 @@ def _verdict(point: Point, i: int, se: float, sensitivity: np.ndarray) -> tuple[
         return ("prior", "its prior alone tells it") if alone else ("yes", "")
     if p.low < 0:
         return "yes", ""
-    most, reach = float(sensitivity.max(initial=0.0)), float(norm.ppf(0.95)) * se
+    most, reach = float(sensitivity.max(initial=0.0)), quantile(0.95) * se
     bound = "upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %"
     if isinstance(p.where, ModelPlace) and p.low == 0 and value < reach:  # it may as well not be there
         return bound

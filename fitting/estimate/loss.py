@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 
 class Loss(Protocol):
@@ -52,7 +52,8 @@ class Huber:
     @property
     def spread(self) -> float:
         c = self.threshold
-        return float(2 * norm.cdf(c) - 1 - 2 * c * norm.pdf(c) + 2 * c**2 * norm.sf(c))
+        density = np.exp(-0.5 * c**2) / np.sqrt(2 * np.pi)
+        return float(2 * ndtr(c) - 1 - 2 * c * density + 2 * c**2 * ndtr(-c))
 
     def cost(self, residual: np.ndarray) -> float:
         size, c = np.abs(residual), self.threshold

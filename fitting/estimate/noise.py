@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from fitting.estimate.windows import Windows
-from fitting.traces.trace import Trace
+from fitting.traces.trace import Trace, smoothed
 
 #: Half width [s] of the smoother that tells rates from a trace.
 SMOOTH = 0.05
@@ -67,9 +66,7 @@ def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         trace, mine = traces[run], windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
         reach = 2 * max(2, round(SMOOTH / trace.interval)) + 1
-        for j, column in enumerate(trace.theta.T):
-            known = np.isfinite(column)
-            angle = np.interp(even, trace.t[known], column[known])
-            rate = savgol_filter(angle, min(reach, 2 * ((len(even) - 1) // 2) + 1), 3, deriv=1, delta=trace.interval)
-            found[mine, :, j] = np.interp(t[mine], even, rate)
+        rate = smoothed(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
+        for j, column in enumerate(rate.T):
+            found[mine, :, j] = np.interp(t[mine], even, column)
     return np.where(windows.weight > 0, found, 0.0)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import multivariate_t
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
@@ -105,6 +104,8 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
     Raises:
         SceneError: nothing is free, or too few draws.
     """
+    from scipy.stats import multivariate_t  # noqa: PLC0415 - slow to import, and few fits sample
+
     problem = solution.problem
     free = np.flatnonzero(~problem.held)
     if not len(free):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from fitting.estimate.gauss_newton import closed_starts, descend, move
 from fitting.estimate.normal_equations import solve_spd
@@ -77,7 +77,7 @@ def profile(
             found[place] = (point.cost - cost) / unit
     at = np.array(sorted(found))
     growth = np.array([found[x] for x in at])
-    limit = 0.5 * float(chi2.ppf(level, 1))
+    limit = 0.5 * float(chdtri(1, 1 - level))
     ends = (_crossing(at, growth, best, limit, side) for side in (-1, 1))
     return Profile(name, at, growth, *ends, converged)
 

@@ -7,11 +7,10 @@ larger than the noise that the traces show, the scatter of blocks of scores tell
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import solve_spd
@@ -114,8 +113,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
     se = np.sqrt(np.maximum(np.diag(full), 0.0))
     least, most = problem.bounds(solution.values)
     at_bound = ~problem.held & ((solution.values <= least) | (solution.values >= most))
-    law = student(blocks - 1) if 0 < blocks < FEW else norm
-    low, high = intervals(solution, full, free, law=law)
+    low, high = intervals(solution, full, free, blocks=blocks)
     return Uncertainty(
         full,
         se,
@@ -137,16 +135,16 @@ def _inverse(information: np.ndarray) -> np.ndarray:
 
 
 def intervals(
-    solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL, law: Any = norm
+    solution: Solution, covariance: np.ndarray, free: np.ndarray, level: float = LEVEL, blocks: float = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (k,) of the intervals: of a law such as the normal one, cut at the bounds.
+    """Ends (k,) of the intervals, cut at the bounds; by Student's law where few blocks of time tell the errors.
 
-    On a bound the interval starts there and ends at the quantile of the normal law around the unbounded optimum,
+    On a bound the interval starts there and ends at the quantile of that law around the unbounded optimum,
     given that the parameter is inside its bounds.
     """
     values = solution.values
     se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    reach = law.ppf(0.5 + level / 2) * se
+    reach = quantile(0.5 + level / 2, blocks) * se
     low, high = values - reach, values + reach
     centre = values.copy()
     if len(free):
@@ -154,15 +152,25 @@ def intervals(
     for i in free:
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
-            below = law.cdf((p.low - centre[i]) / se[i])
-            low[i], high[i] = p.low, centre[i] + se[i] * law.ppf(below + level * (1 - below))
+            below = chance_below((p.low - centre[i]) / se[i], blocks)
+            low[i], high[i] = p.low, centre[i] + se[i] * quantile(below + level * (1 - below), blocks)
         elif values[i] >= p.high and se[i] > 0:
-            below = law.cdf((p.high - centre[i]) / se[i])
-            low[i], high[i] = centre[i] + se[i] * law.ppf(below * (1 - level)), p.high
+            below = chance_below((p.high - centre[i]) / se[i], blocks)
+            low[i], high[i] = centre[i] + se[i] * quantile(below * (1 - level), blocks), p.high
         low[i], high[i] = max(low[i], p.low), min(high[i], p.high)
         if not np.isfinite(high[i]):
             high[i] = values[i] + reach[i]
     return low, high
+
+
+def quantile(chance: float, blocks: float = 0) -> float:
+    """Standard errors below which an estimate lies with this chance: Student's law for fewer blocks than `FEW`."""
+    return float(stdtrit(blocks - 1, chance) if 0 < blocks < FEW else ndtri(chance))
+
+
+def chance_below(distance: float, blocks: float = 0) -> float:
+    """The inverse of `quantile`."""
+    return float(stdtr(blocks - 1, distance) if 0 < blocks < FEW else ndtr(distance))
 
 
 def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:

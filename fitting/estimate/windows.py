@@ -12,7 +12,6 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
@@ -263,7 +262,7 @@ class Starts(NamedTuple):
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
     """Starts from the traces: value and slope of local polynomials, as wide as the noise `sigma` lets them be."""
     traces = [without_spikes(trace) for trace in traces]
-    longest = SMOOTH_PART * 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / 9.81)
+    longest = SMOOTH_PART * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
     value = np.array(
         [
             local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest)
@@ -273,9 +272,15 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     return close_starts(model, value[..., 0], value[..., 1])
 
 
+#: Starts are closed in multiples of so many: one program serves most traces.
+CLOSED_TOGETHER = 128
+
+
 def close_starts(model: Model, theta: np.ndarray, omega: np.ndarray) -> Starts:
     """The nearby starts (K, n) whose links close."""
-    return Starts(*(np.asarray(a) for a in _close(model, jnp.asarray(theta), jnp.asarray(omega))))
+    more = [(0, -len(theta) % CLOSED_TOGETHER), (0, 0)]
+    found = _close(model, *(np.pad(a, more, mode="edge") for a in (theta, omega)))
+    return Starts(*(np.asarray(a)[: len(theta)] for a in found))
 
 
 @jax.jit

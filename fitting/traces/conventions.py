@@ -57,7 +57,7 @@ def settle_convention(trace: Trace, model: Model, asked: Convention) -> tuple[Tr
 
 def check_sampling(trace: Trace, model: Model) -> None:
     """Refuse samples that are too far apart for the shortest link."""
-    period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / GRAVITY)
+    period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
     if trace.interval > period / SAMPLES_PER_PERIOD:
         raise SceneError(
             f"{trace.name}: a sample every {trace.interval:g} s is too few per oscillation of {period:.2g} s; "
@@ -72,8 +72,10 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     of a motion in radians is slower; degrees make v^2 3300 times larger.
     """
     largest = np.nanmax(np.abs(trace.theta))
-    fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(model.line.length)))
-    if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(np.sum(model.line.length)):
+    fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(np.asarray(model.line.length))))
+    if named.unit != "deg" and _specific_energy(trace, model) > 2 * GRAVITY * float(
+        np.sum(np.asarray(model.line.length))
+    ):
         fix = "name the unit: deg or rad" if named.unit is None else "the unit is rad; allowed: --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees; {fix}")
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
@@ -85,7 +87,7 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
 
 def _specific_energy(trace: Trace, model: Model) -> float:
     """Kinetic energy over mass [J/kg] of the nodes in the median frame, the angles taken for radians."""
-    period = 2 * np.pi * np.sqrt(float(np.min(model.line.length)) / GRAVITY)
+    period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
     apart = max(1, round(UNIT_STEP * period / trace.interval))
     step = trace.t[apart:] - trace.t[:-apart]
     omega = (trace.theta[apart:] - trace.theta[:-apart]) / step[:, None]

@@ -30,11 +30,9 @@ def check_planar(model: Model, start: State) -> None:
     """
     if model.moving:
         raise SceneError("effects.end_motion: ends that move cannot be fitted; allowed: a scene with ends at rest")
-    ends = model.ends(start.t)
-    y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + float(ends.start[1])])
-    if np.ptp(np.append(y, float(ends.start[1]))) > PLANE or (
-        model.end_held and abs(float(ends.end[1] - ends.start[1])) > PLANE
-    ):
+    held = np.asarray(model.ends(start.t).places)[:, 1]
+    y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
+    if np.ptp(y) > PLANE:
         raise SceneError("start: leaves the vertical plane; allowed: a motion in the x-z plane, traces hold one angle")
 
 
@@ -107,4 +105,5 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
 
 def wrap(angle: jax.Array) -> jax.Array:
     """The angle as the shortest turn, in [-pi, pi] [rad]."""
-    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
+    host = np if isinstance(angle, np.ndarray) else jnp  # operations of JAX outside a program compile one by one
+    return angle - 2 * np.pi * host.round(angle / (2 * np.pi))

@@ -79,6 +79,12 @@ class Trace:
         pick = lambda a: None if a is None else a[keep]  # noqa: E731
         return replace(self, t=self.t[keep], theta=self.theta[keep], omega=pick(self.omega), se=pick(self.se))
 
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Angles (len(times), n) interpolated linearly between the known samples."""
+        known = [np.isfinite(column) for column in self.theta.T]
+        pairs = zip(known, self.theta.T, strict=True)
+        return np.stack([np.interp(times, self.t[some], column[some]) for some, column in pairs], axis=1)
+
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         factor = (convention.sign or 1) * (np.pi / 180 if convention.unit == "deg" else 1.0)
@@ -215,6 +221,27 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
             reach = max(reach / WIDER, shortest)
         found[column] = c[0], c[1] / reach if degree else 0.0
     return found
+
+
+def smoothers(width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (width, width) of a cubic through `width` even samples: its values at all of them, and its rates.
+
+    The middle rows are the filters of Savitzky and Golay (1964).
+    """
+    powers = np.vander(np.arange(width) - width // 2, DEGREE + 1, increasing=True).astype(float)
+    fit = np.linalg.pinv(powers)
+    return powers @ fit, powers[:, :-1] * np.arange(1, DEGREE + 1) @ fit[1:] / step
+
+
+def smoothed(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates (N, n) by cubics through `width` samples around each; at both ends by the last whole one."""
+    half = width // 2
+    around = np.lib.stride_tricks.sliding_window_view(theta, width, axis=0)  # (N - width + 1, n, width)
+    found = []
+    for weights in smoothers(width, step):
+        ends = weights[:half] @ theta[:width], weights[half + 1 :] @ theta[-width:]
+        found.append(np.concatenate([ends[0], around @ weights[half], ends[1]]))
+    return found[0], found[1]
 
 
 #: Deviations, by all samples' own measure, that a spike is off the mean of its neighbours.

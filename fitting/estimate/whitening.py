@@ -1,4 +1,4 @@
-"""Residuals of correlated noise made white: channels that remember, frames whose links share a delay.
+"""Residuals of correlated noise made white: channels that remember, frames that are late, zeros that drift.
 
 A channel that keeps `phi = exp(-decay dt)` of its noise from sample to sample (AR(1)), missing samples being longer dt:
 
@@ -13,7 +13,11 @@ over their noise, the covariance of the frame is 1 + b b', and its inverse root
 
     u = r - (1 - 1/sqrt(1 + b'b)) b (b'r)/(b'b)
 
-Both are linear: derivatives are made white in the same way.
+A sensor whose zero drifts is off by a number of its own in every window. With b its deviation over the noise of each
+sample of the window, the samples of a link are made white by the same formula. That zeros of neighbouring windows are
+alike is left to the errors, which come from the scatter of blocks of time (`uncertainty`).
+
+All are linear: derivatives are made white in the same way.
 """
 
 from __future__ import annotations
@@ -33,12 +37,12 @@ def whitened(windows: Windows, e: Evaluation) -> Evaluation:
         residual = size * (e.residual - phi * shift(e.residual, ()))
         jacobian = size[..., None] * (e.jacobian - phi[..., None] * shift(e.jacobian, (1,)))
         return e._replace(residual=residual, jacobian=jacobian)
-    if windows.jitter is not None:
-        b, share = _late(windows)
-        along = np.sum(b * e.residual, axis=2, keepdims=True)
-        turned = np.einsum("ksn,ksnj->ksj", b, e.jacobian)
+    if windows.jitter is not None or windows.drift is not None:
+        b, share, axis = _common(windows)
+        along = np.sum(b * e.residual, axis=axis, keepdims=True)
+        turned = np.sum(b[..., None] * e.jacobian, axis=axis, keepdims=True)
         residual = e.residual - share * b * along
-        jacobian = e.jacobian - (share * b)[..., None] * turned[:, :, None]
+        jacobian = e.jacobian - (share * b)[..., None] * turned
         return e._replace(residual=residual, jacobian=jacobian)
     return e
 
@@ -49,9 +53,9 @@ def log_volume(windows: Windows) -> float:
     total = -2 * float(np.sum(np.log(windows.weight[known])))
     if windows.decay is not None:
         total -= 2 * float(np.sum(np.log(_memory(windows)[2][known])))
-    if windows.jitter is not None:
-        b, _ = _late(windows)
-        total += float(np.sum(np.log1p(np.sum(b**2, axis=2))))
+    if windows.jitter is not None or windows.drift is not None:
+        b, _, axis = _common(windows)
+        total += float(np.sum(np.log1p(np.sum(b**2, axis=axis))))
     return total
 
 
@@ -73,9 +77,11 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return before, np.where(known, phi, 0.0), np.where(known, size, 0.0)
 
 
-def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """b (K, S, n) of every sample that is there, and `(1 - 1/sqrt(1 + b'b))/(b'b)` of its frame (K, S, 1)."""
-    b = np.where(windows.weight > 0, windows.jitter, 0.0)
-    square = np.sum(b**2, axis=2, keepdims=True)
+def _common(windows: Windows) -> tuple[np.ndarray, np.ndarray, int]:
+    """b (K, S, n) of every sample that is there, `(1 - 1/sqrt(1 + b'b))/(b'b)` of those that share their error, and the
+    axis along which they lie: the links of a frame (2), or the samples of a window's link (1)."""
+    axis = 1 if windows.jitter is None else 2
+    b = windows.weight * windows.drift[:, None] if axis == 1 else np.where(windows.weight > 0, windows.jitter, 0.0)
+    square = np.sum(b**2, axis=axis, keepdims=True)
     root = np.sqrt(1 + square)
-    return b, 1 / (root * (1 + root))  # the same, without the division by b'b
+    return b, 1 / (root * (1 + root)), axis  # the same, without the division by b'b

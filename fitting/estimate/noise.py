@@ -23,7 +23,7 @@ class Noise:
         factor: deviation over the one that the traces claim (R, n).
         decay: rate at which it forgets itself (R, n) [1/s]; infinite where it is white.
         delay: deviation of the frames' delays (R,) [s].
-        drift: deviation of the sensors' zeros from window to window (R, n) [rad].
+        drift: deviation of the sensors' zeros from their means over the run (R, n) [rad].
     """
 
     factor: np.ndarray

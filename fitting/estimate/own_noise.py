@@ -10,9 +10,9 @@ point, what is left over the samples that fitting left,
 
     sigma_j^2 = sum_j r^2/(N_j - tr_j),     tr_j = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples
 
-and memory (AR(1)), a delay common to a frame's links, or a zero of a link's sensor that differs from window to window
-are taken where they raise L enough and what they leave is white. Smooth misfits, which are no noise, leave innovations
-that are as smooth: there the noise stays white, and
+and memory (AR(1)), a delay common to a frame's links, or a random walk of the zero of a link's sensor are taken where
+they raise L enough and what they leave is white. Smooth misfits, which are no noise, leave innovations that are as
+smooth: there the noise stays white, and
 standard errors come from blocks of scores (`uncertainty`).
 """
 
@@ -171,7 +171,7 @@ class Told:
         return self.settled(replace(white, delay=delay * np.exp(size)))
 
     def _with_drift(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
-        """A zero of its own of every window; None where residuals do not ask for it, or it leaves a smooth misfit.
+        """A random walk of every zero; None where residuals do not ask for it, or it leaves a smooth misfit.
 
         By the windows' sums of residuals: what fitting the starts leaves of an offset is v, its product with the
         residuals t, and t^2 is v on average where zeros stay. A zero that is wrong alike in all windows does not count.

@@ -13,16 +13,23 @@ over their noise, the covariance of the frame is 1 + b b', and its inverse root
 
     u = r - (1 - 1/sqrt(1 + b'b)) b (b'r)/(b'b)
 
-A sensor whose zero drifts is off by a number of its own in every window. With b its deviation over the noise of each
-sample of the window, the samples of a link are made white by the same formula. That zeros of neighbouring windows are
-alike is left to the errors, which come from the scatter of blocks of time (`uncertainty`).
+The zero of a sensor may do a random walk. With s its deviation from its mean over the run's duration T (of a walk by q
+per root of a second `s^2 = q^2 T/6`) and t the time after the start of the window,
+
+    cov(r_i, r_j) = delta_ij + s^2/(sigma_i sigma_j) (1 + 6 min(t_i, t_j)/T),      u = L^-1 r,      L L' = cov
+
+for every window and link. That zeros of neighbouring windows are alike is left to the errors, which come from the
+scatter of blocks of time (`uncertainty`).
 
 All are linear: derivatives are made white in the same way.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.windows import Windows
@@ -37,13 +44,18 @@ def whitened(windows: Windows, e: Evaluation) -> Evaluation:
         residual = size * (e.residual - phi * shift(e.residual, ()))
         jacobian = size[..., None] * (e.jacobian - phi[..., None] * shift(e.jacobian, (1,)))
         return e._replace(residual=residual, jacobian=jacobian)
-    if windows.jitter is not None or windows.drift is not None:
-        b, share, axis = _common(windows)
-        along = np.sum(b * e.residual, axis=axis, keepdims=True)
-        turned = np.sum(b[..., None] * e.jacobian, axis=axis, keepdims=True)
+    if windows.jitter is not None:
+        b, share = _late(windows)
+        along = np.sum(b * e.residual, axis=2, keepdims=True)
+        turned = np.einsum("ksn,ksnj->ksj", b, e.jacobian)
         residual = e.residual - share * b * along
-        jacobian = e.jacobian - (share * b)[..., None] * turned
+        jacobian = e.jacobian - (share * b)[..., None] * turned[:, :, None]
         return e._replace(residual=residual, jacobian=jacobian)
+    if windows.drift is not None:
+        both = np.concatenate([e.residual[..., None], e.jacobian], axis=-1)
+        for k, j, factor in _walks(windows):
+            both[k, :, j] = solve_triangular(factor, both[k, :, j], lower=True)
+        return e._replace(residual=both[..., 0], jacobian=both[..., 1:])
     return e
 
 
@@ -53,9 +65,11 @@ def log_volume(windows: Windows) -> float:
     total = -2 * float(np.sum(np.log(windows.weight[known])))
     if windows.decay is not None:
         total -= 2 * float(np.sum(np.log(_memory(windows)[2][known])))
-    if windows.jitter is not None or windows.drift is not None:
-        b, _, axis = _common(windows)
-        total += float(np.sum(np.log1p(np.sum(b**2, axis=axis))))
+    if windows.jitter is not None:
+        b, _ = _late(windows)
+        total += float(np.sum(np.log1p(np.sum(b**2, axis=2))))
+    if windows.drift is not None:
+        total += 2 * float(sum(np.sum(np.log(np.diag(factor))) for _, _, factor in _walks(windows)))
     return total
 
 
@@ -77,11 +91,19 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return before, np.where(known, phi, 0.0), np.where(known, size, 0.0)
 
 
-def _common(windows: Windows) -> tuple[np.ndarray, np.ndarray, int]:
-    """b (K, S, n) of every sample that is there, `(1 - 1/sqrt(1 + b'b))/(b'b)` of those that share their error, and the
-    axis along which they lie: the links of a frame (2), or the samples of a window's link (1)."""
-    axis = 1 if windows.jitter is None else 2
-    b = windows.weight * windows.drift[:, None] if axis == 1 else np.where(windows.weight > 0, windows.jitter, 0.0)
-    square = np.sum(b**2, axis=axis, keepdims=True)
+def _walks(windows: Windows) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Every window and link whose zero drifts, with Cholesky's factor (S, S) of its samples' covariance."""
+    for k, j in np.argwhere(windows.drift > 0):
+        mine = windows.run == windows.run[k]
+        t = windows.times()[k] - windows.begin[k]
+        share = 6 / (windows.ends[mine].max() - windows.begin[mine].min())
+        b = windows.weight[k, :, j] * windows.drift[k, j]
+        yield k, j, np.linalg.cholesky(np.eye(len(t)) + np.outer(b, b) * (1 + share * np.minimum.outer(t, t)))
+
+
+def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """b (K, S, n) of every sample that is there, and `(1 - 1/sqrt(1 + b'b))/(b'b)` of its frame (K, S, 1)."""
+    b = np.where(windows.weight > 0, windows.jitter, 0.0)
+    square = np.sum(b**2, axis=2, keepdims=True)
     root = np.sqrt(1 + square)
-    return b, 1 / (root * (1 + root)), axis  # the same, without the division by b'b
+    return b, 1 / (root * (1 + root))  # the same, without the division by b'b

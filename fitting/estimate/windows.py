@@ -63,7 +63,7 @@ class Windows:
         substeps: parts in which every step is taken.
         decay: rate at which noise forgets itself (K, n) [1/s]; None where it is white.
         jitter: deviation by frames' common delays over that of the noise, signed as the rates (K, S, n); None: none.
-        drift: deviation of each window's own zero of a sensor (K, n) [rad]; None: none.
+        drift: deviation of a sensor's zero, which does a random walk, from its mean (K, n) [rad]; None: none.
     """
 
     begin: np.ndarray

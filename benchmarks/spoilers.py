@@ -209,7 +209,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     interval = 1 / RATE
     decay = -np.log(d.kept) / interval if d.kept else np.inf
     claimed = np.array(prepared.sigma)
-    noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]), np.zeros(claimed.shape))
+    noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
     point = Told(solution, prepared.windows, prepared.traces, prepared.floor).at(noise)
     wide = np.full(len(point.values), np.inf)
     step = joined_step(replace(point, gap_weight=CLOSED), -wide, wide)

@@ -21,7 +21,6 @@ STANDS_OUT, NAMED_SAMPLES = 5.0, 5
 NAMED = {
     "correlated": "the noise is correlated: samples keep a part of the one before, which weights and errors count",
     "jitter": "frames are late or early by chance, all links of a frame alike, which weights and errors count",
-    "drift": "zeros of sensors drift slowly, as random walks, which weights and errors count",
 }
 
 

@@ -146,7 +146,6 @@ def _extended(windows: Windows, right: np.ndarray) -> Windows:
         step_counts=np.array([int(shifts[-1]) for shifts in before]),
         decay=None,
         jitter=None,
-        drift=None,
     )
 
 

@@ -308,7 +308,7 @@ class FitResult:
         }
 
     def noise_table(self) -> dict[str, Any]:
-        """What the residuals told of the noise: its kind, and by run and link its size, memory, delay and drift.
+        """What the residuals told of the noise: its kind, and by run and link its size, memory and delay.
 
         `kept` is the share of its noise that a sample hands on to the next one.
         """
@@ -325,8 +325,6 @@ class FitResult:
             found["kept"] = np.exp(-noise.decay * interval)
         if noise is not None and noise.kind == "jitter":
             found["delay_s"] = noise.delay
-        if noise is not None and noise.kind == "drift":
-            found["drift_rad"] = noise.drift
         return found
 
     def bootstrap_table(self) -> dict[str, dict[str, float]]:

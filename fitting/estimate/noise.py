@@ -1,4 +1,4 @@
-"""The noise of traces: its size, its memory, delays of whole frames, and zeros of sensors that drift."""
+"""The noise of traces: its size, its memory, and delays of whole frames."""
 
 from __future__ import annotations
 
@@ -23,26 +23,21 @@ class Noise:
         factor: deviation over the one that the traces claim (R, n).
         decay: rate at which it forgets itself (R, n) [1/s]; infinite where it is white.
         delay: deviation of the frames' delays (R,) [s].
-        drift: deviation of the sensors' zeros from their means over the run (R, n) [rad].
     """
 
     factor: np.ndarray
     decay: np.ndarray
     delay: np.ndarray
-    drift: np.ndarray
 
     @classmethod
     def claimed(cls, runs: int, links: int) -> Noise:
         """What the traces claim."""
-        shape = runs, links
-        return cls(np.ones(shape), np.full(shape, np.inf), np.zeros(runs), np.zeros(shape))
+        return cls(np.ones((runs, links)), np.full((runs, links), np.inf), np.zeros(runs))
 
     @property
     def kind(self) -> str:
-        """`white`, `correlated`, `jitter` or `drift`."""
-        if np.isfinite(self.decay).any():
-            return "correlated"
-        return "jitter" if self.delay.any() else "drift" if self.drift.any() else "white"
+        """`white`, `correlated` or `jitter`."""
+        return "correlated" if np.isfinite(self.decay).any() else "jitter" if self.delay.any() else "white"
 
     def put(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
         """Windows of the claimed noise with this one."""
@@ -50,15 +45,13 @@ class Noise:
         weight = windows.weight / self.factor[run][:, None, :]
         decay = self.decay[run] if np.isfinite(self.decay).any() else None
         jitter = weight * self.delay[run][:, None, None] * rates(windows, traces) if self.delay.any() else None
-        drift = self.drift[run] if self.drift.any() else None
-        return replace(windows, weight=weight, decay=decay, jitter=jitter, drift=drift)
+        return replace(windows, weight=weight, decay=decay, jitter=jitter)
 
     def apart(self, other: Noise) -> float:
         """Largest relative difference of two noises' parts."""
         share = lambda a, b: np.max(np.abs(np.log((a + 1e-9) / (b + 1e-9))), initial=0.0)  # noqa: E731
         memory = np.max(np.abs(kept(self.decay) - kept(other.decay)), initial=0.0)
-        parts = [0.5 * share(getattr(self, f), getattr(other, f)) for f in ("delay", "drift")]
-        return float(max(share(self.factor, other.factor), memory, *parts))
+        return float(max(share(self.factor, other.factor), memory, 0.5 * share(self.delay, other.delay)))
 
 
 def kept(decay: np.ndarray) -> np.ndarray:

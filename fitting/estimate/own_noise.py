@@ -10,9 +10,8 @@ point, what is left over the samples that fitting left,
 
     sigma_j^2 = sum_j r^2/(N_j - tr_j),     tr_j = trace of X (X' V^-1 X)^-1 X' V^-1 over the channel's samples
 
-and memory (AR(1)), a delay common to a frame's links, or a random walk of the zero of a link's sensor are taken where
-they raise L enough and what they leave is white. Smooth misfits, which are no noise, leave innovations that are as
-smooth: there the noise stays white, and
+and memory (AR(1)) or a delay common to a frame's links are taken where they raise L enough and what they leave is
+white. Smooth misfits, which are no noise, leave innovations that are as smooth: there the noise stays white, and
 standard errors come from blocks of scores (`uncertainty`).
 """
 
@@ -62,7 +61,7 @@ class Told:
         problem, old = solution.problem, solution.windows
         self.claimed = replace(claimed, substeps=old.substeps)
         e = solution.evaluation
-        if old.decay is not None or old.jitter is not None or old.drift is not None:
+        if old.decay is not None or old.jitter is not None:
             e = problem.simulator(solution.values, solution.starts, self.claimed)
         else:
             ratio = np.where(old.weight > 0, claimed.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
@@ -108,10 +107,10 @@ class Told:
 
     def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
         """The noise that these residuals tell, beginning from another one."""
-        nothing = {"delay": np.zeros_like(noise.delay), "drift": np.zeros_like(noise.drift)}
-        white, point = self.settled(replace(noise, decay=np.full_like(noise.decay, np.inf), **nothing))
+        white = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
+        white, point = self.settled(white)
         best, found = minus_two_log(point), (white, point)
-        for tried in (f(white, point) for f in (self._with_memory, self._with_delay, self._with_drift)):
+        for tried in (self._with_memory(white, point), self._with_delay(white, point)):
             if tried is not None and minus_two_log(tried[1]) < best - 2 * WORTH:
                 best, found = minus_two_log(tried[1]), tried
         return found
@@ -169,34 +168,6 @@ class Told:
         cost = lambda x: minus_two_log(self.settled(replace(white, delay=delay * np.exp(x)), 2)[1])  # noqa: E731
         size = minimize_scalar(cost, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 0.02}).x
         return self.settled(replace(white, delay=delay * np.exp(size)))
-
-    def _with_drift(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
-        """A random walk of every zero; None where residuals do not ask for it, or it leaves a smooth misfit.
-
-        By the windows' sums of residuals: what fitting the starts leaves of an offset is v, its product with the
-        residuals t, and t^2 is v on average where zeros stay. A zero that is wrong alike in all windows does not count.
-        """
-        weight, run = point.windows.weight, point.windows.run
-        m2 = point.problem.freedoms
-        inverse, _ = start_covariances(point)
-        along = np.einsum("ksn,ksnj->knj", weight, point.evaluation.jacobian[..., :m2])
-        v = np.sum(weight**2, axis=1) - np.einsum("kni,kij,knj->kn", along, inverse, along)
-        v = np.maximum(v, 1e-9 * np.sum(weight**2, axis=1))
-        t = np.sum(weight * point.evaluation.residual, axis=1)
-        drift = np.zeros_like(white.drift)
-        for r, j in np.ndindex(drift.shape):
-            mine, own = v[run == r, j], t[run == r, j]
-            own = own - mine * own.sum() / mine.sum()
-            more, spread = np.sum(own**2 - mine), np.sqrt(2 * np.sum(mine**2))
-            if more > STANDS_OUT * spread:
-                drift[r, j] = np.sqrt(more / np.sum(mine**2))
-        if not drift.any():
-            return None
-        cost = lambda x: minus_two_log(self.settled(replace(white, drift=drift * np.exp(x)), 2)[1])  # noqa: E731
-        size = minimize_scalar(cost, bounds=(-2.5, 1.5), method="bounded", options={"xatol": 0.02}).x
-        noise, point = self.settled(replace(white, drift=drift * np.exp(size)))
-        left = lag_one(point.evaluation.residual, point.windows.weight > 0)[0]
-        return (noise, point) if abs(left) < WHITE else None
 
 
 def posed(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:

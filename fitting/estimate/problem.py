@@ -69,12 +69,11 @@ class Problem:
     def explained(self) -> bool:
         """Whether the noise that the traces show, or one of another kind, explains the residuals.
 
-        Smaller residuals are explained: noise read from differences is an upper limit where links are fast. A drift of
-        sensors' zeros is followed window by window, and not in how it goes on from each to the next.
+        Smaller residuals are explained: noise read from differences is an upper limit where links are fast.
         """
-        if self.noise is None or self.noise.kind not in ("white", "drift"):
+        if self.noise is None or self.noise.kind != "white":
             return True
-        return self.noise.kind == "white" and float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
+        return float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
 
     @property
     def held(self) -> np.ndarray:

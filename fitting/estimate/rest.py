@@ -65,7 +65,7 @@ class Rest:
         size = self.deviation / np.sqrt(self.frames)
         if noise is not None:
             phi = np.exp(-noise.decay[self.run] * self.interval[:, None])
-            size = np.hypot(size * noise.factor[self.run] * np.sqrt((1 + phi) / (1 - phi)), noise.drift[self.run])
+            size = size * noise.factor[self.run] * np.sqrt((1 + phi) / (1 - phi))
         band = _band(simulator.model_at(values))
         return replace(self, precision=np.linalg.inv(np.eye(size.shape[1]) * size[:, None] ** 2 + band))
 

@@ -1,4 +1,4 @@
-"""Residuals of correlated noise made white: channels that remember, frames that are late, zeros that drift.
+"""Residuals of correlated noise made white: channels that remember, frames whose links share a delay.
 
 A channel that keeps `phi = exp(-decay dt)` of its noise from sample to sample (AR(1)), missing samples being longer dt:
 
@@ -13,23 +13,12 @@ over their noise, the covariance of the frame is 1 + b b', and its inverse root
 
     u = r - (1 - 1/sqrt(1 + b'b)) b (b'r)/(b'b)
 
-The zero of a sensor may do a random walk. With s its deviation from its mean over the run's duration T (of a walk by q
-per root of a second `s^2 = q^2 T/6`) and t the time after the start of the window,
-
-    cov(r_i, r_j) = delta_ij + s^2/(sigma_i sigma_j) (1 + 6 min(t_i, t_j)/T),      u = L^-1 r,      L L' = cov
-
-for every window and link. That zeros of neighbouring windows are alike is left to the errors, which come from the
-scatter of blocks of time (`uncertainty`).
-
-All are linear: derivatives are made white in the same way.
+Both are linear: derivatives are made white in the same way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.windows import Windows
@@ -51,11 +40,6 @@ def whitened(windows: Windows, e: Evaluation) -> Evaluation:
         residual = e.residual - share * b * along
         jacobian = e.jacobian - (share * b)[..., None] * turned[:, :, None]
         return e._replace(residual=residual, jacobian=jacobian)
-    if windows.drift is not None:
-        both = np.concatenate([e.residual[..., None], e.jacobian], axis=-1)
-        for k, j, factor in _walks(windows):
-            both[k, :, j] = solve_triangular(factor, both[k, :, j], lower=True)
-        return e._replace(residual=both[..., 0], jacobian=both[..., 1:])
     return e
 
 
@@ -68,8 +52,6 @@ def log_volume(windows: Windows) -> float:
     if windows.jitter is not None:
         b, _ = _late(windows)
         total += float(np.sum(np.log1p(np.sum(b**2, axis=2))))
-    if windows.drift is not None:
-        total += 2 * float(sum(np.sum(np.log(np.diag(factor))) for _, _, factor in _walks(windows)))
     return total
 
 
@@ -89,16 +71,6 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     continued = np.where(windows.follows[:, None, None], np.sqrt((1 - kept) / (1 + kept)), 1.0)
     size = np.where(first, continued, 1 / np.sqrt(np.maximum(1 - phi**2, 1e-12)))
     return before, np.where(known, phi, 0.0), np.where(known, size, 0.0)
-
-
-def _walks(windows: Windows) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Every window and link whose zero drifts, with Cholesky's factor (S, S) of its samples' covariance."""
-    for k, j in np.argwhere(windows.drift > 0):
-        mine = windows.run == windows.run[k]
-        t = windows.times()[k] - windows.begin[k]
-        share = 6 / (windows.ends[mine].max() - windows.begin[mine].min())
-        b = windows.weight[k, :, j] * windows.drift[k, j]
-        yield k, j, np.linalg.cholesky(np.eye(len(t)) + np.outer(b, b) * (1 + share * np.minimum.outer(t, t)))
 
 
 def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:

@@ -34,7 +34,7 @@ SMOOTH_PART = 0.3
 #: What every window has of its own, besides what it follows.
 PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
 #: The same, where there is any.
-OF_NOISE = ("decay", "jitter", "drift")
+OF_NOISE = ("decay", "jitter")
 
 
 class Piece(NamedTuple):
@@ -63,7 +63,6 @@ class Windows:
         substeps: parts in which every step is taken.
         decay: rate at which noise forgets itself (K, n) [1/s]; None where it is white.
         jitter: deviation by frames' common delays over that of the noise, signed as the rates (K, S, n); None: none.
-        drift: deviation of a sensor's zero, which does a random walk, from its mean (K, n) [rad]; None: none.
     """
 
     begin: np.ndarray
@@ -80,7 +79,6 @@ class Windows:
     substeps: int = 1
     decay: np.ndarray | None = None
     jitter: np.ndarray | None = None
-    drift: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.step_counts is None:

@@ -51,7 +51,6 @@ def noise_text(result: FitResult) -> str:
         "white": "",
         "correlated": f"; a sample keeps {np.mean(found.get('kept', 0)):.2g} of the one before",
         "jitter": f"; frames are late or early by {np.mean(found.get('delay_s', 0)) * 1e3:.2g} ms",
-        "drift": f"; zeros of sensors drift by {np.max(found.get('drift_rad', 0)):.2g} rad",
     }
     return f"{sizes}{more} rad by link{kind[found['kind']]}"
 

@@ -58,15 +58,7 @@ def seen(motion, seed, size=NOISE):
 def two():
     """Numbers of the two rods, `two.swing(angles)` and `two.seen(motion, seed)`."""
     return SimpleNamespace(
-        TRUTH=TRUTH,
-        FREE=FREE,
-        QUADRATIC=QUADRATIC,
-        NOISE=NOISE,
-        RATE=RATE,
-        WINDOW=WINDOW,
-        DURATION=DURATION,
-        swing=swing,
-        seen=seen,
+        TRUTH=TRUTH, FREE=FREE, QUADRATIC=QUADRATIC, NOISE=NOISE, RATE=RATE, WINDOW=WINDOW, swing=swing, seen=seen
     )
 
 

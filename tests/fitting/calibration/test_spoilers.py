@@ -80,25 +80,6 @@ def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(
     assert any("residuals are not noise" in w for w in result.warnings)
 
 
-@pytest.mark.parametrize("drifts", [True, False])
-def test_a_zero_that_drifts_is_named_and_its_errors_cover(two, ready, drifts):
-    """A walk of the first encoder's zero by 0.25 mrad over the run, noise of 20 microrad; the same run without it."""
-    trace = two.seen(two.swing([1.2, 0.6], 2 * two.DURATION), 40, 2e-5)
-    step = np.random.default_rng(41).standard_normal(len(trace.t)) / np.sqrt(len(trace.t))
-    trace = replace(trace, theta=trace.theta + drifts * 2.5e-4 * np.cumsum(step)[:, None] * [1.0, 0.0])
-    prepared = ready(trace)
-    result = summarise(prepared, "windows", estimate(prepared, "windows"))
-    noise = result.noise_table()
-    assert result.status == "ok"
-    assert noise["kind"] == ("drift" if drifts else "white")
-    assert any("zeros of sensors drift" in w for w in result.warnings) == drifts
-    assert np.all(np.abs(result.values - two.TRUTH) < 3 * result.uncertainty.std_error)
-    if drifts:  # the second one's zero stays
-        assert 2e-5 < noise["drift_rad"][0, 0] < 4e-4
-        assert noise["drift_rad"][0, 1] == 0
-        np.testing.assert_allclose(noise["sigma_rad"][0], 2e-5, rtol=0.3)
-
-
 def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
     """Frames 0.5 % further apart than the trace tells; lengths and gravity are known."""
     trace = two.seen(motion, 4)

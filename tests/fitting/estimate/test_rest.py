@@ -67,7 +67,7 @@ def test_a_rest_weighs_its_mean_by_its_frames_and_what_the_noise_remembers(simul
     prior = rest.weighed(None, simulator, values).prior(simulator, values)
     assert prior.curvature[6, 6] == pytest.approx(4 * 100 / 0.004**2, rel=1e-9)
     assert prior.cost < 8  # half the chi-square of four means
-    kept = Noise(np.full((1, 4), 2.0), np.full((1, 4), -50 * np.log(0.8)), np.zeros(1), np.zeros((1, 4)))
+    kept = Noise(np.full((1, 4), 2.0), np.full((1, 4), -50 * np.log(0.8)), np.zeros(1))
     less = rest.weighed(kept, simulator, values).prior(simulator, values)
     assert less.cost / prior.cost == pytest.approx(0.2 / 1.8 / 4, rel=1e-9)
     moved = [rest.prior(simulator, values + side * 1e-6 * np.eye(8)[2]).cost for side in (1, -1)]

@@ -67,14 +67,6 @@ def test_a_delay_common_to_a_frame_is_whitened_exactly(windows):
     check(replace(windows, jitter=jitter), np.eye(2 * SLOTS) + together)
 
 
-def test_a_zero_that_walks_is_whitened_exactly(windows):
-    drift, link = np.array([[0.01, 0.004]]), np.tile([0, 1], SLOTS)
-    b = (drift[0] / SIGMA)[link]
-    t = np.repeat(STEP * np.arange(SLOTS), 2)
-    walk = 1 + 6 * np.minimum.outer(t, t) / (SLOTS * STEP)
-    check(replace(windows, drift=drift), np.eye(2 * SLOTS) + (link[:, None] == link[None]) * np.outer(b, b) * walk)
-
-
 def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_from(windows):
     """The exact information of a mean in AR(1) noise is `1' V^-1 1`; ten windows lose less than a hundredth of it."""
     count, phi = 10, 0.9

@@ -53,7 +53,7 @@ JUMP = 4.0
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
 SUSPECT, WRONG = 1000.0, 25.0
 #: Part of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
-#: measured double pendulum are 8 times its noise, a thousandth of the motion.
+#: measured double pendulum are 8 times its noise, 0.05 % of the motion.
 OTHER_RIG = 3e-3
 #: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period and
 #: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.

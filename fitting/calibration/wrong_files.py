@@ -7,7 +7,8 @@ Three looks, the cheap ones first:
 2. Damping takes energy. Where the energy of the motion rises, rows are reversed in time or two runs are in one file.
    Short windows do not see it: without damping a motion runs backwards as well.
 3. After a fit that does not explain the trace, short windows are fitted as given and for each change, by the programs
-   of that fit, of which only starts and damping are free. A change that lowers chi-square ten times is named.
+   of that fit, of which only starts and damping are free. A change that lowers chi-square ten times is named. Where
+   none does it is another rig, if short windows miss the angles by more than models of the right rig do.
 """
 
 from __future__ import annotations
@@ -51,6 +52,9 @@ SMOOTH = 0.06
 JUMP = 4.0
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
 SUSPECT, WRONG = 1000.0, 25.0
+#: Part of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
+#: measured double pendulum are 8 times its noise, 0.05 % of the motion.
+OTHER_RIG = 3e-3
 #: Short windows, as many as one program runs side by side; their length as a part of the shortest link's period and
 #: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
 SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
@@ -233,7 +237,7 @@ def name_wrong_file(prepared: Prepared) -> str:
     file leads a whole fit to any values.
     """
     pieces = _moving_pieces(prepared)
-    given = _misfit(prepared, prepared.traces, pieces)
+    given, part = _misfit(prepared, prepared.traces, pieces)
     if not given > WRONG:
         return ""
     links = prepared.traces[0].links
@@ -241,7 +245,7 @@ def name_wrong_file(prepared: Prepared) -> str:
     left, change = np.inf, None
     for group in groups:  # the second one is large, and its mistakes are rare
         tried = [
-            (_misfit(prepared, [_changed(trace, one) for trace in prepared.traces], pieces), i, one)
+            (_misfit(prepared, [_changed(trace, one) for trace in prepared.traces], pieces)[0], i, one)
             for i, one in enumerate(group)
         ]
         left, _, change = min(tried, key=lambda one: one[:2])
@@ -254,6 +258,8 @@ def name_wrong_file(prepared: Prepared) -> str:
             f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
             f"allowed: {change.fix}"
         )
+    if not part > OTHER_RIG:
+        return ""
     return (
         f"{name}: another rig, as it seems: {size}, and no single change of the file lowers that much; "
         "check lengths, masses, gravity and the times of the frames"
@@ -274,22 +280,33 @@ def _moving_pieces(prepared: Prepared) -> list[tuple[int, float, float]]:
     return [(int(windows.run[k]), float(windows.begin[k]), float(windows.begin[k]) + length) for k in some]
 
 
-def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int, float, float]]) -> float:
-    """Chi-square per sample of the median short window, by its own start; infinite where none can be run."""
+def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int, float, float]]) -> tuple[float, float]:
+    """Chi-square per sample of the median short window, by its own start, and its root as a part of the motion's size;
+    infinite where none can be run."""
     at = replace(prepared, traces=[without_spikes(trace) for trace in traces])
     try:
         windows = at.cut(min(end - begin for _, begin, end in pieces), pieces)
     except SceneError:
-        return np.inf
+        return np.inf, np.inf
     windows = replace(windows, substeps=prepared.windows.substeps)
     damping = np.array([any(f".{part}." in p.name for part in DAMPING) for p in prepared.parameters])
     values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
     starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
     problem = replace(at.problem(frozen=~damping), windows=windows)
     solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
-    square = [(error * weight)[weight > 0] ** 2 for error, weight in zip(solution.errors, windows.weight, strict=True)]
-    chi2 = [np.sort(one)[: int(np.ceil(COUNTED * len(one)))].mean() for one in square]
-    return float(np.median(np.where(np.isfinite(chi2), chi2, np.inf)))
+    weight = windows.weight
+    mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+    chi2, moved = (
+        np.array([_most(one[w > 0] ** 2) for one, w in zip(size * weight, weight, strict=True)])
+        for size in (solution.errors, windows.theta - mean[:, None])
+    )
+    chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
+    return float(np.median(chi2)), float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
+
+
+def _most(square: np.ndarray) -> float:
+    """Mean of squares (k,) but for the largest, which may be outliers."""
+    return float(np.sort(square)[: int(np.ceil(COUNTED * len(square)))].mean())
 
 
 def _changed(trace: Trace, change: Change) -> Trace:

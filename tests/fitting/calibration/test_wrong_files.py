@@ -11,6 +11,7 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from dropper_jax.load.source import load_scene
+from fitting.calibration import wrong_files
 from fitting.calibration.fit import fit
 from fitting.calibration.wrong_files import name_wrong_file, refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
@@ -169,6 +170,18 @@ def test_columns_of_two_different_runs_are_called_another_rig(two, ready, motion
     first, other = two.seen(motion, 6), two.seen(two.swing([0.4, -1.0]), 7)
     prepared = ready(column(first, 1, lambda _: other.theta[:, 1]))
     assert "another rig, as it seems" in name_wrong_file(prepared)
+
+
+def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_another(two, ready, motion):
+    """A smooth error of 1 mrad, an encoder's noise of 20 microrad: short windows miss the angles by many times that."""
+    trace = two.seen(motion, 6, 2e-5)
+    error = 1e-3 * np.sin(12 * trace.t)[:, None] * [1.0, -0.7]
+    trace = replace(trace, theta=trace.theta + error, se=np.full_like(trace.theta, 2e-5))
+    prepared = ready(trace)
+    given, part = wrong_files._misfit(prepared, prepared.traces, wrong_files._moving_pieces(prepared))
+    assert given > wrong_files.WRONG
+    assert part < wrong_files.OTHER_RIG
+    assert name_wrong_file(prepared) == ""
 
 
 def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, motion):

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 class SceneError(ValueError):
     """A scene, an option or a pairing that cannot be used; the message is one line for the user."""
+
+
+class LocatedValues(dict[str, Any]):
+    """Plain values of a scene that were read from a file, and the file's line of each path, such as `line.0`."""
+
+    def __init__(self, values: Mapping[str, Any], file: str, lines: Mapping[str, int]) -> None:
+        super().__init__(values)
+        self.file, self.lines = file, lines
+
+    def located(self, error: SceneError) -> SceneError:
+        """The error with the file, and the line of the longest path that its message begins with."""
+        words = str(error).partition(":")[0].split(".")
+        ends = range(len(words), 0, -1)
+        line = next((self.lines[path] for end in ends if (path := ".".join(words[:end])) in self.lines), None)
+        return SceneError(f"{self.file}{'' if line is None else f':{line}'}: {error}")
 
 
 class SimulationError(RuntimeError):

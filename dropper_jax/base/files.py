@@ -16,8 +16,20 @@ from dropper_jax.base.errors import SceneError
 
 #: Ends of the names of what is being written: `.NAME.HOST-PROCESS-xxxx.part`, beside NAME.
 PART = ".part"
+#: Where a shell puts the output of a command that it gives as a file.
+STREAMS = ("/dev/", "/proc/")
 #: Seconds after which what a process of another machine was writing counts as left over.
 ABANDONED = 24 * 3600.0
+
+
+def refuse_pipe(path: Path, what: str) -> None:
+    """Refuse a named pipe, which may never end; those that a shell puts in place of a file are read.
+
+    Raises:
+        SceneError: it is one.
+    """
+    if path.is_fifo() and not str(path).startswith(STREAMS):
+        raise SceneError(f"{what}: {str(path)!r} is a named pipe, which may never end; allowed: a file")
 
 
 def read_lines(path: Path) -> list[str]:
@@ -26,6 +38,7 @@ def read_lines(path: Path) -> list[str]:
     Raises:
         SceneError: it is not there, or is no such text.
     """
+    refuse_pipe(path, "file")
     try:
         return path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError, ValueError) as error:

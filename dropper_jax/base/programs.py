@@ -9,7 +9,9 @@ from __future__ import annotations
 import ctypes
 import functools
 import gc
+import hashlib
 import inspect
+import json
 import sys
 import threading
 from collections import OrderedDict
@@ -19,8 +21,9 @@ from pathlib import Path
 from typing import Generic, ParamSpec, TypeVar
 
 import jax
+import jaxlib
 
-from dropper_jax.base.compile_cache import open_cache
+from dropper_jax.base.compile_cache import Entries, open_cache
 from dropper_jax.base.kept_traces import open_traces
 
 P = ParamSpec("P")
@@ -42,12 +45,23 @@ BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", "xla_cpu_use_f
 
 @functools.cache
 def supported_options() -> dict[str, str | bool]:
-    """Those of `BRIEFLY` that this version's compiler knows, each tried once on a program of one operation."""
+    """Those of `BRIEFLY` that this version's compiler knows, each tried once on a program of one operation.
+
+    The answer is kept in the folder of compiled programs, which belongs to one version of JAX.
+    """
+    entries = None if FOLDER is None else Entries(FOLDER)
+    asked = json.dumps([BRIEFLY, jaxlib.__version__], sort_keys=True).encode()
+    key = f"compiler-options-{hashlib.sha256(asked).hexdigest()[:16]}"
+    names = None if entries is None else entries.get(key)
+    if names is not None:
+        return {name: BRIEFLY[name] for name in json.loads(names)}
     found = {}
     for name, value in BRIEFLY.items():
         with suppress(jax.errors.JaxRuntimeError):  # a JAX whose compiler no longer has the option
             jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
             found[name] = value
+    if entries is not None:
+        entries.put(key, json.dumps([*found]).encode())
     return found
 
 
@@ -116,7 +130,8 @@ class Store:
 
 STORE = Store()
 # Here, since whatever runs a scene comes by, and programs of other processes can be taken only from now on.
-TRACES = open_traces(open_cache())
+FOLDER = open_cache()
+TRACES = open_traces(FOLDER)
 
 
 def lowered(

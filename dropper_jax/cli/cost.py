@@ -42,15 +42,25 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: dict[str, Any]) -> str:
     """The report for people."""
-    rows = [("", "us/step", "ratio", "flops", "bytes", "operations")]
+    columns = {
+        **{
+            "us_per_step": ("us/step", ".2f"),
+            "ratio": ("ratio", ".2f"),
+            "corrections_per_step": ("corrections", ".2f"),
+        },
+        **{"us_per_correction": ("us/correction", ".2f"), "correction_ratio": ("ratio of these", ".2f")},
+        **{"flops": ("flops", ".0f"), "bytes": ("bytes", ".0f"), "operations": ("operations", "d")},
+    }
+    rows = [("", *(head for head, _ in columns.values()))]
     for row in found["rows"]:
-        counts = ("-" if row[key] is None else f"{row[key]:.0f}" for key in ("flops", "bytes"))
-        rows.append((row["name"], f"{row['us_per_step']:.2f}", f"{row['ratio']:.2f}", *counts, str(row["operations"])))
+        cells = ("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in columns.items())
+        rows.append((row["name"], *cells))
     proof = found["proof"]
     yes = {True: "yes", False: "NO"}
     return "\n".join(
         [
-            f"{found['scene']}: {found['integrator']}, solver {found['solver']}; counts are per pass of a loop's body",
+            f"{found['scene']}: {found['integrator']}, solver {found['solver']}; counts are per pass of a loop's body; "
+            "corrections are Newton's, per step",
             "",
             table(rows),
             "",

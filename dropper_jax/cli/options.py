@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import leftovers
+from dropper_jax.base.files import leftovers, refuse_pipe
 from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.cli.output import print_line
 from dropper_jax.load.named import find_scene
@@ -85,6 +85,7 @@ def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> di
 
 def read_run(file: str) -> Solution:
     """A saved run; JAX is imported once the file is there, or what a killed run left of it."""
+    refuse_pipe(Path(file), "run")
     left = leftovers(Path(file)) if not Path(file).exists() else []
     try:
         if not left and not (Path(file).suffix.lower() == ".zarr" and Path(file).is_dir()):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -12,6 +13,8 @@ from typing import Any
 from dropper_jax.base.json_values import SCHEMA, jsonable
 
 BAR = 30
+#: Characters of a word that a message repeats whole (paths of files are as long), and how many are left of longer ones.
+LONGEST, LEFT = 500, 60
 #: Away from a terminal a progress line is printed at these shares of the whole.
 MARKS = (0.25, 0.5, 0.75, 1.0)
 
@@ -29,10 +32,16 @@ def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
         print(text)
 
 
+def shortened(text: str) -> str:
+    """A message without the rest of words that nobody reads: names of 100 000 letters, binary files taken for text."""
+    cut = lambda found: f"{found[0][:LEFT]}... ({len(found[0])} characters)"  # noqa: E731
+    return re.sub(rf"\S{{{LONGEST + 1},}}", cut, text)
+
+
 def print_line(text: str) -> None:
     """A line for people, on standard error; nowhere, where that takes nothing."""
     with suppress(OSError):
-        print(text, file=sys.stderr, flush=True)
+        print(shortened(text), file=sys.stderr, flush=True)
 
 
 def print_warnings(warnings: Iterable[str]) -> None:
@@ -43,7 +52,7 @@ def print_warnings(warnings: Iterable[str]) -> None:
 
 def failure_object(status: str, message: str) -> dict[str, Any]:
     """The JSON object of a command that could not do its work."""
-    return {"schema": SCHEMA, "status": status, "error": message}
+    return {"schema": SCHEMA, "status": status, "error": shortened(message)}
 
 
 def done_object(**values: Any) -> dict[str, Any]:

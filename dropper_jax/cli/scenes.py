@@ -101,8 +101,9 @@ def _one(args: argparse.Namespace) -> int:
     from dropper_jax.load.source import folder_of, plain_values
 
     with references_of(folder_of(args.scene, args.allow_outside)):
-        table = {"name": label, **plain_values(found)}
-        scene = Scene.from_dict(table)
+        values = plain_values(found)
+        scene = Scene.from_dict(values, label)
+    table = {"name": label, **values}
     if changes:
         scene = scene.with_values(changes)
     if changes or args.expanded:

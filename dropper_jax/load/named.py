@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.files import refuse_pipe
 from dropper_jax.load.packaged import is_packaged, packaged_scene, parse_toml, scene_names
 from dropper_jax.moordyn.reading.sections import looks_like_moordyn
-
-#: Where a shell puts the output of a command that it gives as a file.
-STREAMS = ("/dev/", "/proc/")
 
 
 def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
@@ -25,8 +23,7 @@ def find_scene(source: str | Path) -> tuple[dict[str, Any] | Path, str]:
     looks_like_file = path.suffix or len(path.parts) > 1 or path.exists()
     if not looks_like_file:
         raise SceneError(f"scene: {str(source)!r} is not a packaged scene; {nearest(str(source), scene_names())}")
-    if path.is_fifo() and not str(path).startswith(STREAMS):
-        raise SceneError(f"scene: {str(path)!r} is a named pipe, which may never end; allowed: a file")
+    refuse_pipe(path, "scene")
     try:
         data = path.read_bytes()
     except OSError as error:

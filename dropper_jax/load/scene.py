@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import LocatedValues, SceneError
 from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
@@ -79,6 +79,11 @@ class Scene(SceneData):
         Raises:
             SceneError: one line with the path, the value and what is allowed.
         """
+        if isinstance(table, LocatedValues):
+            try:
+                return cls.from_dict(dict(table), name)
+            except SceneError as error:
+                raise table.located(error) from None
         given = with_library_points(read_table(table, "scene"))
         template = Template.of(given)
         if template is not None:

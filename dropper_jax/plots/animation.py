@@ -186,7 +186,7 @@ class _Stage:
         self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
         inch = 1 / self.figure.get_figwidth()
         bar = self.figure.add_axes((1 - 0.9 * inch, 0.2, 0.13 * inch, 0.6))
-        self.figure.colorbar(self.links, cax=bar).set_label("tension [N]")
+        style.tension_bar(self.figure, self.links, run.tension, cax=bar)
         for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
             artist.set(**place)
         self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")

@@ -70,7 +70,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
             mec=style.DARK,
             label="free point",
         )
-    figure.colorbar(links, ax=axes, label="tension [N]", shrink=0.75, pad=0.03 if flat else 0.1)
+    style.tension_bar(figure, links, links.get_array(), ax=axes, shrink=0.75, pad=0.03 if flat else 0.1)
     figure.legend(loc="outside lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
     style.title(figure, run, "pose and tensions")
     return style.save(figure, path)

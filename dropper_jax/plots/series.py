@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run
 
-#: More turns than this in a panel cannot be told apart: 1000 pixels hold about as many strokes.
-TURNS = 160
+#: Turns above which a panel shows an envelope: 200 waves, of five pixels each, can still be seen one by one.
+TURNS = 400
 #: Intervals of an envelope, and cycles of a zoom.
 INTERVALS, CYCLES = 320, 8
 #: A series that changes by less than this part of itself is rounding.

@@ -12,6 +12,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
@@ -150,6 +151,16 @@ def tension_map() -> Colormap:
     plasma = matplotlib.colormaps["plasma"]
     colours = plasma(np.linspace(0.0, 0.87, 64))
     return LinearSegmentedColormap.from_list("tension", colours, bad=FAINT)
+
+
+def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **where: Any) -> None:
+    """Colour bar of tensions (...) [N]: pointed where they go beyond `tension_norm`, with the largest in its label."""
+    known = tension[np.isfinite(tension)]
+    low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
+    below, above = bool(low < links.norm.vmin), bool(high > links.norm.vmax)
+    extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
+    label = f"tension [N], largest {high:.4g}" if above else "tension [N]"
+    figure.colorbar(links, extend=extend, label=label, **where)
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, atomic_write, part_prefix, remove_leftovers
+from dropper_jax.base.files import PART, atomic_write, part_prefix, refuse_pipe, remove_leftovers
 from dropper_jax.run import labelled
 from dropper_jax.run.carry import LAST, units
 from dropper_jax.run.held import Held
@@ -76,6 +76,7 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
     Raises:
         SceneError: one line, where the file is missing or is not a saved run.
     """
+    refuse_pipe(Path(path), "run")
     try:
         with open(path, "rb") as opened:
             check_archive(opened, path)
@@ -307,6 +308,7 @@ def read_netcdf(path: str | Path, kind: type[Kind]) -> Kind:
         SceneError: one line, where the file is missing or is not a saved run.
     """
     netcdf_packages()
+    refuse_pipe(Path(path), "run")
     xr = extra("xarray", "io")
     found = None
     with _without_complaints():

@@ -212,7 +212,7 @@ class SeaSpec:
 
     depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
     density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=1025.0)
-    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=9.81)
+    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
     ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
@@ -234,6 +234,8 @@ class SeaSpec:
         values["level"] = None if level is None else LevelSpec.read(level, f"{path}.level", values["depth"])
         if values["wave_current"] != "none" and (waves is None or current is None):
             raise refuse(f"{path}.wave_current", values["wave_current"], "needs waves and a current", "none")
+        if waves is not None and not values["gravity"] > 0.0:
+            raise refuse(f"{path}.gravity", values["gravity"], "makes no waves", "> 0 m/s^2 with [sea.waves]")
         _check_finite_waves(values, path)
         return cls(**values)
 

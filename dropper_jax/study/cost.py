@@ -16,8 +16,10 @@ from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
+from dropper_jax.residual import Solver
 from dropper_jax.run.build import build, build_model, stepper_of
 from dropper_jax.scene import RunSpec
+from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import Stepper
@@ -41,11 +43,13 @@ class Unused(Effect):
 def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, Any]:
     """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
 
-    Times are medians of interleaved runs in one process; `ratio` is over the whole scene. The compiler's counts take a
-    loop's body once (iterations of Newton included), so they compare variants and are not totals.
+    Times are medians of interleaved runs in one process; `ratio` is over the whole scene. Runs without an effect move
+    otherwise and may need other numbers of Newton's corrections: `correction_ratio` compares the time per correction.
+    The compiler's counts take a loop's body once (corrections included), so they compare variants and are not totals.
 
     Returns:
-        scene, integrator, solver, rows of {name, effects, flops, bytes, us_per_step, ratio, operations}, proof.
+        scene, integrator, solver, rows of {name, effects, flops, bytes, us_per_step, ratio, corrections_per_step,
+        us_per_correction, correction_ratio, operations}, proof. Explicit schemes have no corrections: None.
     """
     model, s = build(scene)
     run = scene.run
@@ -62,6 +66,9 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
             times[variant.name].append(variant.time())
     median = {name: statistics.median(values) for name, values in times.items()}
     rows = [v.row(1e6 * median[v.name] / steps, median[v.name] / median[WHOLE]) for v in variants]
+    for row in rows:
+        one, of = row["us_per_correction"], rows[0]["us_per_correction"]
+        row["correction_ratio"] = one / of if one and of else None
     stepper = variants[0].stepper
     return {
         "scene": scene.name,
@@ -101,7 +108,7 @@ class _Variant:
         self.name, self.model, self.stepper = name, model, stepper
         # laws and work differ between the variants, so the start is made anew from places and velocities
         self.start = _fresh(stepper, model, s)
-        self.dt = jnp.asarray(dt, model.dtype)
+        self.dt, self.steps = jnp.asarray(dt, model.dtype), steps
         run = jax.jit(partial(advance, stepper, saves=1, save_every=steps))
         self.compiled = run.lower(model, self.start, self.dt).compile()
         self.counts = self.compiled.cost_analysis() or {}  # of one step: a loop's body counts once
@@ -113,7 +120,28 @@ class _Variant:
         jax.block_until_ready(self.compiled(self.model, self.start, self.dt))
         return time.perf_counter() - begun
 
+    def corrections(self) -> float | None:
+        """Newton's corrections per step of the timed run, retries included; None of an explicit scheme.
+
+        Counted in a run of its own, by solvers that call the host: the timed program stays what users run.
+        """
+        names = {self.stepper.solver, self.stepper.fallback} & SOLVERS.keys()
+        counted = {name: _Counted(SOLVERS[name]) for name in names}
+        if not counted:
+            return None
+        SOLVERS.update({_Counted.key(name): solver for name, solver in counted.items()})
+        keys = {key: _Counted.key(getattr(self.stepper, key)) for key in ("solver", "fallback")}
+        try:
+            run = jax.jit(partial(advance, replace(self.stepper, **keys), saves=1, save_every=self.steps))
+            jax.block_until_ready(run(self.model, self.start, self.dt))
+            jax.effects_barrier()
+        finally:
+            for name in names:
+                del SOLVERS[_Counted.key(name)]
+        return sum(solver.count for solver in counted.values()) / self.steps
+
     def row(self, us: float, ratio: float) -> dict[str, Any]:
+        corrections = self.corrections()
         counts = self.counts[0] if isinstance(self.counts, list) else self.counts
         return {
             "name": self.name,
@@ -122,8 +150,33 @@ class _Variant:
             "bytes": counts.get("bytes accessed"),
             "us_per_step": us,
             "ratio": ratio,
+            "corrections_per_step": corrections,
+            "us_per_correction": us / corrections if corrections else None,
             "operations": self.program.count(" = "),
         }
+
+
+class _Counted:
+    """A linear solver of which each correction is counted."""
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver, self.count = solver, 0
+
+    @staticmethod
+    def key(name: str) -> str:
+        """The name under which it is known while it counts: programs of other steppers must not share its traces."""
+        return f"counted {name}"
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.solver, name)
+
+    def apply(self, factor: Any, rows: Any) -> Any:
+        """The solver's correction."""
+        jax.debug.callback(self._add)
+        return self.solver.apply(factor, rows)
+
+    def _add(self) -> None:
+        self.count += 1
 
 
 def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:

@@ -106,3 +106,24 @@ def test_one_compiler_option_that_is_no_longer_known_does_not_drop_the_others(mo
         assert float(brief(3.0)) == 6.0
     finally:
         programs.supported_options.cache_clear()
+
+
+def test_known_compiler_options_are_tried_once_for_all_processes(monkeypatch, tmp_path):
+    monkeypatch.setattr(programs, "FOLDER", tmp_path)
+    monkeypatch.setattr(programs, "BRIEFLY", {"xla_cpu_is_not_an_option": True, **programs.BRIEFLY})
+    programs.supported_options.cache_clear()
+    try:
+        first = programs.supported_options()
+        programs.supported_options.cache_clear()  # as another process has it
+        monkeypatch.setattr(programs.jax, "jit", None)  # nothing is tried again
+        assert programs.supported_options() == first
+        assert "xla_cpu_is_not_an_option" not in first
+        (file,) = tmp_path.iterdir()
+        assert file.name.startswith("compiler-options-")
+        monkeypatch.undo()
+        monkeypatch.setattr(programs, "FOLDER", tmp_path)
+        file.write_bytes(b"damaged")
+        programs.supported_options.cache_clear()
+        assert programs.supported_options() == programs.BRIEFLY  # others are asked for by another name
+    finally:
+        programs.supported_options.cache_clear()

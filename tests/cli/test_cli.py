@@ -376,3 +376,15 @@ def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, sa
     scene = tmp_path / "scene.toml"
     scene.write_text(GOOD, encoding="utf-8")
     assert said in one_line_refusal(capsys, ["run", str(scene), *options, "--quiet"])
+
+
+@pytest.mark.parametrize(
+    "argv", [["run"], ["scenes"], [], ["run", "string", "--out"], ["run", "string", "--json", "--set"]]
+)
+def test_a_message_does_not_repeat_a_word_of_100_000_letters(argv, capsys):
+    word = "x" * 100_000
+    assert main([*argv, f"{word}=1" if "--set" in argv else word]) == 2
+    out, err = capsys.readouterr()
+    assert "xxx... (10000" in err
+    assert len(err) < 1000
+    assert len(out) < 1000

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import read_lines
 from dropper_jax.cli import before_jax
 from dropper_jax.load.arithmetic import evaluate
 from dropper_jax.load.packaged import DAMPING, scene_names
@@ -22,6 +23,7 @@ from dropper_jax.load.paths import put
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build_model, equilibrium
+from dropper_jax.run.solution import load_run
 
 LOOP = {
     "description": "a loop of four links",
@@ -410,6 +412,11 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "scene.toml")
     with pytest.raises(SceneError, match=r"scene: '.*scene.toml' is a named pipe"):
         load_scene(tmp_path / "scene.toml")
+    for name in ("run.npz", "run.nc", "trace.csv"):
+        os.mkfifo(tmp_path / name)
+    for read, name in ((load_run, "run.npz"), (load_run, "run.nc"), (read_lines, "trace.csv")):
+        with pytest.raises(SceneError, match=rf".*{name}' is a named pipe, which may never end"):
+            read(tmp_path / name)
 
 
 @pytest.mark.parametrize("path", ["name", "line.0.name", "point.1.name", "line.0.from"])

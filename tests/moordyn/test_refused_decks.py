@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from dropper_jax import SceneError, load_scene
+from dropper_jax import SceneError, equilibrium, load_scene
 
 DECKS = Path(__file__).parent / "decks"
+NO_FILE = "cannot be read: No such file"
 #: Deck, what is replaced in it, by what, and the words of the refusal.
 REFUSED = {
     "no water depth": ("no_depth.txt", "", "", r"no_depth.txt:\d+: WtrDpth: missing; needed: > 0 m, in the file or"),
@@ -46,7 +49,12 @@ REFUSED = {
     "working curves": ("viscoelastic.txt", "2.0e7|6.0e7 ", "SYROPE:a|b ", r"working curves \(SYROPE\) are not"),
     "an option by a slip": ("openfast_v2.dat", "kbot ", "kbott", "option 'kbott' is unknown; did you mean 'kbot'"),
     "a section by a slip": ("openfast_v2.dat", "- LINES -", "- LINS -", "section 'LINS' is unknown; did you mean"),
-    "a slope of nothing": ("openfast_v2.dat", "200         WtrDpth", "flat.txt    WtrDpth", "flat.txt: cannot be read"),
+    "a slope of nothing": (
+        "openfast_v2.dat",
+        "200         WtrDpth",
+        "flat.txt    WtrDpth",
+        "flat.txt: cannot be read: No such file",
+    ),
     "an anchor under the bed": (
         "catenary.txt",
         "-120.0  ",
@@ -78,6 +86,30 @@ def test_a_deck_that_cannot_be_is_refused_in_one_line(what, tmp_path):
     with pytest.raises(SceneError, match=words) as caught:
         load_scene(tmp_path / name)
     assert "\n" not in str(caught.value)
+    assert re.match(rf"{re.escape(str(tmp_path / name))}:\d+: ", str(caught.value)) or words.endswith(NO_FILE)
+
+
+@pytest.mark.parametrize("value", ["-3", "nan", "-inf"])
+@pytest.mark.parametrize("option", ["g", "rho", "kBot", "cBot", "WtrDpth"])
+def test_an_option_out_of_range_is_refused_with_its_line(option, value, tmp_path):
+    text = (DECKS / "catenary.txt").read_text()
+    line = next(i for i, row in enumerate(text.splitlines(), 1) if row.split()[1:2] == [option])
+    (tmp_path / "deck.txt").write_text(re.sub(rf"(?m)^\S+(\s+{option}\s)", rf"{value}\1", text))
+    with pytest.raises(SceneError, match=rf"deck.txt:{line}: "):
+        load_scene(tmp_path / "deck.txt")
+
+
+def test_without_gravity_a_deck_rests_as_its_stretch_says(tmp_path):
+    """MoorDyn takes g = 0; a straight rope of 300 m over the distance of its ends pulls `EA (distance/300 - 1)`."""
+    text = (DECKS / "catenary.txt").read_text().replace("320.0      20", "300.0      4").replace("9.81 ", "0    ")
+    (tmp_path / "deck.txt").write_text(text)
+    scene = load_scene(tmp_path / "deck.txt")
+    assert scene.sea.gravity == scene.effects["weight"]["gravity"] == 0.0
+    pull = 4.9e8 * (np.linalg.norm([294.0, 41.0, 108.0]) / 300.0 - 1.0)
+    np.testing.assert_allclose(equilibrium(scene).tension, pull, rtol=1e-9)
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 8.0}
+    with pytest.raises(SceneError, match=r"sea.gravity: 0.0 makes no waves; allowed: > 0 m/s\^2 with \[sea.waves\]"):
+        scene.with_values({"sea.waves": waves})
 
 
 def test_what_results_would_lack_is_named_by_itself(tmp_path):

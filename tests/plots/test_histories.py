@@ -112,3 +112,15 @@ def test_of_two_curves_that_coincide_the_later_is_dashed():
     axes = style.new_figure(4, 3).subplots()
     series._draw(axes, series.Panel("x [m]", curves), SimpleNamespace())
     assert [line.get_linestyle() for line in axes.get_lines()] == ["-", "-", "--"]
+
+
+@pytest.mark.parametrize(("waves", "columns"), [(195, 1), (260, 2)])
+def test_a_record_of_at_most_200_waves_is_drawn_wave_by_wave(waves, columns, tmp_path, monkeypatch):
+    t = np.linspace(0.0, 60.0, 6001)
+    panel = series.Panel("tension [N]", [series.Curve("", t, np.sin(2 * np.pi * waves * t / 60.0))])
+    figures = []
+    monkeypatch.setattr(style, "save", lambda figure, path: figures.append(figure) or path)
+    run = SimpleNamespace(t=t, name="sine", status="ok", settings={"integrator": "energy_momentum", "dt": 0.01})
+    monkeypatch.setattr(style, "title", lambda figure, run, what: None)
+    series.history(run, tmp_path / "tension.png", "tension", [panel])
+    assert len(figures[0].axes) == columns

@@ -11,7 +11,7 @@ from PIL import Image
 
 from dropper_jax import plots
 from dropper_jax.base.errors import SceneError
-from dropper_jax.plots import view
+from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 
 STILLS = ("snapshot", "angle_traces", "phase_space", "amplitude_spectrum", "energy_balance", "tension_traces")
@@ -256,3 +256,16 @@ def test_links_and_angles_of_a_system_stay_within_their_lines(longline):
     np.testing.assert_array_equal(run.angles()[0], solution.polar)
     places = run.positions[7][list(run.held)]
     np.testing.assert_array_equal(places, [[-40, 0, -20], [40, 0, -20]])
+
+
+def test_a_colour_bar_shows_where_it_ends_below_the_largest_tension():
+    """Of 1000 tensions 1, 2, ..., 1000 the colours end at the 1st and 99th percentile."""
+    tension = np.arange(1.0, 1001.0)
+    for values, extend, label in (
+        (tension, "both", "tension [N], largest 1000"),
+        (np.ones(2), "neither", "tension [N]"),
+    ):
+        figure = matplotlib.figure.Figure()
+        shown = matplotlib.cm.ScalarMappable(style.tension_norm(values), style.tension_map())
+        style.tension_bar(figure, shown, values, ax=figure.subplots())
+        assert (shown.colorbar.extend, shown.colorbar.ax.get_ylabel()) == (extend, label)

@@ -15,7 +15,7 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.study.cost import Unused, program, proof, without
+from dropper_jax.study.cost import Unused, _Variant, program, proof, without
 from dropper_jax.study.stability.contact_cases import sledge
 
 SCENE = "dropper-release-a"
@@ -76,3 +76,13 @@ def test_an_effect_that_needs_another_is_left_out_with_it() -> None:
     assert {"seabed", "seabed_friction"}.isdisjoint(e.name for e in bare.effects)
     make_stepper(bare, "energy_momentum")
     assert np.all(np.isfinite(bare.force(bare.instant(s.r, s.v, s.t))))
+
+
+def test_corrections_of_a_step_are_counted() -> None:
+    """With nothing ever good enough each step takes all corrections that it may."""
+    scene = load_scene("conical-pendulum")
+    model, s = build(scene)
+    never = {"tolerance": 0.0, "extra": 0, "halvings": 0}
+    variant = _Variant("all", model, make_stepper(model, "energy_momentum", iterations=3, **never), s, scene.run.dt, 5)
+    row = variant.row(30.0, 1.0)
+    assert (row["corrections_per_step"], row["us_per_correction"]) == (3.0, 10.0)

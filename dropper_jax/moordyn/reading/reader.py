@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.references import referenced
 from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
@@ -24,6 +24,14 @@ STEP, DURATION = 0.01, 60.0
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
 #: Steps below this one are what an explicit scheme needs for stability, not for accuracy [s].
 EXPLICIT = 1e-3
+#: Options by the paths of what they become in a scene.
+OPTION_OF = {
+    **{"effects.weight.gravity": "g", "sea.gravity": "g", "sea.density": "rho", "sea.depth": "wtrdpth"},
+    **{"effects.seabed": "seafloorfile", "effects.seabed.depth": "wtrdpth", "effects.seabed.stiffness": "kbot"},
+    **{"effects.seabed.damping": "cbot", "effects.seabed_friction.kinetic": "frictioncoefficient"},
+    **{"effects.seabed_friction.static": "statdynfricscale", "sea.waves": "wavekin", "sea.ramp": "wavekin_rampt"},
+    **{"sea.current": "currents", "run.dt": "dtm", "run.save_every": "dtout", "start": "tmaxic"},
+}
 #: Sections without a place in a scene.
 WITHOUT = ("control", "external loads", "syrope ic")
 
@@ -90,7 +98,30 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
     if "duration" not in scene["run"]:
         scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are taken")
-    return {**scene, **({"notes": [f"{path.name}: {note}" for note in notes]} if notes else {})}
+    earlier = scene.get("notes")  # of the file that the scene came from
+    told = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
+    return LocatedValues(
+        {**scene, **({"notes": told} if told else {})}, str(path), _lines_of(deck, scene, ends, options)
+    )
+
+
+def _lines_of(deck: Deck, scene: dict[str, Any], ends: Ends, options: Options) -> dict[str, int]:
+    """The file's line of each thing of the scene, by path."""
+    found = {key: deck.noted[key] for key in deck.given}
+    found |= {key: options.lines[name] for key, name in OPTION_OF.items() if name in options.lines}
+    of = {row.words[0]: row.number for row in deck.rows.get("line types", [])}
+    found |= {f"line_type.{i}": of[kind["name"]] for i, kind in enumerate(scene["line_type"])}
+    found |= {f"line.{i}": row.number for i, row in enumerate(deck.rows["lines"])}
+    at: dict[str, int] = {}
+    for section, kinds, suffixes in (("points", (), ("",)), ("bodies", ("body",), ()), ("rods", ("rod", "buoy"), "AB")):
+        for row in deck.rows.get(section, []):
+            words = [f"R{row.words[0]}{end}" if section == "rods" else row.words[0] for end in suffixes]
+            own = [ends.names[word] for word in words if word in ends.names]
+            for name in (*own, row.name, *(f"{kind}-{row.words[0]}" for kind in kinds)):
+                at.setdefault(name, row.number)
+    for key in ("point", "buoy", "body"):
+        found |= {f"{key}.{i}": at[item["name"]] for i, item in enumerate(scene.get(key, [])) if item["name"] in at}
+    return found | ({"failure": deck.first["failure"]} if "failure" in deck.first else {})
 
 
 def _check_depth(deck: Deck, options: Options, depth: float) -> None:
@@ -260,7 +291,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
 def _given(deck: Deck, scene: dict[str, Any]) -> None:
     """Names, run settings and lines that are in pieces, from the free text."""
     for key, text in deck.given.items():
-        if key not in ("name", "description", "pieces", "law") and not key.startswith("run."):
+        if key not in ("name", "description", "notes", "pieces", "law") and not key.startswith("run."):
             continue
         try:
             value = parsed_toml(f"value = {text}")["value"]

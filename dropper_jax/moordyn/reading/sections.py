@@ -78,6 +78,7 @@ class Deck:
         first: line of each section's header.
         columns: words of the line of column names of each table.
         given: values of the free text, by key.
+        noted: their lines.
     """
 
     path: Path
@@ -85,6 +86,7 @@ class Deck:
     first: dict[str, int] = field(default_factory=dict)
     columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
     given: dict[str, str] = field(default_factory=dict)
+    noted: dict[str, int] = field(default_factory=dict)
 
     def refuse(self, number: int, text: str) -> NoReturn:
         """Raise the error of a line of this file."""
@@ -140,7 +142,7 @@ def split_file(path: str | Path, text: str) -> Deck:
                 deck.rows[name], deck.first[name] = [], number
             continue
         if section is None:
-            _free_text(deck, line)
+            _free_text(deck, line, number)
             continue
         row = _row(number, line)
         if skip:
@@ -156,10 +158,10 @@ def split_file(path: str | Path, text: str) -> Deck:
     return deck
 
 
-def _free_text(deck: Deck, line: str) -> None:
+def _free_text(deck: Deck, line: str, number: int) -> None:
     found = _NOTE.match(line)
     if found is not None:
-        deck.given[found.group(1)] = found.group(2)
+        deck.given[found.group(1)], deck.noted[found.group(1)] = found.group(2), number
 
 
 def _row(number: int, line: str) -> Row:

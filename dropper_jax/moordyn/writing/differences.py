@@ -153,8 +153,10 @@ def _things(scene: Scene) -> Iterator[str]:
             yield f"buoy {buoy.name!r}: end_added_mass {buoy.end_added_mass!r} is not represented; MoorDyn: hemisphere"
         if bodies[buoy.point]:
             yield f"point {buoy.point!r}: what it carries beside the buoy {buoy.name!r} is not represented"
-    if scene.start.kind == "positions":
-        yield "start.positions: not represented; MoorDyn finds the start"
+    if scene.season is not None and scene.season.attachment is not None:
+        yield "growth.attachment: not represented; mussels are part of the links and stay on"
+    if scene.fit is not None:
+        yield "fit: not represented; it is for fits to measured traces"
 
 
 def _body(body: BodySpec, bed: bool) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
@@ -51,7 +52,8 @@ def write_moordyn(
         SceneError: rigid links, links without a diameter, a scene that is no system of lines, bodies that MoorDyn does
             not have, or a file of waves or current of another deck in the folder.
     """
-    scene, path = overgrown(load_scene(scene)), Path(path)
+    given = load_scene(scene)
+    scene, path = overgrown(given), Path(path)
     if not scene.branched or any(line.rigid for line in scene.lines):
         raise SceneError(
             "scene: MoorDyn's lines are elastic; allowed: a system of lines with EA (a line with a [[line_type]])"
@@ -62,7 +64,7 @@ def write_moordyn(
         if any(other.point == buoy.point for other in scene.buoys[:i]):
             raise SceneError(f"buoy.{i}.point: {buoy.point!r} carries two buoys; MoorDyn's rods need a body each")
     check_bodies(scene)
-    notes = differences(scene)
+    notes = differences(dataclasses.replace(scene, season=given.season))
     text = [*_front(scene), *_tables(scene, path), *_options(scene, path, dt, options or {}), *_outputs(scene)]
     files = {path.parent / name: words for name, words in _files(scene, path).items()}
     for file, words in files.items():
@@ -90,6 +92,8 @@ def _front(scene: Scene) -> Iterator[str]:
     yield _rule("MoorDyn input, written by dropper-jax")
     yield f"! name = {json.dumps(scene.name)}"
     yield f"! description = {json.dumps(' '.join(scene.description.split()))}"
+    if scene.notes:
+        yield f"! notes = {json.dumps(scene.notes)}"
     for key, value in scene.to_dict()["run"].items():
         yield f"! run.{key} = {json.dumps(value)}"
     if any(line.axial_law == "damped_rope" for line in scene.lines):

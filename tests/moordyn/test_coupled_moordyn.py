@@ -55,3 +55,41 @@ def test_forces_of_a_driven_chain_are_those_of_moordyn(tmp_path, monkeypatch):
     assert np.ptp(np.linalg.norm(other, axis=1)) > 0.15 * np.linalg.norm(at_rest)  # it is driven
     assert difference.max() < 0.04
     assert np.sqrt(np.mean(difference**2)) < 0.01
+
+
+@pytest.mark.check
+def test_anchor_of_a_chain_on_the_bed_feels_the_friction_law_of_moordyn(tmp_path, monkeypatch):
+    # MoorDyn's friction holds a node at rest by nothing: the anchor feels the fairlead; Coulomb's hides much of it
+    monkeypatch.chdir(tmp_path)
+    options = "1e5 kbot\n1e4 cbot\n0.5 FrictionCoefficient\n2000 FricDamp\n50            WtrDpth"
+    text = DECK.read_text().replace("-80.0   0", "-140.0  0").replace("100         20", "155         31")
+    text = "\n".join(line for line in text.splitlines() if "kbot" not in line and "cbot" not in line)
+    file = tmp_path / "bed.txt"
+    file.write_text(text.replace("50            WtrDpth", options).replace("0.002 ", "0.0005"))
+    system, h, span = moordyn.Create(str(file)), 0.0005, 24.0
+    moordyn.Init(system, HOME.tolist(), [0.0] * 3)
+    line, other = moordyn.GetLine(system, 1), []
+    for i in range(round(span / h)):
+        place, rate = motion(i * h)
+        moordyn.Step(system, place.tolist(), rate.tolist(), i * h, h)
+        if i % 100 == 99:
+            other.append([np.linalg.norm(moordyn.GetLineNodeTen(line, end)) for end in (0, moordyn.GetLineN(line))])
+    moordyn.Close(system)
+    t = np.linspace(0.0, span, 481)
+    table = dj.load_scene(file).to_dict()
+    moved = [(motion(one)[0] - HOME).tolist() for one in t]
+    table["effects"]["end_motion"] = {"point": "fairlead", "time": t.tolist(), "displacement": moved}
+    table["run"] = {"dt": 0.01, "duration": span, "save_every": 5}
+    late = t[1:] > 6.0
+    theirs = np.array(other)[late]
+    found = {}
+    for law in ("moordyn", "coulomb"):
+        scene = dj.load_scene(table).with_values({"effects.seabed_friction.law": law})
+        run = dj.simulate(scene)
+        assert run.status == "ok"
+        found[law] = run.tension[1:, [0, -1]][late]
+    print({law: (x.mean(0), x.std(0), x.max(0)) for law, x in {**found, "theirs": theirs}.items()})
+    for end in (0, 1):
+        assert found["moordyn"][:, end].std() == pytest.approx(theirs[:, end].std(), rel=0.03)
+        assert found["moordyn"][:, end].max() == pytest.approx(theirs[:, end].max(), rel=0.03)
+    assert found["coulomb"][:, 0].std() < 0.5 * theirs[:, 0].std()

@@ -62,7 +62,7 @@ def test_anchor_of_a_chain_on_the_bed_feels_the_friction_law_of_moordyn(tmp_path
     # MoorDyn's friction holds a node at rest by nothing: the anchor feels the fairlead; Coulomb's hides much of it
     monkeypatch.chdir(tmp_path)
     options = "1e5 kbot\n1e4 cbot\n0.5 FrictionCoefficient\n2000 FricDamp\n50            WtrDpth"
-    text = DECK.read_text().replace("-80.0   0", "-140.0  0").replace("100         20", "155         31")
+    text = DECK.read_text().replace("-80.0   0", "-140.0  0").replace("100       20", "155 31")
     text = "\n".join(line for line in text.splitlines() if "kbot" not in line and "cbot" not in line)
     file = tmp_path / "bed.txt"
     file.write_text(text.replace("50            WtrDpth", options).replace("0.002 ", "0.0005"))
@@ -99,9 +99,7 @@ def test_anchor_of_a_chain_on_the_bed_feels_the_friction_law_of_moordyn(tmp_path
 def test_deviation_of_a_driven_jumper_is_moordyns_where_it_is_called_at_every_step(tmp_path, monkeypatch):
     # a jumper with EI (Lowe and Langley 2006), hanging free: calls every 0.01 s took 5 % of MoorDyn's deviation
     monkeypatch.chdir(tmp_path)
-    text = (
-        DECK.read_text().replace("-80.0   0    -50.0", "-100.0  0    -55.0").replace("100         20", "170         34")
-    )
+    text = DECK.read_text().replace("-80.0   0    -50.0", "-100.0  0    -55.0").replace("100       20", "170 34")
     text = text.replace("Chain      0.1     30.0      1e8    -0.8         0          1.6     1     0.1     0.5", "{}")
     text = text.format("Chain 0.396 165.0 5e8 -0.5 120.8e3 1.0 1.0 0.0 0.0").replace(
         "50            WtrDpth", "100 WtrDpth"

@@ -1,8 +1,9 @@
 """The paper's cases and a driven chain in MoorDyn v2 and here: motions, tensions, conventions, and speed on one thread.
 
-    python benchmarks/moordyn.py [--only conventions|cases|steps|schemes|speed]
+    python benchmarks/moordyn.py [--only conventions|cases|steps|schemes|speed|peaks] [--rows TEXT]
 
-Needs the extra `moordyn`; takes about 15 minutes, a few more with the explicit schemes.
+Needs the extra `moordyn`; takes about 15 minutes, a few more with the explicit schemes,
+an hour more with peaks. `--rows driven` measures the rows of speed or peaks whose names have `driven`.
 
 Writes results/moordyn.json and results/moordyn-case-1.png beside this file and prints what it finds. Both codes start
 from the paper's positions. MoorDyn's component waves (WaveKin 7) carry no dynamic pressure: an upright cylinder held
@@ -34,7 +35,7 @@ from explicit_schemes import schemes
 from machine import describe
 from moordyn_conventions import conventions
 from moordyn_runs import Ours, Rows, theirs
-from moordyn_speed import speed
+from moordyn_speed import peaks, speed
 from paper_cases import TABLE_7, case
 
 from dropper_jax.base.files import atomic_write
@@ -137,9 +138,11 @@ def picture(here: Rows, there: Rows, path: Path) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("conventions", "cases", "steps", "schemes", "speed")
+    parts = ("conventions", "cases", "steps", "schemes", "speed", "peaks")
     parser.add_argument("--only", choices=parts, help="measure this part, keep the others")
-    only = parser.parse_args().only
+    parser.add_argument("--rows", default="", help="of speed and peaks only the rows with this in their names")
+    given = parser.parse_args()
+    only = given.only
     RESULTS.mkdir(exist_ok=True)
     target = RESULTS / "moordyn.json"
     found: dict[str, Any] = json.loads(target.read_text()) if only and target.exists() else {}
@@ -175,11 +178,14 @@ def main() -> int:
         for row in schemes(case):
             found["schemes"].append(row)
             keep()
-    if only in (None, "speed"):
-        found["speed"] = []
-        for row in speed(case):
-            found["speed"].append(row)
-            keep()
+    for part, measure in (("speed", speed), ("peaks", peaks)):
+        if only in (None, part):
+            others = [row for row in found.get(part, []) if given.rows and given.rows not in row["name"]]
+            measured: list[dict[str, Any]] = []
+            for row in measure(case, only=given.rows):
+                measured.append(row)
+                found[part] = measured + others
+                keep()
     return 0
 
 

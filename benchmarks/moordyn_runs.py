@@ -20,6 +20,7 @@ from dropper_jax.model import Model, State
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
+from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 from dropper_jax.study.peers.moordyn_run import inside, quiet
@@ -38,8 +39,9 @@ class Rows:
         square: mean square of the tensions.
         wall_s, cpu_s: wall and processor time of the run without compilation or file reading. Both codes run on one
             thread, so that the two differ only by what else the machine does.
-        retried: steps taken again, as a share.
+        retried: steps taken again, as a share; with a tolerance those refused.
         status: `ok` or what went wrong.
+        steps: of ours, how many were taken.
         sizes: of MoorDyn, mean, least and largest size of the end tensions (k, 3, 2), pushing counted as pulling.
     """
 
@@ -54,6 +56,13 @@ class Rows:
     retried: float = 0.0
     status: str = "ok"
     sizes: np.ndarray | None = None
+    steps: int | None = None
+
+    def peaks(self, start: float, window: float) -> float:
+        """Mean of the largest fairlead tensions [N] in windows of `window` [s] from `start` on."""
+        most = self.most[self.t > start + 0.5 * SAMPLE, 1]
+        each = round(window / SAMPLE)
+        return float(np.mean(most[: len(most) // each * each].reshape(-1, each).max(axis=1)))
 
     def statistics(self, start: float = 0.0) -> dict[str, Any]:
         """Tension of anchor and fairlead [N] and ranges of the far end [m], from `start` on.
@@ -106,6 +115,41 @@ def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.A
     return again, rows
 
 
+@partial(jax.jit, static_argnames=("stepper", "saves", "links"))
+def _follow(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: jax.Array,
+    every: jax.Array,
+    tolerance: jax.Array,
+    saves: int,
+    links: int,
+) -> Any:
+    """As `_march`, in steps that follow the snaps: `every` intervals of dt [s] per row, the longest steps."""
+    ends = jnp.array([0, links - 1])
+
+    def save(carry: tuple[Any, jax.Array], _: None) -> Any:
+        def one(_: jax.Array, inner: Any) -> Any:
+            adaptive, steps, total, square, least, most = inner
+            adaptive, (_, within) = advance_adaptively(stepper, model, adaptive, dt, tolerance, 1)
+            mean, squares, low, high = (a[0, ends] for a in within[:4])
+            low, high = jnp.minimum(least, low), jnp.maximum(most, high)
+            return adaptive, steps + within.steps[0], total + mean, square + squares, low, high
+
+        zero = jnp.zeros(2, model.dtype)
+        start = (*carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
+        adaptive, steps, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
+        s = adaptive.progress.state
+        place = model.geometry.everywhere(s.r, model.ends(s.t).places)[model.geometry.last[0]]
+        alive = adaptive.progress.first_bad < 0
+        return (adaptive, steps), (total / every, square / every, least, most, place, alive)
+
+    carry = (adaptive_start(begin(stepper, model, s), dt), jnp.zeros((), jnp.int32))
+    (adaptive, steps), rows = jax.lax.scan(save, carry, None, length=saves)
+    return (adaptive.refused, steps), rows
+
+
 @dataclass
 class Ours:
     """A scene here, compiled once for all step sizes."""
@@ -114,28 +158,41 @@ class Ours:
     model: Model
     start: State
     links: int
-    compiled: dict[int, Any] = field(default_factory=dict)
+    compiled: dict[Any, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene) -> Ours:
         model, start = build(scene)
         return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
 
-    def run(self, every: int, duration: float, repeats: int = 1) -> Rows:
-        """Steps of SAMPLE / every [s]; the least times of the repeats count, compilation apart."""
+    def other(self, scene: Scene) -> Ours:
+        """The same for a scene that differs in values only: the programs serve it too."""
+        model, start = build(scene)
+        return replace(self, model=model, start=start)
+
+    def run(self, every: int, duration: float, repeats: int = 1, tolerance: float | None = None) -> Rows:
+        """Steps of SAMPLE / every [s], or with a tolerance [m/s] at most so long; the least times count."""
         saves = round(duration / SAMPLE)
-        given = (self.model, self.start, jnp.asarray(SAMPLE / every), jnp.asarray(every))
+        given = [self.model, self.start, jnp.asarray(SAMPLE / every), jnp.asarray(every)]
+        program = _march
+        if tolerance is not None:
+            program = _follow
+            given.append(jnp.asarray(tolerance))
         wall = cpu = np.inf
-        if saves not in self.compiled:
-            self.compiled[saves] = _march.lower(self.stepper, *given, saves=saves, links=self.links).compile()
+        if (program, saves) not in self.compiled:
+            lowered = program.lower(self.stepper, *given, saves=saves, links=self.links)
+            self.compiled[program, saves] = lowered.compile()
         for _ in range(repeats):
             begun, used = time.perf_counter(), time.process_time()
-            again, rows = jax.block_until_ready(self.compiled[saves](*given))
+            again, rows = jax.block_until_ready(self.compiled[program, saves](*given))
             wall, cpu = min(wall, time.perf_counter() - begun), min(cpu, time.process_time() - used)
         mean, square, least, most, place, alive = (np.asarray(a) for a in rows)
         t = SAMPLE * np.arange(1, saves + 1)
         status = "ok" if bool(alive[-1]) else f"not_converged at {t[np.argmin(alive)]:.4g} s"
-        return Rows(t, mean, square, least, most, place, wall, cpu, float(again) / (saves * every), status)
+        again, steps = (again, saves * every) if tolerance is None else again
+        return Rows(
+            t, mean, square, least, most, place, wall, cpu, float(again) / float(steps), status, steps=int(steps)
+        )
 
 
 def wheel() -> Any:
@@ -180,6 +237,7 @@ def theirs(
     drive: Callable[[float], np.ndarray] | None = None,
     grid: bool = False,
     across: tuple[int, int] = (-60, 60),
+    call: float | None = None,
 ) -> Rows:
     """MoorDyn on the scene, with its exact kinematics (WaveKin 7) or those of a grid (WaveKin 3).
 
@@ -187,12 +245,16 @@ def theirs(
         grid: whether wave kinematics come from a grid; the waves must travel in +x.
         across: least and largest y of the grid [m].
         dt: its time step [s].
-        look: time between calls [s]: extremes between them are not seen.
-        drive: place (3,) [m] over time of its coupled point; between calls the point moves evenly.
+        look: time between looks at its tensions [s]: extremes between them are not seen.
+        drive: place (3,) [m] over time of its coupled point. Between calls the point moves at constant velocity: its
+            jumps let the line ring, so that errors are measured with a call at every step (0.01 s: 4e-2 in the
+            deviation of a gently driven chain, 1 ms: 1e-4).
+        call: time between calls [s], at most `look`; None: `look`.
     """
     moordyn = wheel()
     options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
-    inner, rows, wall, cpu = max(1, round(SAMPLE / look)), [], 0.0, 0.0
+    looks = max(1, round(SAMPLE / look))
+    inner, rows, wall, cpu = looks * max(1, round(SAMPLE / looks / (call or look))), [], 0.0, 0.0
     with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
         if grid:
             options.update({"WaveKin": 3, "dtWave": GRID_STEP})
@@ -214,6 +276,8 @@ def theirs(
                     moordyn.Step(system, x, v, t, SAMPLE / inner)
                     wall, cpu = wall + time.perf_counter() - begun, cpu + time.process_time() - used
                     now += 1
+                    if now % (inner // looks):
+                        continue
                     ends.append([_signed(moordyn, line, i, j) for i, j in ((0, 1), (count, count - 1))])
                 rows.append((np.array(ends), moordyn.GetLineNodePos(line, count)))
                 if not np.all(np.isfinite(ends)):

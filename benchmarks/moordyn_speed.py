@@ -1,4 +1,4 @@
-"""Speed on one thread, at equal or smaller error of mean and standard deviation of the fairlead tension.
+"""Speed on one thread, at equal or smaller error of the fairlead tension: mean, deviation, and peaks.
 
 Each code is measured against itself at a much smaller step: the question is what a given error costs. Ours runs twice:
 as MoorDyn models lines (`damped_rope`, whose damper works on in a slack line) by `generalized_alpha`, and by default
@@ -7,10 +7,16 @@ standard deviation: of the tension at all steps, where the width of snaps counts
 is judged by the first; both ratios are reported. A step counts where all smaller ones are as exact too. Where MoorDyn
 takes its waves from a grid, so do we. Ours runs as one kernel. Ratios are of processor time, one thread each; wall
 times stand beside them.
+
+`peaks` judges what anchors are chosen by as well, the mean of the largest tensions in windows: several runs that differ
+in phase, errors as root of their mean square over the runs, and each code at its cheapest step below `LIMITS`.
+Where a point is driven, MoorDyn's errors are those with a call at every step of its own, its time that of calls every
+`LOOK`, which cost it less.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -31,6 +37,18 @@ FINER = 0.25
 HARD, SMOOTH = (8.0, 1.0, 1.5), (10.0, 0.3, 0.5)
 #: Time between looks at MoorDyn [s] for statistics.
 LOOK = 0.01
+#: Peaks: number of runs, and their windows [s] after the first seconds [s], in which motions rise over RAMP [s].
+RUNS, WINDOW, FIRST, RAMP = 8, 8.0, 12.0, 8.0
+#: Largest errors allowed in both codes: mean, deviation, and mean of the windows' largest tensions.
+LIMITS = {"mean": 5e-3, "std": 2e-2, "peaks": 3.5e-2}
+#: MoorDyn's steps [s] for peaks; the reference takes half the last one, whose error bounds that of the reference.
+THEIR_STEPS = (0.002, 0.001, 0.0005, 0.00025)
+#: Ours: step tolerance [m/s], and steps in 0.1 s (the least number of them). The reference: REFERENCE steps, half of
+#: which bound its error.
+OUR_STEPS = ((None, 20), (None, 40), (None, 80), (0.3, 5), (0.1, 5), (0.03, 5))
+REFERENCE = 640
+#: Time between looks at MoorDyn's peaks [s], and runs whose time is taken.
+CLOSE, TIMED = 1e-3, 2
 #: Our two ways: values of the scene.
 WAYS = {
     "damped_rope": {"line.0.axial.law": "damped_rope", "run.integrator": "generalized_alpha"},
@@ -39,12 +57,15 @@ WAYS = {
 MEASURES = {"all_steps": ("mean", "std"), "below_5_hz": ("mean", "std_of_rows")}
 
 
-def driven(motion: tuple[float, float, float]) -> Callable[[float], np.ndarray]:
-    """Place (3,) [m] of the driven top over time [s]."""
+def driven(
+    motion: tuple[float, float, float], phase: float = 0.0, ramp: float | None = None
+) -> Callable[[float], np.ndarray]:
+    """Place (3,) [m] of the driven top over time [s], as `end_motion` has it."""
     period, surge, heave = motion
 
     def place(t: float) -> np.ndarray:
-        turn = np.sin(2 * np.pi * t / period)
+        u = 1.0 if ramp is None else min(t / ramp, 1.0)
+        turn = math.sin(2 * math.pi * t / period + phase) * u**3 * (10 - 15 * u + 6 * u * u)
         return np.array([30.0 + surge * turn, 0.0, -2.0 + heave * turn])
 
     return place
@@ -62,18 +83,29 @@ def driven_chain(base: Scene, motion: tuple[float, float, float]) -> Scene:
     return Scene.from_dict({**table, "name": "driven-chain"})
 
 
-def speed(case: Callable[[int], Scene]) -> Iterator[dict[str, Any]]:
-    """One row per comparison, printed as they come."""
-    for name, motion, wanted in (("hard", HARD, 1.5), ("smooth", SMOOTH, 4.0)):
-        chain = driven_chain(case(1), motion)
-        yield from compare(f"chain of 12 segments, top driven, {name}", chain, wanted, LOOK, drive=driven(motion))
-    yield from compare("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, grid=True)
-    gridded = case(3).with_values({"sea.interpolation": "grid"})
-    yield from compare("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, grid=True)
-    yield from compare("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE)
-    longline, law = turned().with_values({"sea.interpolation": "grid"}), "rope"
-    ways = {law: {}, f"{law}, as well": {"run.integrator": "generalized_alpha"}}
-    yield from compare("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, ways, grid=True, across=(-60, 120))
+def speed(case: Callable[[int], Scene], only: str = "") -> Iterator[dict[str, Any]]:
+    """One row per comparison whose name has `only` in it, printed as they come."""
+    gridded, longline, law = case(3).with_values({"sea.interpolation": "grid"}), turned(), "rope"
+    longline = longline.with_values({"sea.interpolation": "grid"})
+    own = {"ways": {law: {}, f"{law}, as well": {"run.integrator": "generalized_alpha"}}, "across": (-60, 120)}
+    for name, scene, wanted, calls, options in (
+        *(
+            (
+                f"chain of 12 segments, top driven, {how}",
+                driven_chain(case(1), motion),
+                wanted,
+                LOOK,
+                {"drive": driven(motion)},
+            )
+            for how, motion, wanted in (("hard", HARD, 1.5), ("smooth", SMOOTH, 4.0))
+        ),
+        ("case 1 (MoorDyn: wave grid)", case(1), 4.0, SAMPLE, {"grid": True}),
+        ("case 3, 29 components (both: wave grid)", gridded, 2.0, SAMPLE, {"grid": True}),
+        ("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE, {}),
+        ("edulis-longline (both: wave grid)", longline, 1.0, SAMPLE, {"grid": True, **own}),
+    ):
+        if only in name:
+            yield from compare(name, scene, wanted, calls, **options)
 
 
 def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
@@ -128,10 +160,10 @@ def _ours(scene: Scene, wanted: float, there: dict[str, Any]) -> dict[str, Any]:
 def largest_stable(scene: Scene, calls: float, **options: Any) -> dict[str, Any]:
     """MoorDyn rk2 at the largest step of `STEPS` that is stable over the whole run."""
     for dt in STEPS:
-        run = theirs(scene, dt, SPAN, look=LOOK, **options)
+        run = _errors_run(scene, dt, LOOK, **options)
         if run.status != "ok" or not np.max(np.abs(run.place)) < 1e3:
             continue
-        reference = theirs(scene, FINER * dt, SPAN, look=LOOK, **options)
+        reference = _errors_run(scene, FINER * dt, LOOK, **options)
         found = errors(run, reference)
         if found is None or max(found.values()) > 0.5:  # finite, but ringing with steps at the limit
             continue
@@ -143,6 +175,108 @@ def largest_stable(scene: Scene, calls: float, **options: Any) -> dict[str, Any]
     none = float("nan")
     found = {"dt_s": None, "status": "no stable step", "errors": None, "reference": None}
     return {**found, "wall_per_s": none, "cpu_per_s": none}
+
+
+def _errors_run(scene: Scene, dt: float, look: float, **options: Any) -> Rows:
+    """MoorDyn with a driven point moved at every step of its own."""
+    call = dt if "drive" in options else None
+    return theirs(scene, dt, SPAN, look=max(look, dt), call=call, **options)
+
+
+def peaks(case: Callable[[int], Scene], runs: int = RUNS, only: str = "") -> Iterator[dict[str, Any]]:
+    """One row per scene whose name has `only` in it: errors of all steps in both codes, cheapest good ones, ratio."""
+    for name, drawn in (
+        ("chain of 12 segments, top driven, hard", lambda i: _hard(case, i)),
+        ("case 1 (MoorDyn: wave grid)", lambda i: (_shifted(case(1), i), {"grid": True})),
+        ("case 3, 29 components (both: exact kinematics)", lambda i: (_shifted(case(3), i), {})),
+    ):
+        if only in name:
+            print(f"peaks: {name}", flush=True)
+            scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in map(drawn, range(runs))]
+            ours, there = _our_peaks([scene for scene, _ in scenes]), _their_peaks(scenes)
+            ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
+            print(f"  MoorDyn's time over ours: {ratio}", flush=True)
+            yield {"name": name, "runs": runs, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
+
+
+def _hard(case: Callable[[int], Scene], i: int) -> tuple[Scene, dict[str, Any]]:
+    """The chain that snaps, driven from rest with the i-th phase."""
+    phase = 2 * np.pi * i / RUNS
+    values = {"effects.end_motion.phase": phase, "effects.end_motion.ramp": RAMP}
+    return driven_chain(case(1), HARD).with_values(values), {"drive": driven(HARD, phase, RAMP)}
+
+
+def _shifted(scene: Scene, i: int) -> Scene:
+    """The scene in waves with the i-th phase; of several components the first run has the scene's own."""
+    phase = np.asarray(scene.sea.waves.phase)
+    if phase.ndim and i:
+        phase = np.random.default_rng(i).uniform(0.0, 2 * np.pi, phase.shape)
+    elif not phase.ndim:
+        phase = phase + 2 * np.pi * i / RUNS
+    return scene.with_values({"sea.waves.phase": phase.tolist()})
+
+
+def _our_peaks(scenes: list[Scene]) -> dict[str, Any]:
+    first = Ours.of(scenes[0])
+    every = [first, *(first.other(scene) for scene in scenes[1:])]
+    reference = [_three(ours.run(REFERENCE, SPAN)) for ours in every]
+    bound = _over_runs([_three(ours.run(REFERENCE // 2, SPAN)) for ours in every], reference)
+    rows = []
+    for tolerance, count in OUR_STEPS:
+        done = [ours.run(count, SPAN, REPEATS if i < TIMED else 1, tolerance) for i, ours in enumerate(every)]
+        row = {"dt_s": SAMPLE / count, "tolerance": tolerance, "steps": float(np.mean([run.steps for run in done]))}
+        rows.append({**row, **_judged(done, reference)})
+    return _chosen(rows, reference, bound)
+
+
+def _their_peaks(scenes: list[tuple[Scene, dict[str, Any]]]) -> dict[str, Any]:
+    def run(dt: float) -> list[Rows]:
+        return [_errors_run(scene, dt, CLOSE, **options) for scene, options in scenes]
+
+    reference, rows = [_three(one) for one in run(0.5 * THEIR_STEPS[-1])], []
+    for dt in THEIR_STEPS:
+        done = run(dt)
+        for i, (scene, options) in enumerate(scenes[:TIMED]):
+            look = LOOK if "drive" in options else SAMPLE
+            timed = [theirs(scene, dt, SPAN, look=look, **options) for _ in range(REPEATS)]
+            done[i].cpu_s = min(one.cpu_s for one in timed)
+        rows.append({"dt_s": dt, "tolerance": None, **_judged(done, reference)})
+    bound = rows.pop()["errors"]
+    return _chosen(rows, reference, bound)
+
+
+def _three(run: Rows) -> dict[str, float]:
+    """Mean, deviation and mean of the windows' largest fairlead tensions [N]; none of them where a run failed."""
+    if run.status != "ok":
+        return dict.fromkeys(LIMITS, float("nan"))
+    found = run.statistics(FIRST)["fairlead"]
+    return {"mean": found["mean"], "std": found["std"], "peaks": run.peaks(FIRST, WINDOW)}
+
+
+def _over_runs(found: list[dict[str, float]], reference: list[dict[str, float]]) -> dict[str, float]:
+    """Root of the mean square, over runs, of the relative errors."""
+    ratios = {key: [a[key] / b[key] - 1.0 for a, b in zip(found, reference, strict=True)] for key in LIMITS}
+    return {key: float(np.sqrt(np.mean(np.square(value)))) for key, value in ratios.items()}
+
+
+def _judged(done: list[Rows], reference: list[dict[str, float]]) -> dict[str, Any]:
+    found = _over_runs([_three(run) for run in done], reference)
+    good = all(found[key] <= limit for key, limit in LIMITS.items())
+    return {"errors": found, "good": good, "cpu_per_s": min(run.cpu_s for run in done[:TIMED]) / SPAN}
+
+
+def _chosen(rows: list[dict[str, Any]], reference: list[dict[str, float]], bound: dict[str, float]) -> dict[str, Any]:
+    """The rows, the cheapest good one, means of the reference over the runs, and what bounds its errors."""
+    for row in rows:
+        words = ", ".join(f"{key} {value:.1e}" for key, value in row["errors"].items())
+        print(
+            f"  dt {row['dt_s']:g} s, tolerance {row['tolerance']}: {words}; {1e3 * row['cpu_per_s']:.2f} ms",
+            flush=True,
+        )
+    good = [row for row in rows if row["good"]]
+    best = min(good, key=lambda row: row["cpu_per_s"]) if good else None
+    means = {key: float(np.mean([one[key] for one in reference])) for key in LIMITS}
+    return {"steps": rows, "best": best, "reference": means, "reference_errors": bound}
 
 
 def _show(label: str, row: dict[str, Any]) -> None:

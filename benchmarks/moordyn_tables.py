@@ -88,6 +88,43 @@ def speed(found: dict[str, Any]) -> Rows:
     return rows
 
 
+def peaks(found: dict[str, Any]) -> Rows:
+    """Both codes at their cheapest step whose mean, deviation and window maxima are within the limits."""
+    head = ("", "runs", "code", "step [s]", "[ms]", "errors of mean, deviation, window maxima", "of the reference")
+    rows = [(*head, "mean of window maxima [N]", "MoorDyn's time over ours")]
+    for row in found.get("peaks", []):
+        for key, name in (("ours", "here"), ("moordyn", "MoorDyn v2")):
+            code, shown = row[key], row[key]["best"]
+            ratio = "" if key == "ours" or row["ratio"] is None else f"{row['ratio']:.1f}"
+            errors = "none" if shown is None else _three(shown["errors"])
+            step = "none" if shown is None else f"{shown['dt_s']:g}"
+            if shown is not None and shown["tolerance"] is not None:
+                step = f"up to {step}, tolerance {shown['tolerance']:g} m/s"
+            cells = (
+                step,
+                "" if shown is None else _milli(shown["cpu_per_s"]),
+                errors,
+                _three(code["reference_errors"]),
+            )
+            rows.append((row["name"], str(row["runs"]), name, *cells, f"{code['reference']['peaks']:.0f}", ratio))
+    return rows
+
+
+def peak_steps(found: dict[str, Any]) -> Rows:
+    """Errors of our steps in mean, deviation and window maxima."""
+    rows = [("", "step [s]", "[ms]", "errors of mean, deviation, window maxima")]
+    for row in found.get("peaks", []):
+        for one in row["ours"]["steps"]:
+            tolerance = "" if one["tolerance"] is None else f", tolerance {one['tolerance']:g} m/s"
+            step = f"{'up to ' if tolerance else ''}{one['dt_s']:g}{tolerance}"
+            rows.append((row["name"], step, _milli(one["cpu_per_s"]), _three(one["errors"])))
+    return rows
+
+
+def _three(errors: dict[str, float]) -> str:
+    return ", ".join(f"{100 * errors[key]:.2g} %" for key in ("mean", "std", "peaks"))
+
+
 def _as_exact(row: dict[str, Any]) -> str:
     """How fast at equal or smaller error, bold where that misses what was wanted."""
     whole, slow = row["all_steps"], row["below_5_hz"]
@@ -133,4 +170,6 @@ TABLES = {
     "moordyn_steps": steps,
     "moordyn_schemes": schemes,
     "moordyn_speed": speed,
+    "moordyn_peaks": peaks,
+    "moordyn_peak_steps": peak_steps,
 }

@@ -1,4 +1,4 @@
-"""Dry friction on the seabed, with true sticking."""
+"""Dry friction on the seabed, with true sticking, or MoorDyn's, which grows with speed."""
 
 from __future__ import annotations
 
@@ -29,6 +29,10 @@ class SeabedFriction(Law):
     velocity left at the end of the step: what the midpoint rule would let ring is taken by the friction.
 
     (The paper's (19) is the same law, with the resultant of all other forces in place of the unknown.)
+
+    `law = "moordyn"` is MoorDyn's: against the velocity v along the bed, `|z| = mu c |v|` up to the limit, `damping` c
+    its FricDamp [N s/m]. A node that starts the step with `mu c |v|` above the static limit has the kinetic one. c is
+    of a node, not of its weight: where the contact force is N the limit is reached at the speed N/c.
     """
 
     name: ClassVar[str] = "seabed_friction"
@@ -36,6 +40,12 @@ class SeabedFriction(Law):
     needs: ClassVar[tuple[str, ...]] = ("seabed",)
     kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
     static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, optional=True)
+    damping: jax.Array = parameter(
+        "MoorDyn's FricDamp: friction per speed and coefficient, of each node", unit="N s/m", low=0.0, default=200.0
+    )
+    law: str = option(
+        "Coulomb's law, which sticks, or MoorDyn's, which creeps", choices=("coulomb", "moordyn"), default="coulomb"
+    )
     statics: str = option(
         "friction in static poses: none, or that of lines pulled outward from their first point",
         choices=("none", "outward"),
@@ -55,6 +65,11 @@ class SeabedFriction(Law):
                 f"effects.seabed_friction.static: {values['static']:g} is out of range; "
                 f"allowed: at least `kinetic`, {values['kinetic']:g}"
             )
+        if values["law"] == "moordyn" and values["statics"] != "none":
+            raise SceneError(
+                "effects.seabed_friction.statics: 'outward' is friction at rest, which law 'moordyn' lacks; "
+                "allowed: 'none'"
+            )
 
     @property
     def components(self) -> int:
@@ -65,10 +80,13 @@ class SeabedFriction(Law):
         return z[:, :1] * first + z[:, 1:] * second
 
     def prepare(self, k: Kinematics) -> jax.Array | None:
-        """Which nodes (nodes, 1) begin the step in motion; k has the velocities of its beginning."""
+        """Which nodes (nodes, 1) have the kinetic limit; k has the velocities of the beginning of the step."""
         if self.static is None:
             return None
-        return jnp.sum(_along_bed(k, k.v) ** 2, axis=1, keepdims=True) > AT_REST**2
+        speed = jnp.sqrt(jnp.sum(_along_bed(k, k.v) ** 2, axis=1, keepdims=True) + 1e-30)
+        if self.law == "moordyn":
+            return self.kinetic * self.damping * speed > self.static * _bed(k).normal(k)[:, None]
+        return speed > AT_REST
 
     def _limit(self, k: Kinematics) -> jax.Array:
         """Largest friction (nodes, 1) [N]."""
@@ -78,8 +96,10 @@ class SeabedFriction(Law):
         return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
 
     def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """`p = z - rho v_mid` (nodes, 2) [N] and its size (nodes, 1)."""
-        p = z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
+        """`p = z - rho v_mid` (nodes, 2) [N], or MoorDyn's `-mu c v_mid`, and its size (nodes, 1)."""
+        v = _along_bed(k, k.v)
+        creeps = self.law == "moordyn"
+        p = -self.kinetic * self.damping * v if creeps else z - (k.model.node_mass / h)[:, None] * v
         return p, jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
@@ -91,6 +111,8 @@ class SeabedFriction(Law):
         return z  # the bound is the contact force, which the step determines too
 
     def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+        if self.law == "moordyn":
+            return v1
         limit = self._limit(k)
         stuck = (self._trial(k, z, h)[1] <= limit) & (limit > 0.0)
         return v1 - jnp.where(stuck, self.law_force(k, _along_bed(k, v1)), 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import load_scene
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import Effect
 from dropper_jax.model import state
@@ -147,3 +148,41 @@ def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags
     assert float(slope) == pytest.approx(weight.sum(), rel=2e-3)  # the lead link is a little inclined
     ahead, behind = both(mu + 1e-4)[0][0], both(mu - 1e-4)[0][0]
     assert float(slope) == pytest.approx(float(ahead - behind) / 2e-4, rel=1e-6)
+
+
+def test_moordyns_law_grows_with_speed_up_to_mu_times_the_weight(one_line):
+    # a chain dragged along the bed at a constant speed: each node is held by mu min(c v, N), tensions are their sums
+    mu, damping, mass, length, links = 0.5, 200.0, 10.0, 8.0, 4
+    motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]}
+    kind = {"mass": mass, "diameter": 0.04, "EA": 1e5, "damping_ratio": 1.0}
+    law = {"law": "moordyn", "kinetic": mu, "damping": damping}
+    scene = on_the_bed(one_line, links, length, kind, seabed_friction=law, end_motion=motion)
+    scene["point"][0]["kind"] = "free"
+    model, s = build(scene)
+    behind = model.geometry.paths[0][:-1]  # from the free end on
+    weight = np.asarray(model.node_mass)[behind] * G
+    stepper = make_stepper(model)
+
+    def drag(model, s):
+        return integrate(stepper, model, stepper.integrator.begin(model, s), 0.02, 500)[1].tension[-1]
+
+    run = jax.jit(drag)
+    for speed in (0.05, 0.4, 3.0):  # below, between (the free end's node weighs half), above the limit
+        moved = (
+            replace(e, displacement=100.0 * speed * e.displacement) if e.name == "end_motion" else e
+            for e in model.effects
+        )
+        start = replace(s, v=s.v.at[:, 0].set(speed))
+        tension = run(replace(model, effects=tuple(moved)), start)
+        np.testing.assert_allclose(tension, np.cumsum(mu * np.minimum(damping * speed, weight)), rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [({"law": "moordyn", "statics": "outward"}, "friction at rest"), ({"law": "viscous"}, "allowed: coulomb, moordyn")],
+)
+def test_friction_laws_that_do_not_go_together_are_refused(one_line, values, message):
+    scene = on_the_bed(one_line, 2, 10.0, {"mass": 1.0, "diameter": 0.02, "EA": 1e4}, seabed_friction={"kinetic": 0.4})
+    scene["effects"]["seabed_friction"].update(values)
+    with pytest.raises(SceneError, match=message):
+        load_scene(scene)

@@ -13,6 +13,7 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene, simulate
 from dropper_jax.moordyn.reading.reader import read_moordyn
+from dropper_jax.moordyn.writing.writer import write_moordyn
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()
 
@@ -300,3 +301,41 @@ def test_a_connector_on_a_body_has_no_mass_and_no_length(tmp_path):
     assert body["mass"] == 4900.0
     assert len(body["cylinders"]) == 1
     assert body["attachments"] == {"point-R2B": [0.0, 0.0, 0.5]}
+
+
+def test_friction_of_a_deck_is_moordyns_law(tmp_path):
+    file = tmp_path / "deck.txt"
+    more = "0.4 FrictionCoefficient\n350 FricDamp\n1.5 StatDynFricScale"
+    file.write_text(DECK.replace("50            WtrDpth", f"50            WtrDpth\n{more}"))
+    scene = load_scene(file)
+    friction = scene.effects["seabed_friction"]
+    assert {key: friction[key] for key in ("law", "kinetic", "damping")} == {
+        "law": "moordyn",
+        "kinetic": 0.4,
+        "damping": 350.0,
+    }
+    assert friction["static"] == pytest.approx(0.6)
+    assert not any("FricDamp" in note for note in scene.notes)
+    again = tmp_path / "again.txt"
+    assert not any("friction" in lost for lost in write_moordyn(scene, again))
+    assert load_scene(again).effects["seabed_friction"] == friction
+    sticking = scene.with_values({"effects.seabed_friction.law": "coulomb"})
+    assert any("creeps" in lost for lost in write_moordyn(sticking, again))
+
+
+def test_components_of_a_series_that_hardly_count_are_left_out(tmp_path):
+    # nearly whole periods: one wave, and what the Fourier series makes of half a sample; broken ones: a jump at the end
+    t = np.arange(0.0, 288.05, 0.1)
+    height, period = 5.0, 8.33
+    rows = "\n".join(f"{a:.6f} {b:.9f}" for a, b in zip(t, height * np.cos(2 * np.pi * t / period), strict=True))
+    for series, most in ((t[: round(24 * period / 0.1)], 3), (t, 1300)):
+        (tmp_path / "wave_elevation.txt").write_text("\n".join(rows.splitlines()[: len(series)]))
+        file = tmp_path / "deck.txt"
+        file.write_text(DECK.replace("50            WtrDpth", "50            WtrDpth\n3 WaveKin\n0.1 dtWave"))
+        scene = load_scene(file)
+        waves = scene.sea.waves
+        assert len(waves.amplitude) <= most
+        assert any("components are left out, 0.01% of the variance" in note for note in scene.notes)
+        phase = np.asarray(waves.phase) - np.outer(series, 2 * np.pi / np.asarray(waves.period))
+        difference = np.cos(phase) @ np.asarray(waves.amplitude) - height * np.cos(2 * np.pi * series / period)
+        assert np.sqrt(np.mean(difference**2)) < 0.011 * height / np.sqrt(2.0)

@@ -41,6 +41,7 @@ NUMBERS = {
     "wavekin_rampt": 0.0,
     "currents": 0.0,
     "frictioncoefficient": 0.0,
+    "fricdamp": 200.0,
     "statdynfricscale": 1.0,
     "dtout": 0.0,
 }
@@ -49,7 +50,7 @@ TEXTS = ("seafloorfile",)
 #: Known, but with no counterpart in a scene: how MoorDyn integrates, starts, prints and couples.
 WITHOUT = (
     *("writelog", "cfl", "tscheme", "dtic", "cdscaleic", "threshic", "icgendynamic", "unifycurrentgrid", "writeunits"),
-    *("disableoutput", "disableouttime", "fricdamp", "inertialf", "inertialf_rampt"),
+    *("disableoutput", "disableouttime", "inertialf", "inertialf_rampt"),
     *("outswitch", "echo", "fileic"),
 )
 #: Known, without a counterpart, and missed in the results: each is named by itself, and what is lacking without it.

@@ -243,7 +243,8 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
     wet = {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}} if values["rho"] else {}
     friction = {}
     if values["frictioncoefficient"]:
-        friction = {"seabed_friction": {"kinetic": values["frictioncoefficient"]}}
+        law = {"law": "moordyn", "kinetic": values["frictioncoefficient"], "damping": values["fricdamp"]}
+        friction = {"seabed_friction": law}
         if values["statdynfricscale"] > 1.0:
             friction["seabed_friction"]["static"] = values["frictioncoefficient"] * values["statdynfricscale"]
     seabed = {"seabed": bed} if values["wtrdpth"] or "bed_x" in bed else {}
@@ -273,7 +274,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     sea: dict[str, Any] = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
     waves, current = values["wavekin"], values["currents"]
     if waves in (2.0, 3.0, 7.0):
-        sea["waves"] = read_waves(folder, int(waves), values["dtwave"])
+        sea["waves"] = read_waves(folder, int(waves), values["dtwave"], notes)
         if waves == 2.0:
             notes.append("WaveKin 2: components are summed as they are listed, not interpolated to even frequencies")
     elif waves:

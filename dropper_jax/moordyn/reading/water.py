@@ -18,17 +18,21 @@ from dropper_jax.sea.readers import elevation_components
 FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", "current_profile.txt"
 
 
+#: Share of the variance of an elevation series that its smallest components, left out, may have together. A series of
+#: whole periods has one component, one that is half a sample longer hundreds; each costs every node in every step.
+NEGLIGIBLE = 1e-4
 #: Digits that survive the way through real and imaginary part and back.
 DIGITS = 12
 
 
-def read_waves(folder: Path, kind: int, step: float) -> dict[str, Any]:
+def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[str, Any]:
     """`[sea.waves]` of WaveKin 2, 3 or 7.
 
     Args:
         folder: where the file stands.
         kind: MoorDyn's WaveKin.
         step: dtWave [s], to which an elevation series is resampled first, as MoorDyn does.
+        notes: where to add how many components of a series are left out.
 
     Raises:
         SceneError: a missing file or a line that is no row of numbers.
@@ -36,7 +40,8 @@ def read_waves(folder: Path, kind: int, step: float) -> dict[str, Any]:
     if kind == 3:
         t, eta = np.array([row[:2] for _, row in _rows(folder / ELEVATION, 2, 0)]).T
         even = np.arange(t[0], t[-1] + 1e-9 * step, step)
-        return {"kind": "components", "direction": 0.0, **_plain(elevation_components(even, np.interp(even, t, eta)))}
+        found = _largest(elevation_components(even, np.interp(even, t, eta)), notes)
+        return {"kind": "components", "direction": 0.0, **_plain(found)}
     rows = [row for _, row in _rows(folder / FREQUENCIES, 3, 0) if row[0] > 0.0 and (row[1] or row[2])]
     if not rows:
         raise SceneError(f"{folder / FREQUENCIES}: holds no component above 0 rad/s")
@@ -58,6 +63,18 @@ def read_current(folder: Path) -> dict[str, Any]:
     if len(rows) == 1:
         rows = [[rows[0][0] - 1.0, *rows[0][1:]], rows[0]]
     return {"kind": "table", "heights": [row[0] for row in rows], "velocities": [row[1:4] for row in rows]}
+
+
+def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:
+    """The components without the smallest ones, which have `NEGLIGIBLE` of the variance together at most."""
+    order = np.argsort(found["amplitude"])
+    below = np.cumsum(found["amplitude"][order] ** 2) <= NEGLIGIBLE * np.sum(found["amplitude"] ** 2)
+    if below.any():
+        left, several = int(below.sum()), len(order)
+        notes.append(
+            f"{ELEVATION}: {left} of {several} components are left out, {NEGLIGIBLE:.2%} of the variance or less"
+        )
+    return {key: values[np.sort(order[~below])] for key, values in found.items()}
 
 
 def _short(values: np.ndarray) -> list[float]:

@@ -20,7 +20,7 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "morison_drag": ("cdn", "cdt", "tangents"),  # how directions enter a step is no matter of physics
     "morison_inertia": ("can", "cat", "fluid_acceleration", "added_mass"),
     "seabed": ("stiffness", "damping", "depth", "bed_x", "bed_y", "bed_depth"),
-    "seabed_friction": ("kinetic", "static"),
+    "seabed_friction": ("kinetic", "static", "damping", "law"),
     "end_motion": ("amplitude", "period", "phase", "ramp", "time", "displacement", "point", "also"),
     "bending": ("EI", "directions", "clamped"),
 }
@@ -60,6 +60,8 @@ def _effects(scene: Scene) -> Iterator[str]:
             yield "effects.morison_inertia.fluid_acceleration: not represented; MoorDyn takes the local one"
         if inertia["added_mass"] != "morison":
             yield "effects.morison_inertia.added_mass: not represented; MoorDyn's does not keep energy"
+    if "seabed_friction" in effects and effects["seabed_friction"]["law"] == "coulomb":
+        yield "effects.seabed_friction.law: 'coulomb' is not represented; MoorDyn's friction creeps"
     bed = effects.get("seabed")
     if bed is None:
         yield "effects.seabed: missing here, but MoorDyn has a bed at WtrDpth"

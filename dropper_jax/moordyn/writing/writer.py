@@ -228,7 +228,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
             values["SeafloorFile"] = f"{path.stem}-seafloor.txt"
     friction = scene.effects.get("seabed_friction")
     if friction is not None:
-        values["FrictionCoefficient"] = friction["kinetic"]
+        values.update({"FrictionCoefficient": friction["kinetic"], "FricDamp": friction["damping"]})
         if friction["static"] is not None and friction["kinetic"] > 0.0:
             values["StatDynFricScale"] = float(f"{friction['static'] / friction['kinetic']:.{DIGITS}g}")
     if sea is not None and sea.waves is not None:

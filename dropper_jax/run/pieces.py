@@ -26,7 +26,7 @@ from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, b
 from dropper_jax.stepping.stepper import Stepper
 
 #: A run is cut into at least this many pieces, where it has so many saves.
-PIECES = 12
+PIECES = 32
 #: Wanted time of a piece [s], and how many times longer than the one before it may be.
 SECONDS, LONGER = 1.0, 8
 #: Most saves and most bytes of a piece.
@@ -61,7 +61,7 @@ class Pieces(NamedTuple):
 
 class Gone(NamedTuple):
     """A run that was gone through: what was saved, its last carry, time [s] of it and of compiling meanwhile, whether
-    the user stopped it, and why the disk did."""
+    the user stopped it, why the disk did, and carries that it passed with the saves behind each."""
 
     trajectory: Trajectory
     beside: Beside
@@ -70,6 +70,7 @@ class Gone(NamedTuple):
     late_s: float
     interrupted: bool
     refused: str = ""
+    passed: tuple[tuple[int, Carry], ...] = ()
 
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
@@ -143,9 +144,20 @@ class _EqualSteps:
         self.count = max(1, int(count * min(share, LONGER)))
         return after, (rows, None)
 
-    def _take(self, carry: Progress, count: int) -> tuple[Progress, Trajectory]:
-        after, rows = self.program(self.model, carry, self.dt, jnp.asarray(count, jnp.int32))
+    def _take(self, carry: Progress, count: int, parts: int = 1) -> tuple[Progress, Trajectory]:
+        after, rows = self.program(self.model, carry, self.dt / parts, jnp.asarray(count, jnp.int32))
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
+
+    def halved(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
+        """So many saves again by the program of the run, twice as many at half the step; None where a step fails."""
+        done, rows = 0, []
+        while done < 2 * saves:
+            carry, piece = self._take(carry, min(2 * saves - done, self.settings["room"]), 2)
+            done += len(piece.r)
+            rows.append(piece)
+            if int(carry.first_bad) >= 0:
+                return carry, None
+        return carry, jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
 
 
 def _room(s: State) -> int:
@@ -160,10 +172,12 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
         rows: where the pieces are kept; default: in memory.
     """
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
+    passed: list[tuple[int, Carry]] = []
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
     begun, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
+            passed = [*(passed if len(passed) < 2 * PIECES else passed[::2]), (done, carry)]
             carry, piece = run.go_on(carry, saves - done)
             rows.append(jax.tree.map(np.asarray, piece))
             at = carry, done + len(piece[0].r)
@@ -181,7 +195,7 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
     run_s = time.perf_counter() - begun - late_s
     carry, done = at
     joined, beside = rows.joined(done)
-    return Gone(joined, beside, carry, run_s, late_s, interrupted, refused)
+    return Gone(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))
 
 
 def _reached(carry: Carry) -> tuple[float, bool]:

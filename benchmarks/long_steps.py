@@ -108,8 +108,11 @@ def judge(name: str) -> dict[str, Any]:
             with patch.multiple(step_check, _whole=patched, BRIEF=np.inf, SHARE=share):
                 run = dj.simulate(scene, dt=factor * dt, duration=until)
             found[mode] = run.settings.get("step_check")
-            row[mode] = found[mode] and {key: found[mode][key] for key in ("repeated", *LIMITS, "chaotic_from_s")}
-            row[f"{mode}_warned"] = [key for key in LIMITS if found[mode] and step_check.is_warned(found[mode], key)]
+            row[mode] = found[mode] and {
+                key: found[mode][key]
+                for key in ("repeated", *LIMITS, "chaotic_from_s", "travels")
+                if key in found[mode]
+            }
         row |= {"status": run.status, "advised": found["whole"] and found["whole"]["dt_for_1_percent_s"]}
         row["warnings"] = [text for text in run.warnings if not text.startswith("time step")]
         if run.status == "ok":
@@ -121,7 +124,7 @@ def judge(name: str) -> dict[str, Any]:
 
 
 def _truth(scene: Scene, span: float, parts: int) -> Solution:
-    return dj.simulate(scene, dt=scene.run.dt / parts, duration=span, save_every=parts, check_step=False)
+    return dj.simulate(scene, dt=scene.run.dt / parts, duration=span, save_every=parts, step_check=False)
 
 
 def counts(scenes: list[dict[str, Any]], mode: str) -> dict[str, Any]:
@@ -132,7 +135,7 @@ def counts(scenes: list[dict[str, Any]], mode: str) -> dict[str, Any]:
             for key in LIMITS:
                 if row["status"] != "ok" or key in row["left_out"]:
                     continue
-                off, warned = row["errors"][key], key in row[f"{mode}_warned"]
+                off, warned = row["errors"][key], bool(row[mode]) and step_check.is_warned(row[mode], key)
                 case = f"{scene['scene']} at {row['factor']:g} times: {key} {off:.2g}"
                 if row["factor"] > 1 and off > LIMITS[key]:
                     wrong += 1

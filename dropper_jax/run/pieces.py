@@ -117,7 +117,7 @@ class _EqualSteps:
     """
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
-        self.stepper, self.model, self.dt = stepper, model, jnp.asarray(run.dt, model.dtype)
+        self.stepper, self.model, self.dt = stepper, model, run.dt
         self.settings = {"room": _room(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // PIECES)
         self.count = 1
@@ -128,7 +128,8 @@ class _EqualSteps:
         self.program = self._program(stepper.plain if self.plain else stepper, progress)
 
     def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
-        return self.advance.program(stepper, self.model, progress, self.dt, jnp.zeros((), jnp.int32), **self.settings)
+        dt = jnp.asarray(self.dt, self.model.dtype)
+        return self.advance.program(stepper, self.model, progress, dt, jnp.zeros((), jnp.int32), **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["room"])
@@ -145,11 +146,12 @@ class _EqualSteps:
         return after, (rows, None)
 
     def _take(self, carry: Progress, count: int, parts: int = 1) -> tuple[Progress, Trajectory]:
-        after, rows = self.program(self.model, carry, self.dt / parts, jnp.asarray(count, jnp.int32))
+        dt = jnp.asarray(self.dt / parts, self.model.dtype)
+        after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32))
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
 
     def halved(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
-        """So many saves again by the program of the run, twice as many at half the step; None where a step fails."""
+        """The next `saves` again as twice as many of half the step, by the program of the run; None if a step fails."""
         done, rows = 0, []
         while done < 2 * saves:
             carry, piece = self._take(carry, min(2 * saves - done, self.settings["room"]), 2)

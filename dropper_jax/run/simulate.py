@@ -51,7 +51,7 @@ def simulate(
     skip: float = 0.0,
     start: Solution | None = None,
     scratch: str | Path | None = None,
-    check_step: bool = True,
+    step_check: bool = True,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; what is not given is taken from its `[run]`.
@@ -79,7 +79,7 @@ def simulate(
             values of `[run]` but scheme and precision may be others.
         scratch: an empty folder in which saved states are kept as they come, for runs that are larger than memory; the
             solution's arrays are mapped from there, and last as long as it does.
-        check_step: repeat the run, or stretches of a long one, at half the step, and warn where the step is too long
+        step_check: repeat the run, or stretches of a long one, at half the step, and warn where the step is too long
             (see `run.step_check`). Without effect with `tolerance` or `errors`, and of schemes that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
@@ -143,7 +143,7 @@ def simulate(
         told = (gone.refused,) if gone.refused else ()
         solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *told))
     solution = judged(solution)
-    if check_step and tolerance is None and not errors:
+    if step_check and tolerance is None and not errors:
         solution = with_step_check(solution, compiled, gone, start_s + gone.late_s)
     if choice is not None:
         solution = _within(solution, tolerance, choice)
@@ -211,7 +211,7 @@ def _with_errors(
     """The solution with its loads and their errors; lines whose peaks are off are warned of."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
-    again = lambda variant: simulate(variant, check_step=False, **settings)  # noqa: E731
+    again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     told = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
     return replace(solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *told))

@@ -84,47 +84,46 @@ def _whole(solution: Samples, run: Pieces, gone: Gone) -> dict[str, Any] | None:
         if fine is None:
             return None
         parts.append(_compare(solution, _rows(gone.trajectory, first, last), fine))
-    nodes = np.concatenate([np.asarray(run.carry.state.r)[None], gone.trajectory.r])
-    travel = _travel(solution, nodes)
+    travel = _travel(solution, gone.trajectory.r)
     apart = None if travel is None else np.concatenate([part.apart for part in parts]) / travel
-    chaos = None if apart is None else _chaos(apart, nodes)
-    times = solution.t[1:]
+    chaos = None if apart is None else _chaos(apart, gone.trajectory.r)
     found = {
         "repeated": WHOLE,
         **_tensions(solution, parts, chaos is not None),
         "positions": None if apart is None else _error(solution, float(np.sqrt(np.mean(apart[:chaos] ** 2)))),
-        "chaotic_from_s": None if chaos is None else float(times[chaos]),
+        "chaotic_from_s": None if chaos is None else float(solution.t[1 + chaos]),
     }
     return {**found, "dt_for_1_percent_s": _advised(solution, found)}
 
 
 def _stretches(solution: Samples, run: Pieces, gone: Gone) -> dict[str, Any] | None:
-    """The same by stretches at half the step, from carries that the run passed; positions over what they move there."""
+    """The same by stretches at half the step, from carries that the run passed."""
     saves, trajectory = len(gone.trajectory.r), gone.trajectory
     count = max(1, min(STRETCHES, len(gone.passed) - 1, int(SHARE * saves / 2)))
     length = max(1, int(SHARE * saves / (2 * count)))
     taken = np.linspace(1 if len(gone.passed) > 1 else 0, len(gone.passed) - 1, count).astype(int)
-    parts, moved = [], []
+    parts, apart, moved = [], [], []
     for done, carry in (gone.passed[i] for i in taken):
         rows = _rows(trajectory, done, min(done + length, saves))
         fine = run.go_on.halved(carry, len(rows.r))[1]
         if fine is None:
             return None
         parts.append(_compare(solution, rows, fine))
-        moved.append(_largest(rows.r[-1:] - np.asarray(carry.state.r))[0])
+        apart.append(fine.r[-1] - rows.r[-1])
+        moved.append(rows.r[-1] - np.asarray(carry.state.r))
     travel = _travel(solution, np.stack([np.asarray(carry.state.r) for _, carry in gone.passed]))
-    apart, path = np.array([part.apart[-1] for part in parts]), float(np.sqrt(np.mean(np.square(moved))))
     off = None
-    if travel is not None and path > 0.0:
-        # a phase that drifts adds up along the path
-        travels = min(path / travel * saves / length, TRAVELS)
-        off = _error(solution, float(np.sqrt(np.mean(apart**2))) / path * max(travels, 1.0))
+    if travel is not None and np.any(moved):
+        # what is along the path everywhere is a phase that drifts, and adds up; the rest comes and goes
+        apart, moved = np.array(apart), np.array(moved)
+        path, distance = (float(np.sqrt(np.mean(_largest(a) ** 2))) / travel for a in (moved, apart))
+        drift = abs(float(np.sum(apart * moved))) / float(np.sum(moved**2))
+        off = _error(solution, distance + drift * min(path * saves / length, TRAVELS))
     found = {
         "repeated": f"{count} stretches of {length * solution.settings['save_every']} steps",
         **_tensions(solution, parts, False),
         "positions": off,
         "chaotic_from_s": None,
-        "travels": None if off is None else travels,
     }
     return {**found, "dt_for_1_percent_s": _advised(solution, found)}
 
@@ -161,10 +160,10 @@ def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
 
 def _chaos(apart: np.ndarray, nodes: np.ndarray) -> int | None:
     """Saved time from which the two runs are of different motions: small errors grow as they do in chaos alone."""
-    shift = _largest(nodes - nodes[0])
-    swing = int(np.argmax(shift > 0.5 * np.max(shift)))
     if not np.any(apart > APART):
         return None
+    shift = _largest(nodes - nodes[0])
+    swing = int(np.argmax(shift > 0.5 * np.max(shift)))
     resolved, off = (int(np.argmax(apart > limit)) for limit in (RESOLVED, APART))
     return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
 

@@ -59,6 +59,28 @@ def stability(found: dict[str, Any]) -> str:
     return markdown(rows)
 
 
+def long_steps(found: dict[str, Any]) -> str:
+    """Warnings of steps that are too long, by kind of check and group of scenes."""
+    groups = {"tuned": "tuned on", "judged": "judged by"}
+    modes = {"whole": "the whole run", "stretches": "stretches"}
+    rows = [
+        (
+            "repeated",
+            "scenes",
+            "wrong at 3 to 30 times the step",
+            "not warned of",
+            "right at the step or half of it",
+            "warned of",
+        )
+    ]
+    for mode, words in modes.items():
+        for group, kind in groups.items():
+            row, scenes = found[group][mode], f"{len(found[group]['scenes'])} that it was {kind}"
+            missed, false = len(row["without_warning"]), len(row["false_alarms"])
+            rows.append((words, scenes, *(str(n) for n in (row["wrong"], missed, row["right"], false))))
+    return markdown(rows)
+
+
 def stability_peers(found: dict[str, Any]) -> str:
     """The cases that MoorDyn was given as well."""
     rows = [("case", "here", "limit", *PEERS)]
@@ -298,6 +320,7 @@ TABLES = {
     "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),
     "report_damping": ("report_examples", report_damping),
     "report_storm": ("report_examples", report_storm),
+    "long_steps": ("long_steps", long_steps),
     "stability": ("stability", stability),
     "stability_peers": ("stability", stability_peers),
     "thesis": ("stability", thesis),

@@ -92,6 +92,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="loads with their errors: runs again with smaller steps and more links, about 12 times the time",
     )
     parser.add_argument(
+        "--step-check",
+        action="store_true",
+        help="repeat the run, or stretches of a long one, at half the step to see whether the step is too long",
+    )
+    parser.add_argument(
         "--skip", metavar="S", type=float, default=0.0, help="time left out of those loads at the start [s]"
     )
     add_quiet(parser)
@@ -128,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
             skip=args.skip,
             start=before,
             scratch=scratch,
+            step_check=args.step_check,
         )
         print_warnings(solution.warnings)
         refused = saved(solution, out)
@@ -293,8 +299,11 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     from math import degrees
 
     from dropper_jax.run.resolution import step_facts
+    from dropper_jax.run.step_check import step_words
 
     facts, found = step_facts(solution), []
+    if "step_check" in solution.settings:
+        found.append(("time step", step_words(solution.settings["step_check"])))
     if facts["steps_per_axial_period"] is not None:
         text = f"{facts['steps_per_axial_period']:.2g} steps per period of the stiffest link"
         step = f"a step of {facts['axial_step_s']:.2g} s resolves it"

@@ -26,7 +26,7 @@ from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, b
 from dropper_jax.stepping.stepper import Stepper
 
 #: A run is cut into at least this many pieces, where it has so many saves.
-PIECES = 12
+PIECES = 32
 #: Wanted time of a piece [s], and how many times longer than the one before it may be.
 SECONDS, LONGER = 1.0, 8
 #: Most saves and most bytes of a piece.
@@ -61,7 +61,7 @@ class Pieces(NamedTuple):
 
 class Gone(NamedTuple):
     """A run that was gone through: what was saved, its last carry, time [s] of it and of compiling meanwhile, whether
-    the user stopped it, and why the disk did."""
+    the user stopped it, why the disk did, and carries that it passed with the saves behind each."""
 
     trajectory: Trajectory
     beside: Beside
@@ -70,6 +70,7 @@ class Gone(NamedTuple):
     late_s: float
     interrupted: bool
     refused: str = ""
+    passed: tuple[tuple[int, Carry], ...] = ()
 
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
@@ -116,7 +117,7 @@ class _EqualSteps:
     """
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
-        self.stepper, self.model, self.dt = stepper, model, jnp.asarray(run.dt, model.dtype)
+        self.stepper, self.model, self.dt = stepper, model, run.dt
         self.settings = {"room": _room(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // PIECES)
         self.count = 1
@@ -127,7 +128,8 @@ class _EqualSteps:
         self.program = self._program(stepper.plain if self.plain else stepper, progress)
 
     def _program(self, stepper: Stepper, progress: Progress) -> Callable[..., Any]:
-        return self.advance.program(stepper, self.model, progress, self.dt, jnp.zeros((), jnp.int32), **self.settings)
+        dt = jnp.asarray(self.dt, self.model.dtype)
+        return self.advance.program(stepper, self.model, progress, dt, jnp.zeros((), jnp.int32), **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["room"])
@@ -143,9 +145,21 @@ class _EqualSteps:
         self.count = max(1, int(count * min(share, LONGER)))
         return after, (rows, None)
 
-    def _take(self, carry: Progress, count: int) -> tuple[Progress, Trajectory]:
-        after, rows = self.program(self.model, carry, self.dt, jnp.asarray(count, jnp.int32))
+    def _take(self, carry: Progress, count: int, parts: int = 1) -> tuple[Progress, Trajectory]:
+        dt = jnp.asarray(self.dt / parts, self.model.dtype)
+        after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32))
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
+
+    def halved(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
+        """The next `saves` again as twice as many of half the step, by the program of the run; None if a step fails."""
+        done, rows = 0, []
+        while done < 2 * saves:
+            carry, piece = self._take(carry, min(2 * saves - done, self.settings["room"]), 2)
+            done += len(piece.r)
+            rows.append(piece)
+            if int(carry.first_bad) >= 0:
+                return carry, None
+        return carry, jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
 
 
 def _room(s: State) -> int:
@@ -160,10 +174,12 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
         rows: where the pieces are kept; default: in memory.
     """
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
+    passed: list[tuple[int, Carry]] = []
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
     begun, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
+            passed = [*(passed if len(passed) < 2 * PIECES else passed[::2]), (done, carry)]
             carry, piece = run.go_on(carry, saves - done)
             rows.append(jax.tree.map(np.asarray, piece))
             at = carry, done + len(piece[0].r)
@@ -181,7 +197,7 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
     run_s = time.perf_counter() - begun - late_s
     carry, done = at
     joined, beside = rows.joined(done)
-    return Gone(joined, beside, carry, run_s, late_s, interrupted, refused)
+    return Gone(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))
 
 
 def _reached(carry: Carry) -> tuple[float, bool]:

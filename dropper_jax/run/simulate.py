@@ -27,6 +27,7 @@ from dropper_jax.run.room import check_room
 from dropper_jax.run.rows import InMemory, OnDisk
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
+from dropper_jax.run.step_check import with_step_check
 from dropper_jax.stepping.adaptive import Adaptive
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.stepper import Stepper
@@ -50,6 +51,7 @@ def simulate(
     skip: float = 0.0,
     start: Solution | None = None,
     scratch: str | Path | None = None,
+    step_check: bool = False,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; what is not given is taken from its `[run]`.
@@ -77,6 +79,8 @@ def simulate(
             values of `[run]` but scheme and precision may be others.
         scratch: an empty folder in which saved states are kept as they come, for runs that are larger than memory; the
             solution's arrays are mapped from there, and last as long as it does.
+        step_check: repeat the run, or stretches of a long one, at half the step, and warn where the step is too long
+            (see `run.step_check`). Without effect with `tolerance` or `errors`, and of schemes that choose their steps.
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, extra, halvings).
 
@@ -104,6 +108,7 @@ def simulate(
         if tolerance is not None or errors:
             what = "errors" if errors else "tolerance"
             raise SceneError(f"{what}: runs the scene from its start; allowed: without a run to go on from")
+    entered = time.perf_counter()
     say = progress or (lambda fraction, text: None)
     choice = None
     if tolerance is not None:
@@ -123,6 +128,7 @@ def simulate(
     before = 0 if start is None else int(start.settings["steps"])
     compiled = compile_run(stepper, model, first.carry, run, before)
     compile_s = time.perf_counter() - begun
+    start_s = time.perf_counter() - entered
     gone = go_through(compiled, run.saves, say, rows)
     trajectory, within, carry = gone.trajectory, gone.beside, gone.carry
     solution = assembled(scene, stepper, model, first, since, trajectory, dict(settings), rows)
@@ -137,6 +143,8 @@ def simulate(
         told = (gone.refused,) if gone.refused else ()
         solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *told))
     solution = judged(solution)
+    if step_check and tolerance is None and not errors:
+        solution = with_step_check(solution, compiled, gone, start_s + gone.late_s)
     if choice is not None:
         solution = _within(solution, tolerance, choice)
     if errors and solution.status == "ok":
@@ -203,7 +211,7 @@ def _with_errors(
     """The solution with its loads and their errors; lines whose peaks are off are warned of."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
-    again = lambda variant: simulate(variant, **settings)  # noqa: E731
+    again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     told = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
     return replace(solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *told))

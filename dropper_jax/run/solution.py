@@ -20,7 +20,7 @@ class Solution(Samples):
         scene: what was simulated.
         settings: integrator, solver, dt, duration, steps, dtype, gamma, rho_infinity, residual_tolerance,
             save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}; with errors `load_errors`
-            (see `study.load_errors`).
+            (see `study.load_errors`); else `step_check` (see `run.step_check`).
         t: saved times (k,) [s].
         positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
             of all lines, line after line (points where lines join stand once per line), see `lines`.

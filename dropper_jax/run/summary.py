@@ -66,6 +66,7 @@ def summary(run: Samples) -> dict[str, Any]:
         "link_mass_nodes": run.scene.link_mass_nodes,
         "broken": run.broken,
         "estimated_error": run.settings.get("estimated_error"),
+        "step_check": run.settings.get("step_check"),
         "warnings": run.warnings,
         "versions": run.versions,
     }

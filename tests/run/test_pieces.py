@@ -58,3 +58,13 @@ def test_steps_that_resist_are_taken_by_the_whole_program(monkeypatch):
     plain = property(lambda self: self)
     monkeypatch.setattr(dj.Stepper, "plain", plain)
     np.testing.assert_array_equal(found.positions, dj.simulate(scene).positions)
+
+
+def test_a_dropper_at_thirty_times_its_step_is_warned_of():
+    (text,) = (
+        text
+        for text in dj.simulate("dropper-release-a", dt=0.15, duration=4.5, step_check=True).warnings
+        if "too long" in text
+    )
+    assert text.startswith("time step: 0.15 s is too long: mean tensions are off by about ")
+    assert ": not usable; run with --dt 0.0" in text

@@ -1,0 +1,193 @@
+"""Runs with steps that are too long: are they warned of, and only they?
+
+    python benchmarks/long_steps.py [--scenes NAME ...] [--out FILE]
+
+Every packaged scene runs at 3, 10 and 30 times its step, and at its step and half of it, over 5 observed periods and at
+least 200 steps. The truth is a run at a third of the packaged step, over the same time. Errors are those of each line's
+mean tension (limit 5 %) and mean of its maxima in windows of a period (10 %), and of the positions (RMS in time of the
+largest distance of a node, 10 % of the largest travel). Lines with less than 10 % of the largest tension count relative
+to that, as in the check. Where the truth differs from a run at half its own step by a third of the limit, the quantity
+is left out. Each run is checked twice: as a whole, and by stretches as if it were long. Writes results/long_steps.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.packaged import scene_names
+from dropper_jax.load.scene import Scene
+from dropper_jax.run import step_check
+from dropper_jax.run.solution import Solution
+from dropper_jax.scene import whole_lines
+
+RESULTS = Path(__file__).parent / "results" / "long_steps.json"
+FACTORS = (0.5, 1, 3, 10, 30)
+#: Steps and observed periods of a run at least, and parts of the packaged step that the truth takes.
+STEPS, PERIODS, FINER = 200, 5, 3
+#: Allowed errors, and the error below which a warning at the packaged step or half of it is a false alarm.
+LIMITS = {"mean_tension": 0.05, "window_maxima": 0.1, "positions": 0.1}
+FALSE = 0.01
+#: Longest time of the truth over the packaged step: 5 periods beyond are left out.
+LONGEST = 20_000
+#: Windows where nothing swings.
+WINDOWS = 8
+#: Scenes that the check was tuned on: those of at most this number of links, and these.
+TUNED_LINKS, TUNED_ON = 7, ("paper-case-1", "paper-case-1-pitching", "paper-case-1-table-6")
+
+
+def observed_period(run: Solution) -> float | None:
+    """Mean period [s] of the node that travels farthest, by crossings of its mean; None of fewer than three."""
+    node = int(np.argmax(np.linalg.norm(np.ptp(run.positions, axis=0), axis=1)))
+    path = run.positions[:, node] - run.positions[:, node].mean(axis=0)
+    along = path @ np.linalg.svd(path, full_matrices=False)[2][0]
+    crossed = np.flatnonzero(along[1:] * along[:-1] < 0)
+    return None if len(crossed) < 3 else 2.0 * float(np.mean(np.diff(run.t[crossed])))
+
+
+def errors(run: Solution, truth: Solution, until: float, window: float) -> dict[str, float]:
+    """Errors of a run up to a time [s]; both have saved times in common."""
+    steps = run.t[1] - run.t[0], truth.t[1] - truth.t[0]
+    common = max(steps)
+    ours, theirs = (one.positions[:: round(common / h)] for one, h in zip((run, truth), steps, strict=True))
+    k = min(len(ours), len(theirs), int(until / common + 1e-6) + 1)
+    travel = float(np.max(np.linalg.norm(np.ptp(theirs[:k], axis=0), axis=1)))
+    still = travel < step_check.AT_REST * max(line.total for line in run.scene.lines)
+    apart = np.max(np.linalg.norm(ours[:k] - theirs[:k], axis=2), axis=1)
+    found = {"positions": 0.0 if still else float(np.sqrt(np.mean(apart**2))) / travel}
+    lines = [line.links for line in whole_lines(run.scene)]
+    for name in ("mean_tension", "window_maxima"):
+        value, size = zip(*(_loads(one, lines, common * (k - 1), window)[name] for one in (run, truth)), strict=True)
+        scale = np.maximum(np.abs(size[1]), step_check.SMALL * np.max(np.abs(size[1])))
+        found[name] = float(np.max(np.abs(value[0] - value[1]) / scale)) if np.all(scale > 0) else 0.0
+    return found
+
+
+def _loads(run: Solution, lines: list[slice], until: float, window: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Mean tension and mean of window maxima of each line, each with what it is relative to."""
+    rows = slice(1, int(np.searchsorted(run.t, until * (1 + 1e-9), side="right")))
+    tension, part = run.tension[rows], np.minimum((run.t[rows] - 1e-9) / window, until / window - 0.5).astype(int)
+    starts = np.flatnonzero(np.diff(part, prepend=-1))
+    top = np.array([np.maximum.reduceat(tension[:, links].max(axis=1), starts).mean() for links in lines])
+    mean, size = (np.array([f(tension[:, links]).mean() for links in lines]) for f in (np.asarray, np.abs))
+    return {"mean_tension": (mean, size), "window_maxima": (top, top)}
+
+
+def judge(name: str) -> dict[str, Any]:
+    """All runs of a scene against its truth."""
+    scene = dj.load_scene(name)
+    dt = scene.run.dt * scene.run.save_every
+    if scene.run.save_every > 1 or scene.run.step_tolerance or scene.run.error_tolerance:
+        return {"scene": name, "left_out": f"saves every {dt:g} s"}
+    span = STEPS * max(FACTORS) * dt
+    truth, finer = (_truth(scene, span, parts) for parts in (FINER, 2 * FINER))
+    if truth.status != "ok" or finer.status != "ok":
+        return {"scene": name, "left_out": f"the truth ends {truth.failure or finer.failure}"}
+    period = observed_period(truth)
+    if period and PERIODS * period > span:
+        span = PERIODS * period
+        if span > LONGEST * dt:
+            return {"scene": name, "left_out": f"its period of {period:.3g} s"}
+        truth, finer = (_truth(scene, span, parts) for parts in (FINER, 2 * FINER))
+    rows = []
+    for factor in FACTORS:
+        until = max(STEPS * max(factor, 1) * dt, PERIODS * (period or 0.0))
+        window = min(period or until / WINDOWS, until / 2)
+        row: dict[str, Any] = {"factor": factor, "dt": factor * dt, "duration": until}
+        found = {}
+        for mode in ("whole", "stretches"):
+            patched = step_check._stretches if mode == "stretches" else step_check._whole
+            # a long run has 32 stretches of a step or more within its share
+            share = 0.5 if mode == "stretches" else step_check.SHARE
+            with patch.multiple(step_check, _whole=patched, BRIEF=np.inf, SHARE=share):
+                run = dj.simulate(scene, dt=factor * dt, duration=until, step_check=True)
+            found[mode] = run.settings.get("step_check")
+            row[mode] = found[mode] and {
+                key: found[mode][key]
+                for key in ("repeated", *LIMITS, "chaotic_from_s", "travels")
+                if key in found[mode]
+            }
+        row |= {"status": run.status, "advised": found["whole"] and found["whole"]["dt_for_1_percent_s"]}
+        row["warnings"] = [text for text in run.warnings if not text.startswith("time step")]
+        if run.status == "ok":
+            own = errors(truth, finer, until, window)
+            row["left_out"] = [key for key, limit in LIMITS.items() if own[key] > limit / 3]
+            row["errors"] = errors(run, truth, until, window)
+        rows.append(row)
+    return {"scene": name, "dt": dt, "period": period, "runs": rows}
+
+
+def _truth(scene: Scene, span: float, parts: int) -> Solution:
+    return dj.simulate(scene, dt=scene.run.dt / parts, duration=span, save_every=parts, step_check=False)
+
+
+def counts(scenes: list[dict[str, Any]], mode: str) -> dict[str, Any]:
+    """Wrong results at long steps, right ones at the packaged step and half of it, and where the check misses them."""
+    found: dict[str, Any] = {"wrong": 0, "without_warning": [], "right": 0, "false_alarms": [], "left_out": 0}
+    for name, row, key in ((s["scene"], row, key) for s in scenes for row in s.get("runs", []) for key in LIMITS):
+        if row["status"] != "ok":
+            continue
+        if key in row["left_out"]:
+            found["left_out"] += 1
+            continue
+        off, warned = row["errors"][key], bool(row[mode]) and step_check.is_warned(row[mode], key)
+        case = f"{name} at {row['factor']:g} times its step: {key} {off:.2g}"
+        if row["factor"] > 1 and off > LIMITS[key]:
+            found["wrong"] += 1
+            found["without_warning"] += [] if warned else [case]
+        if row["factor"] <= 1 and off < FALSE:
+            found["right"] += 1
+            found["false_alarms"] += [case] if warned else []
+    return found
+
+
+def summary(scenes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Counts of the scenes that the check was tuned on, and of the others that judge it."""
+    tuned = [row for row in scenes if row["scene"] in TUNED_ON or row.get("links", 0) <= TUNED_LINKS]
+    groups = {"tuned": tuned, "judged": [row for row in scenes if row not in tuned]}
+    return {
+        name: {
+            "scenes": [row["scene"] for row in group if "runs" in row],
+            "left_out": {row["scene"]: row["left_out"] for row in group if "runs" not in row},
+            **{mode: counts(group, mode) for mode in ("whole", "stretches")},
+        }
+        for name, group in groups.items()
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", nargs="*", default=scene_names())
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    known = {row["scene"]: row for row in json.loads(args.out.read_text())["scenes"]} if args.out.exists() else {}
+    links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in scene_names()}
+    for name in sorted(args.scenes, key=links.__getitem__):
+        begun = time.process_time()
+        try:
+            known[name] = judge(name)
+        except SceneError as error:
+            known[name] = {"scene": name, "left_out": str(error)}
+        known[name] |= {"links": links[name], "seconds": round(time.process_time() - begun, 1)}
+        print(json.dumps(known[name]), flush=True)
+        _write(args.out, known)
+    _write(args.out, known)  # without scenes: counted again
+    print(json.dumps(summary(list(known.values())), indent=1))
+
+
+def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
+    missing = [name for name in scene_names() if name not in known]
+    scenes = [known[name] for name in sorted(known)]
+    out.write_text(json.dumps({**summary(scenes), "not_run": missing, "scenes": scenes}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,228 @@
+"""Whether the step of a run is short enough: the run again at half of it, and what that changes.
+
+With q(h) a result at the step h of a scheme of order p, its error is about
+
+    e = |q(h) - q(h/2)| 2^p/(2^p - 1)
+
+The results are mean and window maxima of each line's tension, and the positions of the nodes. A run that takes less
+time than its start is repeated as a whole; a longer one in short stretches, from states that it passed. The compiled
+program of the run takes step and count as arguments, so that nothing is compiled again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.run.pieces import Gone, Pieces
+from dropper_jax.run.samples import Kind, Samples
+from dropper_jax.scene import whole_lines
+from dropper_jax.stepping.integrate import Progress, Trajectory
+
+#: Time [s] of stepping below which a run is repeated as a whole, however fast its start was: the start of a command.
+BRIEF = 2.0
+#: Windows of a whole run, most stretches of others, and the share of the time of stepping that these may take.
+WINDOWS, STRETCHES, SHARE = 8, 32, 0.05
+#: Tension of a line over that of the line with most, and travel [m] over the length of the longest line, below which
+#: they are not judged by themselves.
+SMALL, AT_REST = 0.1, 1e-3
+#: Estimated errors from which a run warns, of whole runs and of stretches, whose maxima are those of few steps
+#: (`benchmarks/long_steps.py`). Where another error is beyond `ROUGH` no order holds: half of the limit counts, but of
+#: means, which maxima that are not resolved leave good.
+WARNED = {"mean_tension": 0.02, "window_maxima": 0.04, "positions": 0.03}
+WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
+#: Estimated error beyond which a result is of no use, and that of the advised step. The error then falls by less than
+#: the scheme's order: this share of it, between droppers that whip (0.5) and pendulums (1).
+ROUGH, WANTED, LESS = 0.1, 0.01, 0.75
+#: Errors of stretches add up along a path of this many travels: five swings there and back.
+TRAVELS = 10.0
+#: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and from there to
+#: 30 % it takes less than four times as long. A drift of the phase, which grows linearly, takes 30 times as long.
+RESOLVED, APART, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
+WHOLE = "the whole run"
+#: Results by their keys in words.
+WORDS = {"mean_tension": "mean tensions", "window_maxima": "largest tensions", "positions": "positions"}
+
+
+class _Compared(NamedTuple):
+    """A window of the run and of the same at half the step: means, means of sizes and maxima of each line's tension
+    (2, lines) [N], and the largest distance of a node at saved times (k,) [m]."""
+
+    mean: np.ndarray
+    size: np.ndarray
+    top: np.ndarray
+    apart: np.ndarray
+
+
+def with_step_check(solution: Kind, run: Pieces, gone: Gone, start_s: float) -> Kind:
+    """The solution with the estimated errors of its step, and a warning where they are large.
+
+    Args:
+        start_s: time [s] that the run took to its first step.
+    """
+    if solution.status != "ok" or not isinstance(gone.carry, Progress):
+        return solution
+    check = _whole if gone.run_s < max(start_s, BRIEF) else _stretches
+    try:
+        found = check(solution, run, gone)
+    except KeyboardInterrupt:  # the run itself is complete
+        found = None
+    if found is None:
+        return solution
+    settings = {**solution.settings, "step_check": found}
+    return replace(solution, settings=settings, warnings=(*solution.warnings, *_warnings(found, solution)))
+
+
+def _whole(solution: Samples, run: Pieces, gone: Gone) -> dict[str, Any] | None:
+    """Estimated errors of a run, by all of it at half the step."""
+    saves, carry, parts = len(gone.trajectory.r), run.carry, []
+    bounds = np.linspace(0, saves, min(WINDOWS, saves) + 1).astype(int)
+    for first, last in zip(bounds, bounds[1:], strict=False):
+        carry, fine = run.go_on.halved(carry, last - first)
+        if fine is None:
+            return None
+        parts.append(_compare(solution, _rows(gone.trajectory, first, last), fine))
+    travel = _travel(solution, gone.trajectory.r)
+    apart = None if travel is None else np.concatenate([part.apart for part in parts]) / travel
+    chaos = None if apart is None else _chaos(apart, gone.trajectory.r)
+    found = {
+        "repeated": WHOLE,
+        **_tensions(solution, parts, chaos is not None),
+        "positions": None if apart is None else _error(solution, float(np.sqrt(np.mean(apart[:chaos] ** 2)))),
+        "chaotic_from_s": None if chaos is None else float(solution.t[1 + chaos]),
+    }
+    return {**found, "dt_for_1_percent_s": _advised(solution, found)}
+
+
+def _stretches(solution: Samples, run: Pieces, gone: Gone) -> dict[str, Any] | None:
+    """The same by stretches at half the step, from carries that the run passed."""
+    saves, trajectory = len(gone.trajectory.r), gone.trajectory
+    count = max(1, min(STRETCHES, len(gone.passed) - 1, int(SHARE * saves / 2)))
+    length = max(1, int(SHARE * saves / (2 * count)))
+    taken = np.linspace(1 if len(gone.passed) > 1 else 0, len(gone.passed) - 1, count).astype(int)
+    parts, apart, moved = [], [], []
+    for done, carry in (gone.passed[i] for i in taken):
+        rows = _rows(trajectory, done, min(done + length, saves))
+        fine = run.go_on.halved(carry, len(rows.r))[1]
+        if fine is None:
+            return None
+        parts.append(_compare(solution, rows, fine))
+        apart.append(fine.r[-1] - rows.r[-1])
+        moved.append(rows.r[-1] - np.asarray(carry.state.r))
+    travel = _travel(solution, np.stack([np.asarray(carry.state.r) for _, carry in gone.passed]))
+    off = None
+    if travel is not None and np.any(moved):
+        # what is along the path everywhere is a phase that drifts, and adds up; the rest comes and goes
+        apart, moved = np.array(apart), np.array(moved)
+        path, distance = (float(np.sqrt(np.mean(_largest(a) ** 2))) / travel for a in (moved, apart))
+        drift = abs(float(np.sum(apart * moved))) / float(np.sum(moved**2))
+        off = _error(solution, distance + drift * min(path * saves / length, TRAVELS))
+    found = {
+        "repeated": f"{count} stretches of {length * solution.settings['save_every']} steps",
+        **_tensions(solution, parts, False),
+        "positions": off,
+        "chaotic_from_s": None,
+    }
+    return {**found, "dt_for_1_percent_s": _advised(solution, found)}
+
+
+def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:
+    return trajectory._replace(r=trajectory.r[first:last], tension=trajectory.tension[first:last])
+
+
+def _compare(solution: Samples, rows: Trajectory, fine: Trajectory) -> _Compared:
+    """Rows (k, ...) of the run and (2 k, ...) of the same at half the step."""
+    lines = [line.links for line in whole_lines(solution.scene)]
+    first, links = [line.start for line in lines], [line.stop - line.start for line in lines]
+    # of states some steps apart the same times: more of them would have larger maxima
+    every = slice(None) if solution.settings["save_every"] == 1 else slice(1, None, 2)
+    both = rows.tension, fine.tension[every]
+    mean, size = (
+        np.stack([np.add.reduceat(change(tension).mean(axis=0), first) / links for tension in both])
+        for change in (np.asarray, np.abs)
+    )
+    top = np.stack([np.maximum.reduceat(tension.max(axis=0), first) for tension in both])
+    return _Compared(mean, size, top, _largest(rows.r - fine.r[1::2]))
+
+
+def _largest(distance: np.ndarray) -> np.ndarray:
+    """Largest distance of a node (k,) of (k, nodes, 3)."""
+    return np.sqrt(np.max(np.sum(distance**2, axis=2), axis=1))
+
+
+def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
+    """Largest extent [m] of a node's path (k, nodes, 3); None of a run at rest."""
+    travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
+    return travel if travel > AT_REST * max(line.total for line in solution.scene.lines) else None
+
+
+def _chaos(apart: np.ndarray, nodes: np.ndarray) -> int | None:
+    """Saved time from which the two runs are of different motions: small errors grow as they do in chaos alone."""
+    if not np.any(apart > APART):
+        return None
+    shift = _largest(nodes - nodes[0])
+    swing = int(np.argmax(shift > 0.5 * np.max(shift)))
+    resolved, off = (int(np.argmax(apart > limit)) for limit in (RESOLVED, APART))
+    return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
+
+
+def _tensions(solution: Samples, parts: list[_Compared], chaotic: bool) -> dict[str, float | None]:
+    """Estimated errors of mean tensions and window maxima, the worst line's."""
+    found = {}
+    for name, values, sizes in (("mean_tension", "mean", "size"), ("window_maxima", "top", "top")):
+        value = np.stack([getattr(part, values) for part in parts])
+        change = value[:, 0] - value[:, 1]
+        scale = np.abs(np.mean([getattr(part, sizes) for part in parts], axis=0)[1])
+        scale = np.maximum(scale, SMALL * np.max(scale))
+        off = np.abs(change.mean(axis=0))
+        if chaotic:  # other motions differ by chance
+            off = np.maximum(off - 2.0 * change.std(axis=0) / np.sqrt(len(change)), 0.0)
+        found[name] = _error(solution, float(np.max(off / scale))) if np.all(scale > 0.0) else None
+    return found
+
+
+def _error(solution: Samples, change: float) -> float:
+    """The error of the run's step that a change by half of it tells."""
+    gain = 2.0 ** INTEGRATORS[solution.settings["integrator"]].order
+    return change * gain / (gain - 1.0)
+
+
+def _advised(solution: Samples, found: dict[str, Any]) -> float:
+    """The step [s] for 1 %, two digits."""
+    worst = max(found[name] or 1e-300 for name in WARNED)
+    order = INTEGRATORS[solution.settings["integrator"]].order * (1.0 if worst < ROUGH else LESS)
+    dt = solution.settings["dt"] * min(1.0, (WANTED / worst) ** (1.0 / order))
+    return float(f"{dt:.2g}")
+
+
+def is_warned(found: dict[str, Any], name: str) -> bool:
+    """Whether an estimated error is one to warn of."""
+    limit = (WARNED if found["repeated"] == WHOLE else WARNED_STRETCHES)[name]
+    rough = name != "mean_tension" and any((found[other] or 0.0) > ROUGH for other in WARNED if other != name)
+    return (found[name] or 0.0) > (0.5 * limit if rough else limit)
+
+
+def step_words(found: dict[str, Any]) -> str:
+    """The estimated errors in words."""
+    off = _off(found, [name for name in WORDS if found[name] is not None])
+    chaos = found["chaotic_from_s"]
+    until = "" if chaos is None else f"; chaotic from {chaos:.3g} s: positions until then, tensions beyond chance"
+    return f"{off or 'nothing moves'}; by {found['repeated']} at half of it{until}"
+
+
+def _off(found: dict[str, Any], names: list[str]) -> str:
+    sizes = {name: f"{100.0 * found[name]:.2g} %{' of the travel' if name == 'positions' else ''}" for name in names}
+    by = [f"{WORDS[name]} {'by' if i else 'are off by about'} {size}" for i, (name, size) in enumerate(sizes.items())]
+    return ", ".join(by)
+
+
+def _warnings(found: dict[str, Any], solution: Samples) -> tuple[str, ...]:
+    off = _off(found, [name for name in WORDS if is_warned(found, name)])
+    if not off:
+        return ()
+    use = "not usable" if max(found[name] or 0.0 for name in WARNED) > ROUGH else "usable as a rough estimate"
+    dt, better = solution.settings["dt"], found["dt_for_1_percent_s"]
+    return (f"time step: {dt:g} s is too long: {off}: {use}; run with --dt {better:g}",)

@@ -1,0 +1,121 @@
+"""Steps that are too long: a run at half the step shows them, and needs no program of its own.
+
+The lab dropper at 30 times its step is in `test_pieces.py`, whose program it takes.
+"""
+
+import jax
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.run import pieces, step_check
+
+
+def warned(run):
+    return [text for text in run.warnings if text.startswith("time step")]
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    """The damped conical pendulum at its packaged step, and at 30 times it."""
+    return {dt: dj.simulate("conical-pendulum-damped", dt=dt, duration=15.0, step_check=True) for dt in (0.01, 0.3)}
+
+
+def test_a_pendulum_at_thirty_times_its_step_is_warned_of(pendulum):
+    fine, coarse = pendulum[0.01], pendulum[0.3]
+    assert coarse.status == "ok"
+    (text,) = warned(coarse)
+    assert "mean tensions" in text
+    assert "positions" in text
+    found = coarse.summary()["step_check"]
+    true = coarse.tension[1:].mean() / fine.tension[1:].mean() - 1.0
+    assert found["mean_tension"] == pytest.approx(abs(true), rel=0.5)
+    apart = np.linalg.norm(coarse.positions - fine.positions[::30], axis=2).max(axis=1)
+    travel = np.linalg.norm(np.ptp(fine.positions, axis=0), axis=1).max()
+    assert found["positions"] == pytest.approx(np.sqrt(np.mean(apart[1:] ** 2)) / travel, rel=0.5)
+
+
+def test_the_advised_step_has_an_error_of_about_a_percent(pendulum):
+    advised = pendulum[0.3].summary()["step_check"]["dt_for_1_percent_s"]
+    run = dj.simulate("conical-pendulum-damped", dt=advised, duration=15.0, step_check=True)
+    assert not warned(run)
+    assert max(run.settings["step_check"][name] for name in step_check.WARNED) < 0.02
+
+
+def test_the_packaged_step_is_not_warned_of(pendulum):
+    assert not warned(pendulum[0.01])
+    assert max(pendulum[0.01].settings["step_check"][name] for name in step_check.WARNED) < 0.002
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.3])
+def test_stretches_of_a_long_run_find_the_same(pendulum, monkeypatch, dt):
+    monkeypatch.setattr(step_check, "_whole", step_check._stretches)
+    run = dj.simulate("conical-pendulum-damped", dt=dt, duration=15.0, step_check=True)
+    assert "stretches" in run.settings["step_check"]["repeated"]
+    assert bool(warned(run)) == bool(warned(pendulum[dt]))
+
+
+def test_stretches_take_their_share_of_the_steps(monkeypatch):
+    taken = []
+    halved = pieces._EqualSteps.halved
+
+    def counted(self, carry, saves):
+        taken.append(2 * saves)
+        return halved(self, carry, saves)
+
+    monkeypatch.setattr(pieces._EqualSteps, "halved", counted)
+    monkeypatch.setattr(step_check, "_whole", step_check._stretches)
+    dj.simulate("conical-pendulum-damped", duration=20.0, step_check=True)
+    assert len(taken) == step_check.STRETCHES
+    assert sum(taken) <= step_check.SHARE * 2000
+
+
+@pytest.mark.parametrize("check", ["_whole", "_stretches"])
+def test_nothing_is_compiled_for_the_check(pendulum, monkeypatch, check):
+    monkeypatch.setattr(step_check, "_whole", getattr(step_check, check))
+    dj.simulate("conical-pendulum-damped", duration=15.0, step_check=False)
+    compiled = []
+
+    def note(event, _, **__):
+        if event.endswith("backend_compile_duration"):
+            compiled.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(note)
+    run = dj.simulate("conical-pendulum-damped", duration=15.0, step_check=True)
+    jax.monitoring.unregister_event_duration_listener(note)
+    assert "step_check" in run.settings
+    assert not compiled
+
+
+def test_a_run_without_the_check_has_the_same_numbers(pendulum):
+    run = dj.simulate("conical-pendulum-damped", duration=15.0, step_check=False)
+    assert run.summary()["step_check"] is None
+    np.testing.assert_array_equal(run.positions, pendulum[0.01].positions)
+
+
+def test_a_stop_during_the_check_leaves_the_run_complete(pendulum, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(step_check, "_whole", stop)
+    run = dj.simulate("conical-pendulum-damped", duration=15.0, step_check=True)
+    assert run.status == "ok"
+    assert "step_check" not in run.settings
+
+
+def test_chaos_is_not_taken_for_a_long_step():
+    """Two distances that reach 30 % of the travel: by a phase that drifts, and by chaos."""
+    t = np.linspace(0.0, 20.0, 2001)
+    nodes = np.stack([np.sin(t), 0 * t, 0 * t], axis=-1)[:, None]
+    assert step_check._chaos(0.02 * t, nodes) is None
+    chaotic = step_check._chaos(1e-6 * np.exp(0.7 * t), nodes)
+    assert chaotic is not None
+    assert t[chaotic] == pytest.approx(np.log(1e4) / 0.7, abs=0.02)
+    assert step_check._chaos(1e-6 * np.exp(0.1 * t), nodes) is None
+
+
+def test_a_run_at_rest_is_not_warned_of(falling):
+    run = dj.simulate({**falling(0.2, 0.01), "start": {"kind": "static"}}, step_check=True)
+    assert not warned(run)
+    assert run.settings["step_check"]["positions"] is None
+    assert run.summary()["step_check"]["mean_tension"] < 1e-6

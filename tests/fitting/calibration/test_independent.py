@@ -135,7 +135,7 @@ def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(two, re
     simulator, windows = prepared.simulator, prepared.windows
     whole = simulator(prepared.values, prepared.starts, windows)
     programs = len(simulator._programs)
-    assert programs == 1, 'short windows, by which the preparation looks at the motion, have the same program'
+    assert programs == 1, "short windows, by which the preparation looks at the motion, have the same program"
     slots = windows.theta.shape[1] // 2
     steps = int(windows.index[0, slots])
     fields = ("theta", "weight", "index", "fraction")

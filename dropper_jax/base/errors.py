@@ -18,12 +18,12 @@ class LocatedValues(dict[str, Any]):
         super().__init__(values)
         self.file, self.lines = file, lines
 
-    def located(self, error: SceneError) -> SceneError:
+    def with_line(self, error: SceneError) -> SceneError:
         """The error with the file, and the line of the longest path that its message begins with."""
         words = str(error).partition(":")[0].split(".")
         ends = range(len(words), 0, -1)
         line = next((self.lines[path] for end in ends if (path := ".".join(words[:end])) in self.lines), None)
-        return SceneError(f"{self.file}{'' if line is None else f':{line}'}: {error}")
+        return SceneError(f"{self.file}{f':{line}' if line else ''}: {error}")
 
 
 class SimulationError(RuntimeError):

@@ -32,8 +32,8 @@ def print_result(as_json: bool, found: dict[str, Any], text: str) -> None:
         print(text)
 
 
-def shortened(text: str) -> str:
-    """A message without the rest of words that nobody reads: names of 100 000 letters, binary files taken for text."""
+def shorten(text: str) -> str:
+    """A message with very long words cut: names of 100 000 letters, binary files taken for text."""
     cut = lambda found: f"{found[0][:LEFT]}... ({len(found[0])} characters)"  # noqa: E731
     return re.sub(rf"\S{{{LONGEST + 1},}}", cut, text)
 
@@ -41,7 +41,7 @@ def shortened(text: str) -> str:
 def print_line(text: str) -> None:
     """A line for people, on standard error; nowhere, where that takes nothing."""
     with suppress(OSError):
-        print(shortened(text), file=sys.stderr, flush=True)
+        print(shorten(text), file=sys.stderr, flush=True)
 
 
 def print_warnings(warnings: Iterable[str]) -> None:
@@ -52,7 +52,7 @@ def print_warnings(warnings: Iterable[str]) -> None:
 
 def failure_object(status: str, message: str) -> dict[str, Any]:
     """The JSON object of a command that could not do its work."""
-    return {"schema": SCHEMA, "status": status, "error": shortened(message)}
+    return {"schema": SCHEMA, "status": status, "error": shorten(message)}
 
 
 def done_object(**values: Any) -> dict[str, Any]:

@@ -83,7 +83,7 @@ class Scene(SceneData):
             try:
                 return cls.from_dict(dict(table), name)
             except SceneError as error:
-                raise table.located(error) from None
+                raise table.with_line(error) from None
         given = with_library_points(read_table(table, "scene"))
         template = Template.of(given)
         if template is not None:

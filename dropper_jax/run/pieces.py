@@ -150,7 +150,7 @@ class _EqualSteps:
         after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32))
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
 
-    def halved(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
+    def advance_at_half_step(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
         """The next `saves` again as twice as many of half the step, by the program of the run; None if a step fails."""
         done, rows = 0, []
         while done < 2 * saves:

@@ -36,13 +36,13 @@ WARNED = {"mean_tension": 0.02, "window_maxima": 0.04, "positions": 0.03}
 WARNED_STRETCHES = {**WARNED, "window_maxima": 0.07}
 #: Estimated error beyond which a result is of no use, and that of the advised step. The error then falls by less than
 #: the scheme's order: this share of it, between droppers that whip (0.5) and pendulums (1).
-ROUGH, WANTED, LESS = 0.1, 0.01, 0.75
-#: Errors of stretches add up along a path of this many travels: five swings there and back.
+ROUGH, TARGET, LESS = 0.1, 0.01, 0.75
+#: Errors of stretches add up along a path of this many travels: five swings, each in both directions.
 TRAVELS = 10.0
 #: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and from there to
 #: 30 % it takes less than four times as long. A drift of the phase, which grows linearly, takes 30 times as long.
-RESOLVED, APART, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
-WHOLE = "the whole run"
+RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
+FULL_RUN = "the whole run"
 #: Results by their keys in words.
 WORDS = {"mean_tension": "mean tensions", "window_maxima": "largest tensions", "positions": "positions"}
 
@@ -54,20 +54,20 @@ class _Compared(NamedTuple):
     mean: np.ndarray
     size: np.ndarray
     top: np.ndarray
-    apart: np.ndarray
+    distance: np.ndarray
 
 
-def with_step_check(solution: Kind, run: Pieces, gone: Gone, start_s: float) -> Kind:
+def with_step_check(solution: Kind, run: Pieces, outcome: Gone, start_s: float) -> Kind:
     """The solution with the estimated errors of its step, and a warning where they are large.
 
     Args:
         start_s: time [s] that the run took to its first step.
     """
-    if solution.status != "ok" or not isinstance(gone.carry, Progress):
+    if solution.status != "ok" or not isinstance(outcome.carry, Progress):
         return solution
-    check = _whole if gone.run_s < max(start_s, BRIEF) else _stretches
+    check = check_full_run if outcome.run_s < max(start_s, BRIEF) else check_stretches
     try:
-        found = check(solution, run, gone)
+        found = check(solution, run, outcome)
     except KeyboardInterrupt:  # the run itself is complete
         found = None
     if found is None:
@@ -76,49 +76,49 @@ def with_step_check(solution: Kind, run: Pieces, gone: Gone, start_s: float) -> 
     return replace(solution, settings=settings, warnings=(*solution.warnings, *_warnings(found, solution)))
 
 
-def _whole(solution: Samples, run: Pieces, gone: Gone) -> dict[str, Any] | None:
+def check_full_run(solution: Samples, run: Pieces, outcome: Gone) -> dict[str, Any] | None:
     """Estimated errors of a run, by all of it at half the step."""
-    saves, carry, parts = len(gone.trajectory.r), run.carry, []
+    saves, carry, parts = len(outcome.trajectory.r), run.carry, []
     bounds = np.linspace(0, saves, min(WINDOWS, saves) + 1).astype(int)
     for first, last in zip(bounds, bounds[1:], strict=False):
-        carry, fine = run.go_on.halved(carry, last - first)
+        carry, fine = run.go_on.advance_at_half_step(carry, last - first)
         if fine is None:
             return None
-        parts.append(_compare(solution, _rows(gone.trajectory, first, last), fine))
-    travel = _travel(solution, gone.trajectory.r)
-    apart = None if travel is None else np.concatenate([part.apart for part in parts]) / travel
-    chaos = None if apart is None else _chaos(apart, gone.trajectory.r)
+        parts.append(_compare(solution, _rows(outcome.trajectory, first, last), fine))
+    travel = _travel(solution, outcome.trajectory.r)
+    separation = None if travel is None else np.concatenate([part.distance for part in parts]) / travel
+    chaos = None if separation is None else _chaos(separation, outcome.trajectory.r)
     found = {
-        "repeated": WHOLE,
+        "repeated": FULL_RUN,
         **_tensions(solution, parts, chaos is not None),
-        "positions": None if apart is None else _error(solution, float(np.sqrt(np.mean(apart[:chaos] ** 2)))),
+        "positions": None if separation is None else _error(solution, float(np.sqrt(np.mean(separation[:chaos] ** 2)))),
         "chaotic_from_s": None if chaos is None else float(solution.t[1 + chaos]),
     }
     return {**found, "dt_for_1_percent_s": _advised(solution, found)}
 
 
-def _stretches(solution: Samples, run: Pieces, gone: Gone) -> dict[str, Any] | None:
+def check_stretches(solution: Samples, run: Pieces, outcome: Gone) -> dict[str, Any] | None:
     """The same by stretches at half the step, from carries that the run passed."""
-    saves, trajectory = len(gone.trajectory.r), gone.trajectory
-    count = max(1, min(STRETCHES, len(gone.passed) - 1, int(SHARE * saves / 2)))
+    saves, trajectory = len(outcome.trajectory.r), outcome.trajectory
+    count = max(1, min(STRETCHES, len(outcome.passed) - 1, int(SHARE * saves / 2)))
     length = max(1, int(SHARE * saves / (2 * count)))
-    taken = np.linspace(1 if len(gone.passed) > 1 else 0, len(gone.passed) - 1, count).astype(int)
-    parts, apart, moved = [], [], []
-    for done, carry in (gone.passed[i] for i in taken):
+    taken = np.linspace(1 if len(outcome.passed) > 1 else 0, len(outcome.passed) - 1, count).astype(int)
+    parts, separation, moved = [], [], []
+    for done, carry in (outcome.passed[i] for i in taken):
         rows = _rows(trajectory, done, min(done + length, saves))
-        fine = run.go_on.halved(carry, len(rows.r))[1]
+        fine = run.go_on.advance_at_half_step(carry, len(rows.r))[1]
         if fine is None:
             return None
         parts.append(_compare(solution, rows, fine))
-        apart.append(fine.r[-1] - rows.r[-1])
+        separation.append(fine.r[-1] - rows.r[-1])
         moved.append(rows.r[-1] - np.asarray(carry.state.r))
-    travel = _travel(solution, np.stack([np.asarray(carry.state.r) for _, carry in gone.passed]))
+    travel = _travel(solution, np.stack([np.asarray(carry.state.r) for _, carry in outcome.passed]))
     off = None
     if travel is not None and np.any(moved):
         # what is along the path everywhere is a phase that drifts, and adds up; the rest comes and goes
-        apart, moved = np.array(apart), np.array(moved)
-        path, distance = (float(np.sqrt(np.mean(_largest(a) ** 2))) / travel for a in (moved, apart))
-        drift = abs(float(np.sum(apart * moved))) / float(np.sum(moved**2))
+        separation, moved = np.array(separation), np.array(moved)
+        path, distance = (float(np.sqrt(np.mean(_largest(a) ** 2))) / travel for a in (moved, separation))
+        drift = abs(float(np.sum(separation * moved))) / float(np.sum(moved**2))
         off = _error(solution, distance + drift * min(path * saves / length, TRAVELS))
     found = {
         "repeated": f"{count} stretches of {length * solution.settings['save_every']} steps",
@@ -159,13 +159,13 @@ def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
     return travel if travel > AT_REST * max(line.total for line in solution.scene.lines) else None
 
 
-def _chaos(apart: np.ndarray, nodes: np.ndarray) -> int | None:
+def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
     """Saved time from which the two runs are of different motions: small errors grow as they do in chaos alone."""
-    if not np.any(apart > APART):
+    if not np.any(separation > SEPARATED):
         return None
     shift = _largest(nodes - nodes[0])
     swing = int(np.argmax(shift > 0.5 * np.max(shift)))
-    resolved, off = (int(np.argmax(apart > limit)) for limit in (RESOLVED, APART))
+    resolved, off = (int(np.argmax(separation > limit)) for limit in (RESOLVED, SEPARATED))
     return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
 
 
@@ -194,13 +194,13 @@ def _advised(solution: Samples, found: dict[str, Any]) -> float:
     """The step [s] for 1 %, two digits."""
     worst = max(found[name] or 1e-300 for name in WARNED)
     order = INTEGRATORS[solution.settings["integrator"]].order * (1.0 if worst < ROUGH else LESS)
-    dt = solution.settings["dt"] * min(1.0, (WANTED / worst) ** (1.0 / order))
+    dt = solution.settings["dt"] * min(1.0, (TARGET / worst) ** (1.0 / order))
     return float(f"{dt:.2g}")
 
 
 def is_warned(found: dict[str, Any], name: str) -> bool:
     """Whether an estimated error is one to warn of."""
-    limit = (WARNED if found["repeated"] == WHOLE else WARNED_STRETCHES)[name]
+    limit = (WARNED if found["repeated"] == FULL_RUN else WARNED_STRETCHES)[name]
     rough = name != "mean_tension" and any((found[other] or 0.0) > ROUGH for other in WARNED if other != name)
     return (found[name] or 0.0) > (0.5 * limit if rough else limit)
 

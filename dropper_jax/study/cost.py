@@ -126,18 +126,18 @@ class _Variant:
         Counted in a run of its own, by solvers that call the host: the timed program stays what users run.
         """
         names = {self.stepper.solver, self.stepper.fallback} & SOLVERS.keys()
-        counted = {name: _Counted(SOLVERS[name]) for name in names}
+        counted = {name: _CountingSolver(SOLVERS[name]) for name in names}
         if not counted:
             return None
-        SOLVERS.update({_Counted.key(name): solver for name, solver in counted.items()})
-        keys = {key: _Counted.key(getattr(self.stepper, key)) for key in ("solver", "fallback")}
+        SOLVERS.update({_CountingSolver.key(name): solver for name, solver in counted.items()})
+        keys = {key: _CountingSolver.key(getattr(self.stepper, key)) for key in ("solver", "fallback")}
         try:
             run = jax.jit(partial(advance, replace(self.stepper, **keys), saves=1, save_every=self.steps))
             jax.block_until_ready(run(self.model, self.start, self.dt))
             jax.effects_barrier()
         finally:
             for name in names:
-                del SOLVERS[_Counted.key(name)]
+                del SOLVERS[_CountingSolver.key(name)]
         return sum(solver.count for solver in counted.values()) / self.steps
 
     def row(self, us: float, ratio: float) -> dict[str, Any]:
@@ -156,7 +156,7 @@ class _Variant:
         }
 
 
-class _Counted:
+class _CountingSolver:
     """A linear solver of which each correction is counted."""
 
     def __init__(self, solver: Solver) -> None:

@@ -150,7 +150,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     release = None if own.release is None else replace(own.release)  # its poses are of one list of parameters
     every = [p for p in prepared.parameters if not isinstance(p.where, LostPlace)]
     simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
-    simulator.room = ROOM * prepared.windows.steps, ROOM * prepared.windows.theta.shape[1]
+    simulator.capacity = ROOM * prepared.windows.steps, ROOM * prepared.windows.theta.shape[1]
     return simulator
 
 

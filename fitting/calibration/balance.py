@@ -12,7 +12,7 @@ from dropper_jax.model import Model
 from dropper_jax.model.slots import Potential
 from fitting.parameters.naming import DAMPING
 from fitting.traces import planar
-from fitting.traces.trace import Trace, smoothed, smoothers
+from fitting.traces.trace import Trace, smooth, smoothers
 
 #: Fewest samples of a run.
 FEWEST = 120
@@ -42,7 +42,7 @@ def measured(trace: Trace, span: tuple[float, float], reach: float) -> tuple[np.
         return None
     step = part.interval
     t = np.arange(part.t[0], part.t[-1] + 0.5 * step, step)
-    return t, *smoothed(part.at(t), _width(part, reach), step)
+    return t, *smooth(part.at(t), _width(part, reach), step)
 
 
 def left(trace: Trace, reach: float, kept: float) -> tuple[float, float]:

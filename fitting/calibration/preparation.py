@@ -132,7 +132,7 @@ def prepare(
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
     longest_run = longest if length < longest < ROOM * length else length
-    simulator.room = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
+    simulator.capacity = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
     say(0.02, f"windows of at most {length:.3g} s: compiling")
     windows = cut(runs, base * dt, dt, sigma, spans)
     if release is not None:

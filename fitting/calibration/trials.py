@@ -256,10 +256,10 @@ def free_groups(
     trials = Trials(prepared, loss)
     if not trials.possible:
         return None
-    steps, slots = simulator.room
+    steps, slots = simulator.capacity
     longest = max(window_length(prepared, (low, high)) for _, low, high in trials.spans)
     frames = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
-    simulator.room = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
+    simulator.capacity = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
     trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
     starts = Starts(*(part[trials.used] for part in solution.starts))
     progress(0.5, "what may be wrong: as it is")

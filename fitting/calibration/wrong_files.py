@@ -297,14 +297,14 @@ def _misfit(prepared: Prepared, traces: list[Trace], pieces: Sequence[tuple[int,
     weight = windows.weight
     mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
     chi2, moved = (
-        np.array([_most(one[w > 0] ** 2) for one, w in zip(size * weight, weight, strict=True)])
+        np.array([_mean_without_outliers(one[w > 0] ** 2) for one, w in zip(size * weight, weight, strict=True)])
         for size in (solution.errors, windows.theta - mean[:, None])
     )
     chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
     return float(np.median(chi2)), float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
 
 
-def _most(square: np.ndarray) -> float:
+def _mean_without_outliers(square: np.ndarray) -> float:
     """Mean of squares (k,) but for the largest, which may be outliers."""
     return float(np.sort(square)[: int(np.ceil(COUNTED * len(square)))].mean())
 

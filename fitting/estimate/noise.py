@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fitting.estimate.windows import Windows
-from fitting.traces.trace import Trace, smoothed
+from fitting.traces.trace import Trace, smooth
 
 #: Half width [s] of the smoother that tells rates from a trace.
 SMOOTH = 0.05
@@ -66,7 +66,7 @@ def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         trace, mine = traces[run], windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
         reach = 2 * max(2, round(SMOOTH / trace.interval)) + 1
-        rate = smoothed(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
+        rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
         for j, column in enumerate(rate.T):
             found[mine, :, j] = np.interp(t[mine], even, column)
     return np.where(windows.weight > 0, found, 0.0)

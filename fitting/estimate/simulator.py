@@ -73,7 +73,7 @@ class Simulator:
         parameters: those of the values and derivatives asked for.
         compiled: those that programs know.
         release: how released windows begin; None where every window has a start of its own.
-        room: steps and sample slots that programs are compiled for at least.
+        capacity: steps and sample slots that programs are compiled for at least.
         others: programs of the same model that others keep here.
         compile_s: time spent compiling [s].
         evaluations: calls so far.
@@ -93,7 +93,7 @@ class Simulator:
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
         self.compile_s, self.evaluations = 0.0, 0
-        self.room = 0, 0
+        self.capacity = 0, 0
         self._plain = self.stepper.plain != self.stepper
         self._programs: dict[Key, jax.stages.Compiled] = {}
         self.others: dict[str, Any] = {}
@@ -242,7 +242,7 @@ class Simulator:
         begun = time.perf_counter()
         key = wanted
         if not isinstance(self.stepper.integrator, ProjectedRungeKutta):  # these are told all their steps beforehand
-            key = wanted._replace(steps=max(wanted.steps, self.room[0]), slots=max(wanted.slots, self.room[1]))
+            key = wanted._replace(steps=max(wanted.steps, self.capacity[0]), slots=max(wanted.slots, self.capacity[1]))
         stepper = self.stepper.plain if key.plain else self.stepper
         one = partial(self.window, stepper=stepper, dt=key.dt, room=key.steps, on_grid=key.on_grid)
         batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))

@@ -272,7 +272,7 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     return close_starts(model, value[..., 0], value[..., 1])
 
 
-#: Starts are closed in multiples of so many: one program serves most traces.
+#: Number of starts that are closed in one call, so that one program serves most traces.
 CLOSED_TOGETHER = 128
 
 

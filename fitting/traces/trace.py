@@ -233,7 +233,7 @@ def smoothers(width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
     return powers @ fit, powers[:, :-1] * np.arange(1, DEGREE + 1) @ fit[1:] / step
 
 
-def smoothed(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Angles and rates (N, n) by cubics through `width` samples around each; at both ends by the last whole one."""
     half = width // 2
     around = np.lib.stride_tricks.sliding_window_view(theta, width, axis=0)  # (N - width + 1, n, width)

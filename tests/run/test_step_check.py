@@ -49,7 +49,7 @@ def test_the_packaged_step_is_not_warned_of(pendulum):
 
 @pytest.mark.parametrize("dt", [0.01, 0.3])
 def test_stretches_of_a_long_run_find_the_same(pendulum, monkeypatch, dt):
-    monkeypatch.setattr(step_check, "_whole", step_check._stretches)
+    monkeypatch.setattr(step_check, "check_full_run", step_check.check_stretches)
     run = dj.simulate("conical-pendulum-damped", dt=dt, duration=15.0, step_check=True)
     assert "stretches" in run.settings["step_check"]["repeated"]
     assert bool(warned(run)) == bool(warned(pendulum[dt]))
@@ -57,22 +57,22 @@ def test_stretches_of_a_long_run_find_the_same(pendulum, monkeypatch, dt):
 
 def test_stretches_take_their_share_of_the_steps(monkeypatch):
     taken = []
-    halved = pieces._EqualSteps.halved
+    advance_at_half_step = pieces._EqualSteps.advance_at_half_step
 
     def counted(self, carry, saves):
         taken.append(2 * saves)
-        return halved(self, carry, saves)
+        return advance_at_half_step(self, carry, saves)
 
-    monkeypatch.setattr(pieces._EqualSteps, "halved", counted)
-    monkeypatch.setattr(step_check, "_whole", step_check._stretches)
+    monkeypatch.setattr(pieces._EqualSteps, "advance_at_half_step", counted)
+    monkeypatch.setattr(step_check, "check_full_run", step_check.check_stretches)
     dj.simulate("conical-pendulum-damped", duration=20.0, step_check=True)
     assert len(taken) == step_check.STRETCHES
     assert sum(taken) <= step_check.SHARE * 2000
 
 
-@pytest.mark.parametrize("check", ["_whole", "_stretches"])
+@pytest.mark.parametrize("check", ["check_full_run", "check_stretches"])
 def test_nothing_is_compiled_for_the_check(pendulum, monkeypatch, check):
-    monkeypatch.setattr(step_check, "_whole", getattr(step_check, check))
+    monkeypatch.setattr(step_check, "check_full_run", getattr(step_check, check))
     dj.simulate("conical-pendulum-damped", duration=15.0, step_check=False)
     compiled = []
 
@@ -97,7 +97,7 @@ def test_a_stop_during_the_check_leaves_the_run_complete(pendulum, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(step_check, "_whole", stop)
+    monkeypatch.setattr(step_check, "check_full_run", stop)
     run = dj.simulate("conical-pendulum-damped", duration=15.0, step_check=True)
     assert run.status == "ok"
     assert "step_check" not in run.settings

@@ -99,9 +99,9 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
         scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are taken")
     earlier = scene.get("notes")  # of the file that the scene came from
-    told = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
+    all_notes = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
     return LocatedValues(
-        {**scene, **({"notes": told} if told else {})}, str(path), _lines_of(deck, scene, ends, options)
+        {**scene, **({"notes": all_notes} if all_notes else {})}, str(path), _lines_of(deck, scene, ends, options)
     )
 
 

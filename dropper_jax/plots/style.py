@@ -145,6 +145,10 @@ def bold(run: Run) -> float:
     return 1.0 if len(run.lines) == 1 else 0.75 if len(run.lines) <= 12 else 0.4
 
 
+#: Tensions from which on one in a hundred may lie outside the colours.
+MANY = 1000
+
+
 @functools.cache
 def tension_map() -> Colormap:
     """Plasma without its pale end, which vanishes on white."""
@@ -164,11 +168,14 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:
-    """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one jerk does not hide the rest."""
+    """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one jerk does not hide the rest.
+
+    Of less than `MANY` values, as of one pose, all: a percentile would cut nothing but the largest.
+    """
     known = tension[np.isfinite(tension)]
     if known.size == 0:
         return Normalize(0.0, 1.0)
-    low, high = np.percentile(known, (1, 99))
+    low, high = np.percentile(known, (1, 99) if known.size >= MANY else (0, 100))
     if high - low <= 1e-9 * max(abs(low), abs(high)):
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
         low, high = low - pad, high + pad

@@ -304,11 +304,10 @@ def test_values_of_effects_that_a_deck_has_are_written_or_listed(tmp_path):
         "morison_drag": {"cdn": 1.1, "cdt": 0.2},
         "morison_inertia": {"can": 0.9, "cat": 0.1, "fluid_acceleration": "material", "added_mass": "lagrangian"},
         "seabed": {"stiffness": 1e6, "damping": 1e5, "depth": 25.0},
-        "seabed_friction": {"kinetic": 0.6, "static": 0.9},
+        "seabed_friction": {"kinetic": 0.6, "static": 0.9, "damping": 150.0, "law": "moordyn"},
         "bending": {"EI": 50.0, "clamped": ["fairlead"]},
     }
     no_case = {"morison_drag": {"tangents"}, "bending": {"directions"}, "seabed": {"bed_x", "bed_y", "bed_depth"}}
-    no_case["weight"] = {"wet_weight"}
     no_case["weight"] = {"wet_weight"}
     moved = {name: set(KNOWN[name]) for name in MOTIONS if name in KNOWN}
     for name, keys in KNOWN.items():

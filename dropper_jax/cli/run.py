@@ -92,9 +92,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="loads with their errors: runs again with smaller steps and more links, about 12 times the time",
     )
     parser.add_argument(
-        "--step-check",
-        action="store_true",
-        help="repeat the run, or stretches of a long one, at half the step to see whether the step is too long",
+        "--no-step-check",
+        dest="step_check",
+        action="store_false",
+        help="do not repeat the run, or stretches of a long one, at half the step to see whether the step is too long",
     )
     parser.add_argument(
         "--skip", metavar="S", type=float, default=0.0, help="time left out of those loads at the start [s]"

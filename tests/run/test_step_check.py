@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.cli import main
 from dropper_jax.run import pieces, step_check
 
 
@@ -119,3 +120,9 @@ def test_a_run_at_rest_is_not_warned_of(falling):
     assert not warned(run)
     assert run.settings["step_check"]["positions"] is None
     assert run.summary()["step_check"]["mean_tension"] < 1e-6
+
+
+@pytest.mark.parametrize("option", [[], ["--no-step-check"]])
+def test_the_command_checks_its_step_by_default(option, capsys):
+    assert main(["run", "conical-pendulum-damped", "--dt", "0.3", "--duration", "15", *option]) == 0
+    assert ("0.3 s is too long" in capsys.readouterr().err) == (not option)

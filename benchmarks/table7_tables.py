@@ -45,6 +45,35 @@ def lengths(found: dict[str, Any]) -> Rows:
     return rows
 
 
+def peaks(found: dict[str, Any]) -> Rows:
+    """Largest anchor tension by scheme and step, the range over moved starts, and the paper's two codes."""
+    schemes = list(dict.fromkeys((r["scheme"], r["dt_s"]) for r in found["rows"]))
+    head = ("case", *(f"{scheme}, {1e3 * dt:g} ms [kN]" for scheme, dt in schemes), "ten starts moved by 1e-6 m [kN]")
+    rows = [(*head, *(f"Table 7: {code} [kN]" for _, code in CODES))]
+    for number in NUMBERS:
+        own = [r for r in found["rows"] if r["case"] == number and r["status"] == "ok"]
+        still = {(r["scheme"], r["dt_s"]): r["anchor"]["max"] for r in own if r["moved_m"] == 0.0}
+        moved = [r["anchor"]["max"] for r in own if r["moved_m"] != 0.0]
+        cells = [_kilo(still.get(key)) for key in schemes]
+        paper = (_kilo(found["table_7"][str(number)][key][2]) for key, _ in CODES)
+        rows.append((str(number), *cells, f"{_kilo(min(moved))} to {_kilo(max(moved))}" if moved else "-", *paper))
+    return rows
+
+
+def _kilo(value: float | None) -> str:
+    return "-" if value is None else f"{1e-3 * value:.1f}" if value >= 1e4 else f"{1e-3 * value:.3f}"
+
+
+def anchors(found: dict[str, Any]) -> Rows:
+    """Edulis' anchors by heading of the tide."""
+    names = list(found["rows"][0]["largest_load_n"])
+    rows = [("heading [deg]", *(f"{name} [kN] ([%])" for name in names), "moved [m]")]
+    for row in found["rows"]:
+        cells = (f"{1e-3 * row['largest_load_n'][n]:.2f} ({100 * row['utilisation'][n]:.1f})" for n in names)
+        rows.append((str(row["heading_deg"]), *cells, f"{row['moved_m']:.1f}"))
+    return rows
+
+
 def conventions(found: dict[str, Any]) -> Rows:
     """By how much one change moves the mean anchor tension of each case."""
     base = {number: _span(found, number) for number in NUMBERS}

@@ -315,6 +315,8 @@ TABLES = {
         name: ("farm_wakes", lambda found, rows=rows: markdown(rows(found)))
         for name, rows in wake_tables.TABLES.items()
     },
+    "table7_peaks": ("table7_peaks", lambda found: markdown(table7_tables.peaks(found))),
+    "edulis_anchors": ("edulis_anchors", lambda found: markdown(table7_tables.anchors(found))),
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
     "sweep": ("sweep", sweep),
     "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),

@@ -88,10 +88,13 @@ def _tide(scene: Scene, args: argparse.Namespace, plot: Path | None, out: Path |
 
 def _tide_text(found: dict[str, Any]) -> str:
     names = list(found["rows"][0]["held_load_n"])
-    rows = [("time [h]", "level [m]", "current [m/s]", "moved [m]", *(f"{name} [N]" for name in names))]
+    anchors = list(found["rows"][0]["anchor_utilisation"])
+    heads = (*(f"{name} [N]" for name in names), *(f"{name} used [%]" for name in anchors))
+    rows = [("time [h]", "level [m]", "current [m/s]", "moved [m]", *heads)]
     for row in found["rows"]:
         loads = (np.linalg.norm(load) for load in row["held_load_n"].values())
-        values = (row["t_s"] / 3600.0, row["level_m"], row["speed_m_per_s"], row["moved_m"], *loads)
+        used = (100.0 * share for share in row["anchor_utilisation"].values())
+        values = (row["t_s"] / 3600.0, row["level_m"], row["speed_m_per_s"], row["moved_m"], *loads, *used)
         rows.append(tuple(f"{value:.4g}" for value in values))
     note = "moved: horizontally, of the node that is farthest from the pose without current at the mean level"
     return f"{table(rows)}\n{note}"

@@ -1,4 +1,4 @@
-"""Dry friction on the seabed, with true sticking, or MoorDyn's, which grows with speed."""
+"""Dry friction on the seabed: Coulomb's with true sticking, or laws that grow with speed."""
 
 from __future__ import annotations
 
@@ -30,6 +30,9 @@ class SeabedFriction(Law):
 
     (The paper's (19) is the same law, with the resultant of all other forces in place of the unknown.)
 
+    `law = "regularised"` is Coulomb's law without sticking, as codes with explicit schemes have it: `|z| = mu N` from
+    `speed` on, in proportion to |v| below it. What should rest creeps by less than `speed`. Explicit schemes run it.
+
     `law = "moordyn"` is MoorDyn's: against the velocity v along the bed, `|z| = mu c |v|` up to the limit, `damping` c
     its FricDamp [N s/m]. A node that starts the step with `mu c |v|` above the static limit has the kinetic one. c is
     of a node, not of its weight: where the contact force is N the limit is reached at the speed N/c.
@@ -43,8 +46,13 @@ class SeabedFriction(Law):
     damping: jax.Array = parameter(
         "MoorDyn's FricDamp: friction per speed and coefficient, of each node", unit="N s/m", low=0.0, default=200.0
     )
+    speed: jax.Array = parameter(
+        "speed at which regularised friction reaches mu N", unit="m/s", low=0.0, open_low=True, default=0.01
+    )
     law: str = option(
-        "Coulomb's law, which sticks, or MoorDyn's, which creeps", choices=("coulomb", "moordyn"), default="coulomb"
+        "Coulomb's law, which sticks; the same regularised, or MoorDyn's: both creep, and explicit schemes take them",
+        choices=("coulomb", "regularised", "moordyn"),
+        default="coulomb",
     )
     statics: str = option(
         "friction in static poses: none, or that of lines pulled outward from their first point",
@@ -65,11 +73,20 @@ class SeabedFriction(Law):
                 f"effects.seabed_friction.static: {values['static']:g} is out of range; "
                 f"allowed: at least `kinetic`, {values['kinetic']:g}"
             )
-        if values["law"] == "moordyn" and values["statics"] != "none":
+        if values["law"] != "coulomb" and values["statics"] != "none":
             raise SceneError(
-                "effects.seabed_friction.statics: 'outward' is friction at rest, which law 'moordyn' lacks; "
-                "allowed: 'none'"
+                "effects.seabed_friction.statics: 'outward' is friction at rest, which law "
+                f"{values['law']!r} lacks; allowed: 'none'"
             )
+        if values["law"] == "regularised" and values["static"] is not None:
+            raise SceneError(
+                "effects.seabed_friction.static: law 'regularised' has no friction at rest; allowed: laws 'coulomb', "
+                "'moordyn', or no `static`"
+            )
+
+    @property
+    def of_state(self) -> bool:
+        return self.law != "coulomb"
 
     @property
     def components(self) -> int:
@@ -83,7 +100,7 @@ class SeabedFriction(Law):
         """Which nodes (nodes, 1) have the kinetic limit; k has the velocities of the beginning of the step."""
         if self.static is None:
             return None
-        speed = jnp.sqrt(jnp.sum(_along_bed(k, k.v) ** 2, axis=1, keepdims=True) + 1e-30)
+        speed = _size(_along_bed(k, k.v))
         if self.law == "moordyn":
             return self.kinetic * self.damping * speed > self.static * _bed(k).normal(k)[:, None]
         return speed > AT_REST
@@ -96,22 +113,28 @@ class SeabedFriction(Law):
         return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
 
     def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """`p = z - rho v_mid` (nodes, 2) [N], or MoorDyn's `-mu c v_mid`, and its size (nodes, 1)."""
-        v = _along_bed(k, k.v)
-        creeps = self.law == "moordyn"
-        p = -self.kinetic * self.damping * v if creeps else z - (k.model.node_mass / h)[:, None] * v
-        return p, jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
+        """`p = z - rho v_mid` (nodes, 2) [N], or in proportion to `-v_mid`, and its size (nodes, 1)."""
+        p = self._creep(k) if self.of_state else z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
+        return p, _size(p)
+
+    def _creep(self, k: Kinematics) -> jax.Array:
+        """Friction (nodes, 2) [N] of a law that grows with speed, before its limit."""
+        normal = _bed(k).normal(k)[:, None]
+        rate = self.damping if self.law == "moordyn" else normal / self.speed
+        return -self.kinetic * rate * _along_bed(k, k.v)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
-        limit = self._limit(k)
-        p, size = self._trial(k, z, h)
-        return z - jnp.where(size <= limit, p, limit * p / size)
+        return z - _bounded(*self._trial(k, z, h), self._limit(k))
+
+    def at(self, k: Kinematics) -> jax.Array:
+        p = self._creep(k)
+        return _bounded(p, _size(p), self._limit(k))
 
     def admissible(self, z: jax.Array) -> jax.Array:
         return z  # the bound is the contact force, which the step determines too
 
     def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
-        if self.law == "moordyn":
+        if self.of_state:
             return v1
         limit = self._limit(k)
         stuck = (self._trial(k, z, h)[1] <= limit) & (limit > 0.0)
@@ -120,6 +143,16 @@ class SeabedFriction(Law):
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The size of force rows [N]: contact forces round as those do."""
         return jnp.mean(line.mass) * jnp.maximum(9.81, jnp.mean(line.length) / h**2)
+
+
+def _size(p: jax.Array) -> jax.Array:
+    """Size (nodes, 1) of plane vectors (nodes, 2), with a derivative at zero."""
+    return jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
+
+
+def _bounded(p: jax.Array, size: jax.Array, limit: jax.Array) -> jax.Array:
+    """p, or its direction at the limit."""
+    return jnp.where(size <= limit, p, limit * p / size)
 
 
 def _bed(k: Kinematics) -> Seabed:

@@ -20,9 +20,11 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     line = model.line
     k = model.instant(r, v, t)
     tension = line.axial.tension(k.links, k.link_velocities, line.length)
-    force = model.force(k) + model.pull(tension, k.tangents)
+    laws = {law.name: law.law_force(k, law.at(k)) for law in model.laws}
+    force = model.force(k) + model.pull(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
-    power = powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
+    works = {name: jnp.sum(pull * v) for name, pull in laws.items()}
+    power = powers(model, k, tension, a, works) if track else jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
 

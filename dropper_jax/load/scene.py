@@ -23,7 +23,6 @@ from dropper_jax.load.paths import get, put
 from dropper_jax.load.template import Template
 from dropper_jax.load.written import Written
 from dropper_jax.scene import (
-    AnchorSpec,
     BodySpec,
     BuoySpec,
     FailureSpec,
@@ -37,6 +36,7 @@ from dropper_jax.scene import (
     VesselSpec,
     is_branched,
     point_named,
+    read_anchors,
 )
 from dropper_jax.sea.spec import SeaSpec
 
@@ -126,10 +126,7 @@ class Scene(SceneData):
                 read_text(note, f"notes.{i}") for i, note in enumerate(_list(table, "notes", "a list of texts"))
             ),
             fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
-            anchors=tuple(
-                AnchorSpec.read(item, f"anchor.{i}", [p.name for p in points if p.kind == "fixed"])
-                for i, item in enumerate(_list(table, "anchor"))
-            ),
+            anchors=read_anchors(_list(table, "anchor"), [p.name for p in points if p.kind == "fixed"]),
             season=SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
             if "growth" in table
             else None,

@@ -134,6 +134,15 @@ class Law(Effect):
         """
         raise NotImplementedError
 
+    @property
+    def of_state(self) -> bool:
+        """Whether z follows from positions and velocities alone, by `at`: explicit schemes take such laws."""
+        return False
+
+    def at(self, k: Kinematics) -> jax.Array:
+        """Of a law of the state: z at one instant."""
+        raise NotImplementedError
+
     def admissible(self, z: jax.Array) -> jax.Array:
         """The nearest z that the law allows at all."""
         raise NotImplementedError

@@ -10,7 +10,7 @@ from dropper_jax.report.record import Record, arc
 from dropper_jax.report.settings import Settings
 from dropper_jax.run import loads
 from dropper_jax.run.weights import end_forces
-from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine
+from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 
@@ -94,38 +94,42 @@ def anchors(record: Record) -> list[dict[str, Any]]:
     """
     found = []
     held = {anchor.point: anchor for anchor in record.scene.anchors}
-    for point in record.scene.points:
-        if point.kind != "fixed":
-            continue
-        load = point_load(record, point.name)
-        across, up, size = np.hypot(load[:, 0], load[:, 1]), load[:, 2], np.linalg.norm(load, axis=1)
+    pulls = {point.name: point_load(record, point.name) for point in record.scene.points if point.kind == "fixed"}
+    across_up = {name: np.stack([np.hypot(load[:, 0], load[:, 1]), load[:, 2]]) for name, load in pulls.items()}
+    for name, load in pulls.items():
+        (across, up), size = across_up[name], np.linalg.norm(load, axis=1)
         loaded = size >= max(0.01 * size.mean(), 1e-12)
         angle = np.arctan2(up[loaded], across[loaded])
         found.append(
             {
-                "point": point.name,
+                "point": name,
                 "horizontal_n": _spread(across),
                 "vertical_n": _spread(up),
                 "total_n": _spread(size),
                 "uplift_rad": _spread(angle) if loaded.any() else None,
                 "share_without_angle": float(1.0 - loaded.mean()),
                 "uplift_at_largest_load_rad": float(np.arctan2(up, across)[np.argmax(size)]) if loaded.any() else None,
-                "holding": None if point.name not in held else _holding(held[point.name], across, up),
+                "holding": None if name not in held else _holding(held[name], record.scene.anchors, across_up),
             }
         )
     return found
 
 
-def _holding(anchor: AnchorSpec, across: np.ndarray, up: np.ndarray) -> dict[str, Any]:
-    """Utilisation of an anchor over the run, and the factor between what it holds and its largest load."""
-    used = anchor.utilisation(across, up)
-    largest = float(used.max())
+def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], loads: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Utilisation of an anchor over the run, and the factor between what it holds and its largest load.
+
+    It holds with the wanted factor where it does on loads that are so much larger, or the anchor behind it does.
+    """
+    used = utilisations(anchors, loads)
+    factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
+    largest = float(used[anchor.point].max())
     return {
         "kind": anchor.kind,
-        "utilisation": _spread(used),
+        "behind": anchor.behind,
+        "utilisation": _spread(used[anchor.point]),
         "factor": 1.0 / largest if largest > 0.0 else None,
         "wanted_factor": anchor.safety_factor,
-        "holds": largest * anchor.safety_factor <= 1.0,
+        "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
         **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
     }
 

@@ -110,7 +110,9 @@ class Explicit(Integrator, ABC):
             return _bodies_not_taken()
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"
-        return _law_not_taken(model) if model.laws else super().refuse(model)
+        if not all(law.of_state for law in model.laws):
+            return _law_not_taken(model)
+        return super().refuse(model)
 
 
 def couples_inertia(model: Model) -> bool:
@@ -135,4 +137,6 @@ def _bodies_not_taken() -> str:
 
 
 def _law_not_taken(model: Model) -> str:
-    return f"effect {model.laws[0].name!r} brings a set-valued law, which it does not solve; use energy_momentum"
+    name = model.laws[0].name
+    other = ", or law = 'regularised'" if name == "seabed_friction" else ""
+    return f"effect {name!r} brings a set-valued law, which it does not solve; use energy_momentum{other}"

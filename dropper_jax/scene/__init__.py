@@ -1,6 +1,6 @@
 """The scene as data: what a user describes."""
 
-from dropper_jax.scene.anchor import AnchorSpec
+from dropper_jax.scene.anchor import AnchorSpec, read_anchors, utilisations
 from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude
 from dropper_jax.scene.data import SceneData, is_branched, link_mass_words, point_named
 from dropper_jax.scene.failure import FailureSpec
@@ -45,5 +45,7 @@ __all__ = [
     "line_places",
     "line_slices",
     "point_named",
+    "read_anchors",
+    "utilisations",
     "whole_lines",
 ]

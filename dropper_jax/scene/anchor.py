@@ -1,7 +1,8 @@
 """Anchors of held points: how much they hold.
 
 A dead weight slides at the horizontal load `mu (W - V)` and lifts at W (Coulomb), with its weight in water W and the
-upward load V. A screw (helical) anchor holds the bearing of its plates, each for itself:
+upward load V. A drag anchor in line with a second one keeps its capacity and passes the rest on. A screw (helical)
+anchor holds the bearing of its plates, each for itself:
 
     Q = sum A (9 c + gamma' z N_q),   N_q = exp(pi tan phi) tan^2(45 deg + phi/2)
 
@@ -14,6 +15,7 @@ in clay, are left out: both would hold more. Others (drag anchors) hold what the
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -63,6 +65,9 @@ class AnchorSpec:
         "horizontal load it holds upright", unit="N", low=0.0, open_low=True, optional=True
     )
     safety_factor: float = parameter("wanted between capacity and load", unit="-", low=1.0, default=1.5)
+    behind: str | None = option(
+        "held point in line with this one whose anchor takes what this one does not hold", type=str, default=None
+    )
 
     @classmethod
     def read(cls, table: Plain, path: str, held: list[str]) -> AnchorSpec:
@@ -131,3 +136,37 @@ class AnchorSpec:
                 return np.hypot(horizontal, up) / self.screw_capacity
             return up / self.screw_capacity + horizontal / self.lateral
         return (horizontal / self.friction + up) / self.weight
+
+
+def utilisations(
+    anchors: tuple[AnchorSpec, ...], loads: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """Load over what is held (...) of each anchored point, from its horizontal and upward loads (...) [N].
+
+    An anchor that has another one `behind` it keeps what it holds. Of its utilisation u above 1 it passes the share
+    `1 - 1/u` of its horizontal load on: drag anchors hold their capacity while they drag.
+    """
+    own = {anchor.point: anchor.utilisation(*loads[anchor.point]) for anchor in anchors}
+    passed: dict[str, np.ndarray] = {}
+    for anchor in anchors:
+        if anchor.behind is not None:
+            share = 1.0 - 1.0 / np.maximum(own[anchor.point], 1.0)
+            passed[anchor.behind] = passed.get(anchor.behind, 0.0) + share * loads[anchor.point][0]
+    for anchor in anchors:
+        if anchor.point in passed:
+            across, up = loads[anchor.point]
+            own[anchor.point] = anchor.utilisation(across + passed[anchor.point], up)
+    return own
+
+
+def read_anchors(tables: Sequence[Plain], held: list[str]) -> tuple[AnchorSpec, ...]:
+    """All `[[anchor]]` of a scene with these held points. One that is `behind` another has none behind itself."""
+    anchors = tuple(AnchorSpec.read(table, f"anchor.{i}", held) for i, table in enumerate(tables))
+    last = [anchor.point for anchor in anchors if anchor.behind is None]
+    for i, anchor in enumerate(anchors):
+        if anchor.behind is not None and anchor.behind not in last:
+            raise SceneError(
+                f"anchor.{i}.behind: {anchor.behind!r} is no point with an anchor that has none behind itself; "
+                f"allowed: {', '.join(last) or 'none'}"
+            )
+    return anchors

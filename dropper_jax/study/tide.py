@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.scene.slices import held_loads, line_slices
+from dropper_jax.scene import held_loads, line_slices, utilisations
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 
 
@@ -35,7 +35,8 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
     """Poses at rest at times of a cycle, each on its own: the line is taken to follow the tide at once.
 
     Returns:
-        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n};
+        {rows, slack, slack_status}: per time {t_s, level_m, speed_m_per_s, status, moved_m, line_moved_m, held_load_n,
+        anchor_utilisation (of points with an `[[anchor]]`: load over what is held)};
         `slack` are the positions (nodes, 3) [m] without a current at the mean level, `moved_m` and `line_moved_m` the
         horizontal ways from there of the farthest node of all and of each line.
     """
@@ -46,6 +47,8 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
     rows = []
     for t in times:
         pose = equilibrium(model, loads, float(t))
+        held = held_loads(scene, pose.positions, pose.tension)
+        used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
         way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
         rows.append(
             {
@@ -55,7 +58,8 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
                 "status": pose.status,
                 "moved_m": float(way.max()),
                 "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
-                "held_load_n": held_loads(scene, pose.positions, pose.tension),
+                "held_load_n": held,
+                "anchor_utilisation": {name: float(value) for name, value in used.items()},
             }
         )
     return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}

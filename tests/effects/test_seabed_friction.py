@@ -150,21 +150,30 @@ def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags
     assert float(slope) == pytest.approx(float(ahead - behind) / 2e-4, rel=1e-6)
 
 
-def test_moordyns_law_grows_with_speed_up_to_mu_times_the_weight(one_line):
-    # a chain dragged along the bed at a constant speed: each node is held by mu min(c v, N), tensions are their sums
-    mu, damping, mass, length, links = 0.5, 200.0, 10.0, 8.0, 4
+@pytest.mark.parametrize(
+    ("law", "scheme", "dt"),
+    [
+        ({"law": "moordyn", "damping": 200.0}, "energy_momentum", 0.02),
+        ({"law": "moordyn", "damping": 200.0}, "rk2", 0.005),
+        ({"law": "regularised", "speed": 0.5}, "energy_momentum", 0.02),
+        ({"law": "regularised", "speed": 0.5}, "rk2", 0.005),
+    ],
+)
+def test_laws_of_speed_grow_up_to_mu_times_the_weight_in_implicit_and_explicit_schemes(one_line, law, scheme, dt):
+    # a chain dragged along the bed at a constant speed: each node is held by mu min(c v, N), or mu N min(v / v0, 1),
+    # tensions are their sums
+    mu, mass, length, links = 0.5, 10.0, 8.0, 4
     motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]}
     kind = {"mass": mass, "diameter": 0.04, "EA": 1e5, "damping_ratio": 1.0}
-    law = {"law": "moordyn", "kinetic": mu, "damping": damping}
-    scene = on_the_bed(one_line, links, length, kind, seabed_friction=law, end_motion=motion)
+    scene = on_the_bed(one_line, links, length, kind, seabed_friction={"kinetic": mu, **law}, end_motion=motion)
     scene["point"][0]["kind"] = "free"
     model, s = build(scene)
     behind = model.geometry.paths[0][:-1]  # from the free end on
     weight = np.asarray(model.node_mass)[behind] * G
-    stepper = make_stepper(model)
+    stepper = make_stepper(model, scheme)
 
     def drag(model, s):
-        return integrate(stepper, model, stepper.integrator.begin(model, s), 0.02, 500)[1].tension[-1]
+        return integrate(stepper, model, stepper.integrator.begin(model, s), dt, round(10.0 / dt))[1].tension[-1]
 
     run = jax.jit(drag)
     for speed in (0.05, 0.4, 3.0):  # below, between (the free end's node weighs half), above the limit
@@ -174,12 +183,17 @@ def test_moordyns_law_grows_with_speed_up_to_mu_times_the_weight(one_line):
         )
         start = replace(s, v=s.v.at[:, 0].set(speed))
         tension = run(replace(model, effects=tuple(moved)), start)
-        np.testing.assert_allclose(tension, np.cumsum(mu * np.minimum(damping * speed, weight)), rtol=2e-3)
+        share = np.minimum(law["damping"] * speed, weight) if "damping" in law else weight * min(speed / 0.5, 1.0)
+        np.testing.assert_allclose(tension, np.cumsum(mu * share), rtol=2e-3)
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({"law": "moordyn", "statics": "outward"}, "friction at rest"), ({"law": "viscous"}, "allowed: coulomb, moordyn")],
+    [
+        ({"law": "moordyn", "statics": "outward"}, "friction at rest"),
+        ({"law": "regularised", "static": 0.5}, "no friction at rest"),
+        ({"law": "viscous"}, "allowed: coulomb, regularised, moordyn"),
+    ],
 )
 def test_friction_laws_that_do_not_go_together_are_refused(one_line, values, message):
     scene = on_the_bed(one_line, 2, 10.0, {"mass": 1.0, "diameter": 0.02, "EA": 1e4}, seabed_friction={"kinetic": 0.4})

@@ -221,6 +221,9 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
     found = rows("anchor.0", point="fairlead", weight=2e4, friction=0.6, safety_factor=2.0)
     tested = {"anchor.0": {"point": "anchor", "kind": "tested", "capacity": 1e4}}
     found += rows("anchor.0", tested, kind="tested", capacity=2e4)
+    found += rows(
+        "anchor.0", {"anchor": [*tested.values(), {**BASE["anchor"][0], "point": "fairlead"}]}, behind="fairlead"
+    )
     screw = {"point": "anchor", "kind": "screw", "plates": [0.3], "depths": [3.0]}
     clay, sand = {**screw, "strength": 5e4}, {**screw, "friction_angle": 0.5, "soil_weight": 1e4}
     found += rows("anchor.0", {"anchor.0": clay}, plates=[0.4], depths=[4.0], strength=6e4, lateral=1e4)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import copy
 import math
 
+import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
 from dropper_jax.report.build import report_runs
 from dropper_jax.report.text import markdown
-from dropper_jax.scene import AnchorSpec
+from dropper_jax.scene import AnchorSpec, utilisations
+from dropper_jax.study.tide import tidal_cycle
 
 #: A light rope at rest that a submerged float pulls up at an anchor, in a current.
 SCENE = {
@@ -36,6 +39,25 @@ def test_a_dead_weight_slides_by_coulomb_and_lifts_by_its_weight():
     assert block.utilisation(1000.0, -3000.0) == 0.4  # a load downwards does not help
     screw = AnchorSpec(point="a", kind="tested", capacity=5000.0)
     assert screw.utilisation(3000.0, 4000.0) == 1.0
+
+
+def test_an_anchor_behind_another_one_takes_what_that_one_does_not_hold():
+    front = AnchorSpec(point="front", kind="tested", capacity=5000.0, behind="rear")
+    anchors = (front, AnchorSpec(point="rear", weight=8000.0, friction=0.5))
+    none = np.zeros(3)
+    used = utilisations(anchors, {"front": (np.array([4000.0, 7000.0, 9000.0]), none), "rear": (none, none)})
+    np.testing.assert_allclose(used["front"], [0.8, 1.4, 1.8])
+    np.testing.assert_allclose(used["rear"], [0.0, 0.5, 1.0])  # 2 and 4 kN over mu W = 4 kN
+    with pytest.raises(SceneError, match=r"anchor\.0\.behind: 'nowhere' .* allowed: none"):
+        dj.load_scene({**SCENE, "anchor": [{**SCENE["anchor"][0], "behind": "nowhere"}]})
+
+
+def test_edulis_anchors_hold_through_the_tide():
+    scene = dj.load_scene("edulis-tide").with_values({"sea.current.direction": np.pi / 3})
+    rows = tidal_cycle(scene, 5)["rows"]
+    west = max(float(np.linalg.norm(row["held_load_n"]["west-danforth"])) for row in rows)
+    assert 10e3 < west < 14e3
+    assert max(row["anchor_utilisation"]["west-danforth"] for row in rows) == pytest.approx(west / 245e3)
 
 
 #: Two plates of 0.3 m in clay of 50 kPa.

@@ -60,8 +60,9 @@ def _effects(scene: Scene) -> Iterator[str]:
             yield "effects.morison_inertia.fluid_acceleration: not represented; MoorDyn takes the local one"
         if inertia["added_mass"] != "morison":
             yield "effects.morison_inertia.added_mass: not represented; MoorDyn's does not keep energy"
-    if "seabed_friction" in effects and effects["seabed_friction"]["law"] == "coulomb":
-        yield "effects.seabed_friction.law: 'coulomb' is not represented; MoorDyn's friction creeps"
+    law = effects.get("seabed_friction", {"law": "moordyn"})["law"]
+    if law != "moordyn":
+        yield f"effects.seabed_friction.law: {law!r} is not represented; MoorDyn's friction creeps by FricDamp"
     bed = effects.get("seabed")
     if bed is None:
         yield "effects.seabed: missing here, but MoorDyn has a bed at WtrDpth"

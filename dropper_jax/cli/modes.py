@@ -1,14 +1,15 @@
-"""`dropper modes SCENE`: natural periods about the static pose."""
+"""`dropper modes SCENE`: natural periods, damping ratios and shapes about the static pose."""
 
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, read_scene, whole_number
+from dropper_jax.cli.options import add_scene, number, read_scene, whole_number
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -16,48 +17,61 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.statics.modes import Modes
 
-help = "natural periods and modes about the static pose of an elastic scene"
+help = "natural periods, damping ratios and modes about the static pose"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--count", type=whole_number, default=10, help="how many, the slowest first (10)")
+    parser.add_argument(
+        "--amplitude", type=number, metavar="A", help="damping ratios of swings of A metres too, with quadratic drag"
+    )
     add_plot(parser, "the shapes of the slowest nine")
     add_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
+    if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
+        raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
     scene = read_scene(args)
 
     from dropper_jax.run.build import build_model, equilibrium
-    from dropper_jax.statics.modes import natural_modes
+    from dropper_jax.statics.modes import damping_at, natural_modes
 
-    pose = equilibrium(scene)
+    model = build_model(scene)
+    pose = equilibrium(model)
     if pose.status != "ok":
         message = f"{pose.status}: {pose.message}"
         print_line(f"error: {message}")
         if args.json:
             print_json({**failure_object(pose.status, message), "scene": scene.name})
         return FAILED
-    model = build_model(scene)
     modes = natural_modes(model, pose.state, args.count)
     if plot:
         from dropper_jax.study.rest_pictures import mode_shapes
 
         mode_shapes(scene, model, pose, modes, picture(plot, "modes"))
     found = {"period_s": modes.period, "frequency_hz": 1.0 / modes.period, "shape": modes.shape}
+    found |= {"damping_ratio": modes.damping_ratio, "critical_damping_kg_per_s": modes.critical_damping}
+    if args.amplitude is not None:
+        ratio = damping_at(model, pose.state, modes, args.amplitude)
+        found |= {"amplitude_m": args.amplitude, "damping_ratio_at_amplitude": ratio}
     if modes.bodies is not None:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
-    deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes), out)
+    deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), out)
     return OK
 
 
-def _text(scene: Scene, modes: Modes) -> str:
-    rows = [("mode", "period [s]", "frequency [Hz]", "share of x, y, z in the motion")]
-    for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True), 1):
+def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
+    ratios = {"damping ratio": modes.damping_ratio}
+    if "amplitude_m" in found:
+        ratios[f"at {found['amplitude_m']:g} m"] = found["damping_ratio_at_amplitude"]
+    rows = [("mode", "period [s]", "frequency [Hz]", *ratios, "share of x, y, z in the motion")]
+    for i, (period, shape) in enumerate(zip(modes.period, modes.shape, strict=True)):
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
-        rows.append((str(i), f"{period:.5g}", f"{1 / period:.5g}", "  ".join(f"{x:.2f}" for x in share)))
+        damping = (f"{ratio[i]:.3g}" for ratio in ratios.values())
+        rows.append((str(i + 1), f"{period:.5g}", f"{1 / period:.5g}", *damping, "  ".join(f"{x:.2f}" for x in share)))
     return table(rows) if modes.bodies is None else f"{table(rows)}\n{_bodies(scene, modes.bodies)}"
 
 

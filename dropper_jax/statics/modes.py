@@ -1,4 +1,4 @@
-"""Natural periods and modes about a static pose, from the stiffness and mass matrices there."""
+"""Natural periods, modes and their damping about a static pose, from the stiffness and mass matrices there."""
 
 from __future__ import annotations
 
@@ -7,32 +7,40 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State
+from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import free_motions, generalised
 from dropper_jax.statics.calm import rest
+from dropper_jax.statics.rest_problem import StaticProblem
 from dropper_jax.statics.tangent import unbalanced_rows
 
 #: Stiffness over the largest one (per mass) that is rounding; swinging is 1e-11 of the axial stiffness of a chain.
 ROUNDING = 1e-13
+#: Instants of a swing at which damping forces are summed; exact for powers of the speed up to 30.
+INSTANTS = 32
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Free vibrations of small amplitude, undamped.
+    """Free vibrations of small amplitude, and the damping of each.
 
     Attributes:
         period: natural periods (modes,) [s], the longest first.
         shape: moves of the free nodes (modes, nodes, 3), largest component 1; of rigid bodies those of four corners
             each, the last ones.
+        mass: modal masses (modes,) [kg], of the shape: `x'Mx`.
+        damping_ratio: of infinitely small swings (modes,), over `critical_damping`: by `b_l`, not by `b_q`.
         bodies: moves of the bodies' reference points [m] and turns about x, y, z [rad] (modes, bodies, 6); or None.
     """
 
     period: np.ndarray
     shape: np.ndarray
+    mass: np.ndarray
+    damping_ratio: np.ndarray
     bodies: np.ndarray | None = None
 
     @property
@@ -40,22 +48,31 @@ class Modes:
         """Angular frequencies (modes,) [rad/s]."""
         return 2 * np.pi / self.period
 
+    @property
+    def critical_damping(self) -> np.ndarray:
+        """Modal damping (modes,) [kg/s] without a swing, `2 omega mass`: the thesis' (2.5), `b_cr = 2 sqrt(k m)`."""
+        return 2 * self.omega * self.mass
+
 
 def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
-    """Solve `K x = omega^2 M x` about the static pose of an elastic model.
+    """Solve `K x = omega^2 M x` about a static pose.
 
     K is minus the derivative of all static forces with the tensions that belong to the links' lengths, made symmetric
-    (drag of a current is not); M holds the masses and the added mass of the water at rest. Damping is left out.
+    (drag of a current is not); M holds the masses and the added mass of the water at rest. Links that keep their length
+    keep their tension T, to first order, and leave motions x with `G x = 0`, G the derivative of the lengths: of these
+    K is the second derivative of the potential and of `T` times the lengths.
+
+    Damping ratios are `x'Cx / (2 omega x'Mx)`, C minus the derivative of all forces by the velocities: exact to first
+    order in C, and where a mode is damped alone. Dry friction is left out.
 
     Args:
         pose: `equilibrium(...).state`.
         count: how many of the slowest modes; all by default. Modes without stiffness are left out.
-
-    Raises:
-        SceneError: rigid links, whose tensions do not follow from lengths.
     """
-    _refuse_rigid(model)
-    stiffness, mass, motions = (np.asarray(part) for part in _matrices(model, pose))
+    if model.line.axial.elastic:
+        stiffness, mass, motions = (np.asarray(part) for part in _matrices(model, pose))
+    else:
+        stiffness, mass, motions = _of_constrained(*map(np.asarray, _with_lengths(model, pose)))
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]
@@ -64,7 +81,21 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
         shape.reshape(len(value), -1), np.argmax(np.abs(shape.reshape(len(value), -1)), axis=1)[:, None], axis=1
     )
     shape = shape / largest[:, :, None]
-    return Modes(2 * np.pi / np.sqrt(value), shape, _of_bodies(model, pose, shape) if model.ties else None)
+    mass, omega = 1.0 / np.ravel(largest) ** 2, np.sqrt(value)  # eigenvectors have x'Mx = 1
+    ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
+    bodies = _of_bodies(model, pose, shape) if model.ties else None
+    return Modes(2 * np.pi / omega, shape, mass, ratio, bodies)
+
+
+def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:
+    """Damping ratios (modes,) of swings of an amplitude [m], that of the largest component: quadratic drag included.
+
+    `ratio = D / (4 pi E)` with the energy D that all forces take in a swing `x = A shape sin(omega t)` about the pose,
+    and `E = omega^2 A^2 mass / 2`. Of `b_q |v| v` on one mass that is `4 b_q A / (3 pi m)`.
+    """
+    speed = amplitude * jnp.asarray(modes.omega[:, None, None] * modes.shape)
+    taken = -np.asarray(_mean_power(model, pose, speed)) * modes.period
+    return taken / (4 * np.pi * 0.5 * modes.omega**2 * amplitude**2 * modes.mass)
 
 
 def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
@@ -77,7 +108,11 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
     Raises:
         SceneError: rigid links.
     """
-    _refuse_rigid(model)
+    if not model.line.axial.elastic:
+        raise SceneError(
+            "line.axial.law: 'rigid' links leave motions that turn with the pose: periods have no derivative here; "
+            "allowed: elastic, rope, tabulated"
+        )
     stiffness, mass, _ = _symmetric(model, pose)
     lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
     solved = lambda a: jax.scipy.linalg.solve_triangular(lower, a, lower=True)  # noqa: E731
@@ -88,9 +123,61 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
     return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
 
 
-def _refuse_rigid(model: Model) -> None:
-    if not model.line.axial.elastic:
-        raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed for modes: elastic, rope, tabulated")
+def _of_constrained(
+    stiffness: np.ndarray, pull: np.ndarray, lengths: np.ndarray, compliance: np.ndarray, mass: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stiffness and mass of the motions that rigid links leave, and these motions.
+
+    Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
+    """
+    soft = np.diag(compliance) != 0.0
+    stiffness = stiffness - pull[:, soft] @ (lengths[soft] / np.diag(compliance)[soft, None])
+    motions = null_space(lengths[~soft])
+    return *(motions.T @ (0.5 * (part + part.T)) @ motions for part in (stiffness, mass)), motions
+
+
+@kept(brief=True)
+def _with_lengths(model: Model, pose: State) -> tuple[jax.Array, ...]:
+    """Derivatives of the rows by moves and tensions, of the lengths by both, and the mass matrix."""
+    model = rest(model)
+    problem = StaticProblem(model, pose, jnp.zeros_like(pose.r))
+
+    def rows(x: jax.Array, tension: jax.Array) -> tuple[jax.Array, jax.Array]:
+        found = problem.residual(Unknowns(pose.r + x.reshape(-1, 3), tension))
+        return found.x.ravel(), found.y
+
+    none = jnp.zeros(pose.r.size, model.dtype)
+    (stiffness, pull), (lengths, compliance) = jax.jacfwd(rows, argnums=(0, 1))(none, pose.tension)
+    return stiffness, pull, lengths, compliance, _mass(model, pose)
+
+
+def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
+    """Forces (free nodes, 3) [N] at the pose when it moves with v, without what rigid links pull."""
+    k = model.instant(pose.r, v, pose.t, model.ends(pose.t))
+    return model.force(k) + model.pull(
+        model.line.axial.tension(k.links, k.link_velocities, model.line.length), k.tangents
+    )
+
+
+@kept(brief=True)
+def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
+    """`x'Cx` (modes,) [kg/s]."""
+    model = rest(model)
+    still = jnp.zeros_like(pose.r)
+
+    def of(x: jax.Array) -> jax.Array:
+        return -jnp.sum(x * jax.jvp(lambda v: _speeding(model, pose, v), (still,), (x,))[1])
+
+    return jax.lax.map(of, shapes)
+
+
+@kept(brief=True)
+def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
+    """Mean power (modes,) [W] of all forces over a swing with the largest velocities (modes, nodes, 3)."""
+    model = rest(model)
+    phases = jnp.cos(2 * jnp.pi * (jnp.arange(INSTANTS) + 0.5) / INSTANTS)
+    power = lambda v: jnp.sum(_speeding(model, pose, v) * v)  # noqa: E731
+    return jax.lax.map(lambda v: jnp.mean(jax.vmap(lambda c: power(c * v))(phases)), speeds)
 
 
 def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
@@ -116,12 +203,7 @@ def _symmetric(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Arr
     full, model = model, rest(model)
     size = 3 * model.free_nodes
     loads, none = jnp.zeros_like(pose.r), jnp.zeros(size, model.dtype)
-
-    def inertia(a: jax.Array) -> jax.Array:
-        k = model.instant(pose.r, jnp.zeros_like(pose.r), pose.t, model.ends(pose.t))
-        return model.inertia(k, a.reshape(-1, 3)).ravel()
-
-    mass = jax.jacfwd(inertia)(none)
+    mass = _mass(model, pose)
     if model.ties:
         motions = free_motions(full, pose).reshape(size, -1)
         zero = jnp.zeros(motions.shape[1], model.dtype)
@@ -132,3 +214,13 @@ def _symmetric(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Arr
         rows = lambda x: unbalanced_rows(model, pose, loads, x.reshape(-1, 3)).ravel()  # noqa: E731
         stiffness = jax.jacfwd(rows)(none)
     return 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), motions
+
+
+def _mass(model: Model, pose: State) -> jax.Array:
+    """Masses and added mass (3 free, 3 free) [kg]."""
+
+    def inertia(a: jax.Array) -> jax.Array:
+        k = model.instant(pose.r, jnp.zeros_like(pose.r), pose.t, model.ends(pose.t))
+        return model.inertia(k, a.reshape(-1, 3)).ravel()
+
+    return jax.jacfwd(inertia)(jnp.zeros(pose.r.size, model.dtype))

@@ -10,6 +10,8 @@ import numpy as np
 from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.markdown import literal
 from dropper_jax.base.toml_text import as_toml
+from dropper_jax.run.build import build_model, equilibrium
+from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
 from fitting.calibration.energy import look_at_energy
 from fitting.calibration.one_run import OneRun, one_run
@@ -20,6 +22,8 @@ from fitting.report.pictures import PICTURES, descent, fitted
 from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
 from fitting.traces.trace import Trace
 
+#: Modes whose damping is given.
+MODES = 6
 #: The thesis' parts of a trace [s].
 PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
 
@@ -68,6 +72,8 @@ def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
         "## Errors along the trace",
         "RMS of measured less fitted angles [rad], window by window with its own start.",
         markdown(part_rows(result)),
+        "## Damping of the slowest modes",
+        _modes(result),
         "## Correlation",
         markdown(correlation_rows(result)),
         "## What was not identifiable",
@@ -88,6 +94,21 @@ def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
             text = whole[run].text
             parts += [f"{text[0].upper()}{text[1:]}.", f"![one run](one_run_{run + 1}.png)"]
     return "\n\n".join(parts) + "\n"
+
+
+def _modes(result: FitResult) -> str:
+    """Periods and damping ratios of the slowest modes with the fitted values, about the pose at rest."""
+    model = build_model(fitted_scene(result.scene, result.model, result.parameters, result.values))
+    pose = equilibrium(model)
+    if pose.status != "ok":
+        return f"No pose at rest was found: {pose.message}."
+    modes = natural_modes(model, pose.state, MODES)
+    amplitude = 0.1 * float(np.mean(model.line.length))
+    ratios = (modes.damping_ratio, damping_at(model, pose.state, modes, amplitude))
+    rows = [("mode", "period [s]", "damping ratio, small swings (b_l)", f"swings of {amplitude:.3g} m (b_l and b_q)")]
+    for i, period in enumerate(modes.period):
+        rows.append((str(i + 1), f"{period:.4g}", *(f"{ratio[i]:.3g}" for ratio in ratios)))
+    return markdown(rows)
 
 
 def part_rows(result: FitResult) -> list[tuple[str, ...]]:

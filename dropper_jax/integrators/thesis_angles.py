@@ -37,6 +37,10 @@ class ThesisAngles(Implicit):
         "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
     )
 
+    @property
+    def dissipates(self) -> bool:
+        return self.gamma > 0.5
+
     def refuse(self, model: Model) -> str | None:
         if model.moving:
             return "the thesis' scheme holds both ends still; use energy_momentum"

@@ -134,15 +134,26 @@ def accuracy_north_sea(found: dict[str, Any]) -> str:
 
 
 def north_sea(found: dict[str, Any]) -> str:
-    head = ("effects", "polar [rad]", "largest azimuth [rad]", "peak [Hz]", "first / last link at most [N]")
-    rows = [(*head, "least [N]", "fastest [m/s]", "status")]
+    head = ("effects", "least polar [rad]", "largest", "largest azimuth [rad]", "peak [Hz]", "first link at most [N]")
+    rows = [(*head, "last", "least [N]", "fastest [m/s]", "status")]
+    keys = {"polar_min_rad": 2, "polar_max_rad": 2, "azimuth_max_rad": 2, "azimuth_peak_hz": 2}
+    keys |= {"tension_first_max_n": 0, "tension_last_max_n": 0, "tension_min_n": 0, "speed_max_m_s": 1}
     for row in found["rows"]:
-        peak = "-" if row["azimuth_peak_hz"] is None else f"{row['azimuth_peak_hz']:.2f}"
-        polar = f"{row['polar_min_rad']:.2f} to {row['polar_max_rad']:.2f}"
-        tension = f"{row['tension_first_max_n']:.0f} / {row['tension_last_max_n']:.0f}"
-        numbers = (f"{row['azimuth_max_rad']:.2f}", peak, tension, f"{row['tension_min_n']:.0f}")
-        rows.append((row["name"], polar, *numbers, f"{row['speed_max_m_s']:.1f}", row["status"]))
+        ends = {
+            run["status"] if run["status"] == "ok" else f"{run['status']} after {run['duration_s']:.2f} s"
+            for run in row["runs"]
+        }
+        cells = (_range([run[key] for run in row["runs"]], digits) for key, digits in keys.items())
+        rows.append((row["name"], *cells, ", ".join(sorted(ends))))
     return markdown(rows)
+
+
+def _range(values: list[float | None], digits: int) -> str:
+    """The value of several runs where they agree to the digits that are printed, else from the least to the largest."""
+    if None in values:
+        return "-"
+    shown = list(dict.fromkeys(f"{value:.{digits}f}" for value in (min(values), max(values))))
+    return " to ".join(shown)
 
 
 def peers(found: dict[str, Any]) -> str:

@@ -49,7 +49,7 @@ THESIS_ROWS = (
     ("thesis (C.22), absolute velocity (dropper-north-sea-thesis)", THESIS, (*FURTHER, *STEPS), {}),
     *(
         (
-            f"thesis {equation}, `thesis_angles`, gamma 0.51, 0.03 s",
+            f"thesis {equation}, `thesis_angles` at 0.03 s",
             scene,
             (THESIS_STEP,),
             {"integrator": "thesis_angles"},

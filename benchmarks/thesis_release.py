@@ -2,9 +2,9 @@
 
     python benchmarks/thesis_release.py
 
-Three tables: the scenes `dropper-release-X-ramp`, and those that start from measured poses, by the default scheme and by
-the thesis' own; scenario A with the dampings of the thesis' Table E.1; the thesis' equations (C.32)-(C.41) in the plane,
-in NumPy, corrected and with the sign of the centripetal x-term as printed. Writes `results/thesis_release.json`.
+Three tables: the thesis' equations (C.32)-(C.41) in the plane, in NumPy, corrected and with the sign of the centripetal
+x-term as printed; scenario A with the dampings of the thesis' Table E.1; the scenes `dropper-release-X-ramp`, and those
+that start from measured poses, by the default scheme and by the thesis' own. Writes `results/thesis_release.json`.
 """
 
 from __future__ import annotations
@@ -101,13 +101,8 @@ class PlaneScheme:
         change = self.length * (rate - old[1]) / self.dt
         a = np.cumsum(change * np.stack([-np.sin(theta), -np.cos(theta)]), axis=-1)[..., :-1]
         (b1, f1), (b0, f0) = self.sides(y, t + self.dt), self.sides(old, t)
-        weigh = lambda new, before: (
-            GAMMA * new
-            + np.moveaxis((1 - GAMMA) * before[None], 0, -3).reshape(  # noqa: E731
-                2, *[1] * (new.ndim - 2), -1
-            )
-        )
-        motion = a + weigh(b1, b0) - weigh(f1, f0)
+        before = (b0 - f0).reshape(2, *[1] * (b1.ndim - 2), -1)
+        motion = a + GAMMA * (b1 - f1) + (1 - GAMMA) * before
         x, z = (np.sum(self.length * part, axis=-1) for part in (np.cos(theta), np.sin(theta)))
         return np.concatenate([turned, motion[0], motion[1], (x - 0.28)[..., None], z[..., None]], axis=-1)
 

@@ -94,7 +94,7 @@ def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
     ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
     return _changed(
         table,
-        f"As the thesis releases it: from rest a force rises from {begin:g} s on, to that of {of}, until {release:g} s.",
+        f"As the thesis does it: from rest a force rises from {begin:g} s on to that of {of}, until {release:g} s.",
         run={"dt": 0.0065, "duration": 65.0},
         effects={**table["effects"], "nodal_force": {**ramp, "release": release}},
         start={"kind": "static"},

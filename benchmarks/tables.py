@@ -156,6 +156,38 @@ def _range(values: list[float | None], digits: int) -> str:
     return " to ".join(shown)
 
 
+def thesis_release(found: dict[str, Any]) -> str:
+    """Scenarios from the thesis' ramp and from their packaged poses, by the default scheme and by the thesis' own."""
+    head = ("scenario, start", "angles before the release, RMS to the thesis' model [rad]", "energy_momentum")
+    dampings = [(row["b_l"], row["b_q"]) for row in found["scenarios"][0]["ramp"]["thesis_angles"]]
+    rows = [(*head, *(f"thesis_angles, b_l {b_l:g} kg/s, b_q {b_q:g} kg/m" for b_l, b_q in dampings))]
+    for row in found["scenarios"]:
+        for start, words in (("ramp", "force until 15 s"), ("pose", "packaged pose")):
+            one = row[start]
+            rms = f"{one['rms_to_model_rad']:.3f}" if "rms_to_model_rad" in one else "no angles given"
+            ends = [_ended(run) for run in (one["default"], *one["thesis_angles"])]
+            rows.append((f"{row['scenario']}, {words}", rms, *ends))
+    return markdown(rows)
+
+
+def _ended(run: dict[str, Any]) -> str:
+    return f"{run['status']}, {run['reached_s']:.2f} s"
+
+
+def thesis_dampings(found: dict[str, Any]) -> str:
+    """Scenario A by the thesis' scheme with its dampings, and its equations in NumPy."""
+    rows = [("b_l [kg/s]", "b_q [kg/m]", "in Table E.1", "ends", "after [s]", "energy not accounted for")]
+    for row in found["dampings"]:
+        share = 100 * row["energy_share"]
+        ends = (row["status"], f"{row['reached_s']:.2f}", f"{share:.0f} %" if share >= 10 else f"{share:.1f} %")
+        rows.append((f"{row['b_l']:g}", f"{row['b_q']:g}", "yes" if row["table_e_1"] else "no", *ends))
+    ran = "; ".join(
+        f"at {row['dt_s']:g} s corrected to {row['corrected']:.3f} s, as printed to {row['printed']:.3f} s"
+        for row in found["independent"]
+    )
+    return f"{markdown(rows)}\n\nIn NumPy (C.32)-(C.41) in the plane run, undamped, {ran}."
+
+
 def peers(found: dict[str, Any]) -> str:
     """How many times faster than others at equal or smaller error, where that is least and where it is most."""
     rows = [("line", "against", "wanted", "least", "most", "reached everywhere")]
@@ -337,6 +369,8 @@ TABLES = {
     "thesis": ("stability", thesis),
     "accuracy_north_sea": ("accuracy_north_sea", accuracy_north_sea),
     "north_sea": ("north_sea", north_sea),
+    "thesis_release": ("thesis_release", thesis_release),
+    "thesis_dampings": ("thesis_release", thesis_dampings),
     "peers": ("peers", peers),
     "one_kernel": ("one_kernel", one_kernel),
     "convergence": ("convergence", convergence),

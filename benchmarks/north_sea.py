@@ -2,9 +2,10 @@
 
     python benchmarks/north_sea.py [--hour | --effects]
 
-Prints three tables: extreme angles, spectral peaks and tensions with the effects switched on one by one; cost per step
-of 231 components, one component and the interpolated sea (and with --hour one hour of storm); the wet pendulum around
-its resonance (thesis 6.1): mean shift, phase, answer to 10 % more amplitude, submergence.
+Prints three tables: extreme angles, spectral peaks and tensions with the effects switched on one by one, and under the
+thesis' forces, at two steps (four where the motion is chaotic); cost per step of 231 components, one component and the
+interpolated sea (and with --hour one hour of storm); the wet pendulum around its resonance (thesis 6.1): mean shift,
+phase, answer to 10 % more amplitude, submergence.
 """
 
 from __future__ import annotations
@@ -39,13 +40,32 @@ STAGES = (
 )
 
 
-def summary(name: str, solution: dj.Solution) -> dict[str, Any]:
-    """A row of the table, link `LINK`'s angles [rad], tensions of all links [N]."""
+#: Steps [s] of all rows, and further ones of the motion that is chaotic; that of the thesis.
+STEPS, FURTHER, THESIS_STEP = (0.0075, 0.00375), (0.03, 0.015), 0.03
+THESIS = "dropper-north-sea-thesis"
+#: The same under the thesis' forces: name, scene, steps, scheme.
+THESIS_ROWS = (
+    ("thesis (6.13), relative velocity (dropper-north-sea-thesis-relative)", f"{THESIS}-relative", STEPS, {}),
+    ("thesis (C.22), absolute velocity (dropper-north-sea-thesis)", THESIS, (*FURTHER, *STEPS), {}),
+    *(
+        (
+            f"thesis {equation}, `thesis_angles` at 0.03 s",
+            scene,
+            (THESIS_STEP,),
+            {"integrator": "thesis_angles"},
+        )
+        for equation, scene in (("(6.13)", f"{THESIS}-relative"), ("(C.22)", THESIS))
+    ),
+)
+
+
+def summary(solution: dj.Solution) -> dict[str, Any]:
+    """Of one run link `LINK`'s angles [rad], tensions of all links [N]."""
     polar, azimuth = solution.polar[:, LINK - 1], solution.azimuth[:, LINK - 1]
     frequency, size = amplitude_spectrum(solution.t, azimuth)
     tension = solution.tension[1:]
     return {
-        "name": name,
+        "dt_s": solution.settings["dt"],
         "duration_s": float(solution.t[-1]),
         "polar_min_rad": float(polar.min()),
         "polar_max_rad": float(polar.max()),
@@ -60,34 +80,21 @@ def summary(name: str, solution: dj.Solution) -> dict[str, Any]:
     }
 
 
-def text(row: dict[str, Any]) -> str:
-    """The row for people."""
-    peak = "-" if row["azimuth_peak_hz"] is None else f"{row['azimuth_peak_hz']:.2f}"
-    return (
-        f"{row['name']:42} {row['polar_min_rad']:8.2f} {row['polar_max_rad']:8.2f} {row['azimuth_max_rad']:8.2f} "
-        f"{peak:>8} {row['tension_first_max_n']:10.0f} {row['tension_last_max_n']:10.0f} {row['tension_min_n']:9.0f} "
-        f"{row['speed_max_m_s']:8.1f} {row['status']}"
-    )
-
-
 def effects_table() -> None:
     """The dropper with the effects one by one, and as the thesis has it; also as JSON in `results/`."""
     base = dj.load_scene("dropper-north-sea").to_dict()
     plain = {key: base["effects"][key] for key in ("weight", "linear_damping")}
-    rows = []
-    print(
-        f"{'link ' + str(LINK) + ', 30 s':42} {'polar':>8} {'[rad]':>8} {'|azim.|':>8} {'peak Hz':>8} "
-        f"{'T first N':>10} {'T last N':>10} {'T least':>9} {'m/s':>8}"
-    )
+    cases = []
     for name, sea, effects in STAGES:
         table = {**base, "effects": base["effects"] if effects is None else {**plain, **effects}}
         table["sea"] = sea or base["sea"]
         table["run"] = {**base["run"], "duration": 120.0 if sea else 30.0}
-        rows.append(summary(name, dj.simulate(table)))
-        print(text(rows[-1]), flush=True)
-    rows.append(summary("thesis force (dropper-north-sea-thesis)", dj.simulate("dropper-north-sea-thesis")))
-    print(text(rows[-1]))
-    found = {"schema": 1, "link": LINK, "machine": describe(), "rows": rows}
+        cases.append((name, table, STEPS, {}))
+    rows = []
+    for name, scene, steps, scheme in (*cases, *THESIS_ROWS):
+        rows.append({"name": name, "runs": [summary(dj.simulate(scene, dt=dt, **scheme)) for dt in steps]})
+        print(json.dumps(rows[-1]), flush=True)
+    found = {"schema": 2, "link": LINK, "machine": describe(), "rows": rows}
     RESULTS.write_text(json.dumps(found, indent=1) + "\n")
 
 

@@ -50,7 +50,9 @@ class ThesisWaveForce(Effect):
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
         if values["velocity"] == "absolute":
             return cls(**values)
-        return RelativeThesisWaveForce(**{**values, "c_a": values["c_a"] or 0.0})
+        # without added mass every scheme can take it
+        kind = RelativeThesisWaveForce if values["c_a"] is None else RelativeThesisWaveForceWithAddedMass
+        return kind(**values)
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
@@ -72,14 +74,11 @@ class RelativeThesisWaveForce(ThesisWaveForce):
         L (pi/4 rho D^2 (C_M u' - C_A v') + 1/2 rho D C_D |w_i| w_i),    w = u - v
 
     w is the velocity of the water at the origin relative to the node; of (6.12)-(6.13) the absolute value and the split
-    of `C_M (u' - v')` are corrected (errata). `-C_A v'` stands on the left as added mass.
+    of `C_M (u' - v')` are corrected (errata).
     """
 
     name: ClassVar[str] = "thesis_wave_force"
     constant: ClassVar[bool] = False
-
-    def _added(self, k: Kinematics) -> jax.Array:
-        return (k.line.node_share(k.model.sea.density * k.line.volume) * self.c_a)[:, None]
 
     def force(self, k: Kinematics) -> jax.Array:
         line, density = k.line, k.model.sea.density
@@ -89,6 +88,16 @@ class RelativeThesisWaveForce(ThesisWaveForce):
         decay = 2.0 * drag[:, None] * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
         relative = water.velocity - drag_velocity(k, decay / k.model.node_mass[:, None])
         return inertia[:, None] * water.acceleration + drag[:, None] * jnp.abs(relative) * relative
+
+
+@component
+class RelativeThesisWaveForceWithAddedMass(RelativeThesisWaveForce):
+    """The same with `-C_A v'` of (6.13), as added mass on the left."""
+
+    name: ClassVar[str] = "thesis_wave_force"
+
+    def _added(self, k: Kinematics) -> jax.Array:
+        return (k.line.node_share(k.model.sea.density * k.line.volume) * self.c_a)[:, None]
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force (nodes, 3) [N] of the added mass."""

@@ -46,6 +46,10 @@ class GeneralizedAlpha(Implicit):
     def tension_time(self) -> float:
         return 1.0 / (1.0 + self.rho_infinity)
 
+    @property
+    def dissipates(self) -> bool:
+        return self.rho_infinity < 1.0
+
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "it needs tensions that follow from lengths, but the links are rigid; set axial.law"

@@ -15,13 +15,13 @@ vertical link has no azimuth, and the Jacobian is singular there: that is the po
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.model import Ends, Model, State, booked
+from dropper_jax.model import Ends, Kinematics, Model, State, booked
 from dropper_jax.residual import GRAVITY_SCALE, Implicit, StepProblem, Unknowns, point_masses_only
 
 
@@ -36,6 +36,10 @@ class ThesisAngles(Implicit):
     gamma: float = parameter(
         "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
     )
+
+    @property
+    def dissipates(self) -> bool:
+        return self.gamma > 0.5
 
     def refuse(self, model: Model) -> str | None:
         if model.moving:
@@ -78,6 +82,16 @@ def _unit(theta: jax.Array, phi: jax.Array) -> jax.Array:
     return jnp.stack([jnp.cos(theta) * jnp.cos(phi), jnp.cos(theta) * jnp.sin(phi), -jnp.sin(theta)], -1)
 
 
+class Motion(NamedTuple):
+    """One instant: kinematics, the last link's end (3,) [m], centripetal and Coriolis accelerations (n, 3) [m/s^2] of
+    the links' ends, forces with tensions (nodes, 3) [N]."""
+
+    k: Kinematics
+    end: jax.Array
+    bend: jax.Array
+    force: jax.Array
+
+
 class AnglesProblem(StepProblem):
     """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T."""
 
@@ -97,8 +111,7 @@ class AnglesProblem(StepProblem):
     def _sum(self, per_link: jax.Array) -> jax.Array:
         return jnp.cumsum(per_link, axis=0)
 
-    def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> tuple[jax.Array, ...]:
-        """Positions, velocities, centripetal and Coriolis accelerations (n, 3) and forces (nodes, 3) at one instant."""
+    def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> Motion:
         length = self.model.line.length[:, None]
         angles, rate = (x[:, 0], x[:, 1]), (x[:, 2], x[:, 3])
 
@@ -110,21 +123,21 @@ class AnglesProblem(StepProblem):
         r, v, b = ends.start + self._sum(length * unit), self._sum(length * unit_rate), self._sum(length * bend)
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)
-        return r, v, b, self.model.force(k) + self.model.pull(tension, unit)
+        return Motion(k, r[-1], b, self.model.force(k) + self.model.pull(tension, unit))
 
     def residual(self, u: Unknowns) -> Unknowns:
         model, s, h, gamma = self.model, self.s, self.h, self.gamma
         free = model.free_nodes
         old = jnp.stack(s.angles, -1)
         kinematic = (u.x[:, :2] - old[:, :2]) / h - gamma * u.x[:, 2:] - (1 - gamma) * old[:, 2:]
-        r, _, b1, f1 = self._motion(u.x, s.t + h, self.ends1, u.y)
+        new = self._motion(u.x, s.t + h, self.ends1, u.y)
         turning = tuple(((u.x[:, 2:] - old[:, 2:]) / h).T)
         a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), turning)[1]
         a = self._sum(model.line.length[:, None] * a)
-        b = gamma * b1 + (1 - gamma) * self.old[2]
-        rows = self.mass * (a + b)[:free] - gamma * f1 - (1 - gamma) * self.old[3]
+        b = gamma * new.bend + (1 - gamma) * self.old.bend
+        rows = self.mass * (a + b)[:free] - gamma * new.force - (1 - gamma) * self.old.force
         if model.end_held:
-            rows = jnp.concatenate([rows, (r[-1] - self.ends1.end)[None] * self._closing()])
+            rows = jnp.concatenate([rows, (new.end - self.ends1.end)[None] * self._closing()])
         # kinematic rows are rates times the force scale over a rate, so that one tolerance serves all rows
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
@@ -144,21 +157,17 @@ class AnglesProblem(StepProblem):
         return Unknowns(jnp.stack([one, one, 1 / jnp.abs(self.h), 1 / jnp.abs(self.h)]), self._force()[:, 0])
 
     def finish(self, u: Unknowns, seen: Any = None) -> State:
-        s, free = self.s, self.model.free_nodes
-        r, v, _, _ = self._motion(u.x, s.t + self.h, self.ends1, u.y)
+        after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
         return self.ended(
-            r=r[:free],
-            v=v[:free],
+            r=after.r,
+            v=after.v,
             tension=u.y,
-            work=lambda: self._work(r[:free], v[:free]),
+            work=lambda: self._work(self.old.k, after),
             angles=tuple(u.x.T),
         )
 
-    def _work(self, r: jax.Array, v: jax.Array) -> jax.Array:
+    def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:
         model, gamma, h = self.model, self.gamma, self.h
-        free = model.free_nodes
-        before = model.kinematics(self.old[0][:free], self.old[1][:free], self.s.t, self.ends0)
-        after = model.kinematics(r, v, self.s.t + h, self.ends1)
         mean = gamma * after.v + (1 - gamma) * before.v
         then, now = model.working_forces(before), model.working_forces(after)
         return booked(model, {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now})

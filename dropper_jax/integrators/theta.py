@@ -35,6 +35,10 @@ class Theta(Implicit):
     def holds_length(self) -> bool:
         return self.gamma > 0.0
 
+    @property
+    def dissipates(self) -> bool:
+        return self.gamma > 0.5
+
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
 

@@ -22,5 +22,9 @@ class ThetaMidpoint(EnergyMomentum):
     gamma: float = parameter("weight of the new time", unit="-", low=0.5, high=1.0, default=0.51)
 
     @property
+    def dissipates(self) -> bool:
+        return self.gamma > 0.5
+
+    @property
     def weighting(self) -> float:
         return self.gamma

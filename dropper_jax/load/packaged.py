@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -12,14 +13,12 @@ from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.load.farm import farm_table, is_farm
 from dropper_jax.load.pitching import pitching
 
-#: `NAME-undamped` is the packaged scene NAME without these effects, for the releases of the lab dropper.
+#: Effects that an undamped scene is without.
 DAMPING = ("linear_damping", "quadratic_damping")
-UNDAMPED = "-undamped"
-RELEASES = "dropper-release-"
-#: `NAME-table-6` is the paper's case NAME from the poses of the paper's Table 6, whose run in is part of its Table 7.
-CASES, TABLE_6 = "paper-case-", "-table-6"
-#: `NAME-pitching` is one of these with its spar free to pitch.
-PITCHING, PITCHES = "-pitching", ("paper-case-1", "paper-case-2", "paper-case-3")
+#: How fast the force of the thesis (E.1)-(E.3) rises [N/s], by release; (E.2) and (E.3) print the node of (E.1).
+RAMPS = {"dropper-release-a": 0.094, "dropper-release-b": 0.065, "dropper-release-c": 0.065}
+#: When it starts, and when the node is released [s].
+RAMP = 3.0, 15.0
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
 
@@ -46,9 +45,8 @@ def _files() -> dict[str, Traversable]:
 def scene_names() -> tuple[str, ...]:
     """Names of the packaged scenes."""
     files = _files()
-    undamped = (name + UNDAMPED for name in files if name.startswith(RELEASES))
-    placed = (name + TABLE_6 for name in files if name.startswith(CASES))
-    return tuple(sorted((*files, *undamped, *placed, *(name + PITCHING for name in PITCHES))))
+    variants = (name + suffix for suffix, (of, _) in VARIANTS.items() for name in files if of.fullmatch(name))
+    return tuple(sorted((*files, *variants)))
 
 
 def is_packaged(name: str) -> bool:
@@ -65,22 +63,59 @@ def packaged_scene(name: str) -> dict[str, Any]:
     """
     if is_farm(name):
         return farm_table(name, parse_toml(_files()[FARM].read_bytes(), f"{FARM}.toml"))
-    file = name.removesuffix(UNDAMPED).removesuffix(TABLE_6).removesuffix(PITCHING)
-    table = parse_toml(_files()[file].read_bytes(), f"{file}.toml")
-    if name == file:
-        return table
-    if name.endswith(PITCHING):
-        return pitching(table)
-    return _undamped(table) if name.endswith(UNDAMPED) else _placed(table)
-
-
-def _undamped(table: dict[str, Any]) -> dict[str, Any]:
-    effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
-    return {**table, "description": table["description"] + " Without damping.", "effects": effects}
-
-
-def _placed(table: dict[str, Any]) -> dict[str, Any]:
-    told = (
-        " It starts from the poses of Table 6: the buoy is held where they put it until the chain rests, then let go."
+    files = _files()
+    if name in files:
+        return parse_toml(files[name].read_bytes(), f"{name}.toml")
+    file, make = next(
+        (name.removesuffix(suffix), make) for suffix, (_, make) in VARIANTS.items() if name.endswith(suffix)
     )
-    return {**table, "description": table["description"] + told, "start": {"kind": "points"}}
+    return make(parse_toml(files[file].read_bytes(), f"{file}.toml"), file)
+
+
+def _changed(table: dict[str, Any], told: str, **sections: Any) -> dict[str, Any]:
+    return {**table, "description": f"{table['description']} {told}", **sections}
+
+
+def _undamped(table: dict[str, Any], file: str) -> dict[str, Any]:
+    effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
+    return _changed(table, "Without damping.", effects=effects)
+
+
+def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
+    told = "It starts from the poses of Table 6: the buoy is held where they put it until the chain rests, then let go."
+    return _changed(table, told, start={"kind": "points"})
+
+
+def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
+    (begin, release), start = RAMP, table["start"]
+    force, of = start["release_force"], "the packaged release, since the thesis gives none"
+    if file in RAMPS:
+        force, of = [[0.0, 0.0, RAMPS[file] * (release - begin)]], "thesis appendix E"
+    ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
+    return _changed(
+        table,
+        f"As the thesis does it: from rest a force rises from {begin:g} s on to that of {of}, until {release:g} s.",
+        run={"dt": 0.0065, "duration": 65.0},
+        effects={**table["effects"], "nodal_force": {**ramp, "release": release}},
+        start={"kind": "static"},
+    )
+
+
+def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
+    force = {**table["effects"]["thesis_wave_force"], "velocity": "relative"}
+    return _changed(
+        table,
+        "With the velocity relative to the nodes, thesis (6.13), which (C.22)-(C.24) drop.",
+        run={**table["run"], "dt": 0.0025},
+        effects={**table["effects"], "thesis_wave_force": force},
+    )
+
+
+#: Scenes made of packaged ones: what is appended to their names, which have it, and how the scene is changed.
+VARIANTS = {
+    "-undamped": (re.compile("dropper-release-.*"), _undamped),
+    "-ramp": (re.compile("dropper-release-[a-e]"), _ramp),
+    "-relative": (re.compile("dropper-north-sea-thesis"), _relative),
+    "-table-6": (re.compile("paper-case-.*"), _table_6),
+    "-pitching": (re.compile("paper-case-[1-3]"), lambda table, file: pitching(table)),
+}

@@ -30,6 +30,11 @@ class Integrator:
     #: Where in the step the reported tension belongs: 0.5 for step averages, 1.0 for values at the new time.
     tension_time: ClassVar[float] = 1.0
 
+    @property
+    def dissipates(self) -> bool:
+        """Whether it takes energy by design, at any step."""
+        return False
+
     def __post_init__(self) -> None:
         for name, declared in self.options().items():
             read_number(getattr(self, name), f"run.{name}", declared)

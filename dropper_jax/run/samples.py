@@ -24,6 +24,9 @@ from dropper_jax.scene import LineSlice, line_slices, whole_lines
 #: Version of the saved file; a file that says otherwise is refused.
 FORMAT = 1
 
+#: Statuses of runs that reached their end, be their energy right or not.
+FINISHED = ("ok", "energy_drift")
+
 ARRAYS = (
     "t",
     "positions",

@@ -28,7 +28,8 @@ class Solution(Samples):
         kinetic, potential: energies (k,) [J].
         work: work done since the start (k, w) [J] by each of `work_names`.
         step_status: 0 where every step up to the saved time is good.
-        status: `ok` or the named failure.
+        status: `ok`, `energy_drift` (the end is reached, more than 10 % of the energy scale is not accounted for),
+            `retry_exhausted`, `not_converged`, `non_finite` or `interrupted`.
         failed_steps, retried_steps: counts.
         first_bad: step, time_s, residual and reason of the first bad step, or None.
         max_residual: largest scaled residual of a step.

@@ -1,4 +1,4 @@
-"""Figures of the paper (6 to 19) and of the thesis (8.20, 8.27), from runs of this simulator alone.
+"""Figures of the paper (6 to 19) and of the thesis (8.20, 8.27, 8.30, 8.32), from runs of this simulator alone.
 
 The paper's compare two other programs; here stands one curve, from the paper's start (the scenes `-table-6`).
 """
@@ -26,7 +26,9 @@ from dropper_jax.run.loads import point_load
 from dropper_jax.run.solution import Solution
 
 #: What stands in a figure: `series` names its panels in order.
-SERIES = ("x", "y", "z", "tension", "elevation")
+SERIES = ("x", "y", "z", "tension", "elevation", "polar", "azimuth")
+#: The link whose angles the thesis discusses in waves; the caption of its Figure 8.32 has the first (erratum).
+LINK = 10
 #: A buoy that moves by less than this [m] along an axis has no panel for it.
 STILL = 1e-6
 #: Time of the paper's state of the mooring [s], and how long its runs are taken here.
@@ -69,6 +71,12 @@ def _thesis(number: str, b_l: float) -> SourceFigure:
     return SourceFigure(f"thesis-{number}", caption, "dropper-release-a", "angles", (), None, THESIS_SPAN, values)
 
 
+def _north_sea(number: str, caption: str, *series: str) -> SourceFigure:
+    """Of the thesis' dropper in waves, by (6.13): without relative velocity its motion depends on the step."""
+    scene = "dropper-north-sea-thesis-relative"
+    return SourceFigure(f"thesis-{number}", caption, scene, series=series, duration=30.0)
+
+
 PLACE, SPAN = ("x", "y", "z"), (100.0, 114.0)
 FIGURES = {
     figure.name: figure
@@ -89,6 +97,8 @@ FIGURES = {
         _paper(19, 5, "tension at the anchor", "tension"),
         _thesis("8.20", 0.01),
         _thesis("8.27", 0.002),
+        _north_sea("8.30", "elevation of the surface at the origin", "elevation"),
+        _north_sea("8.32", f"elevation, and angles of link {LINK}", "elevation", "polar", "azimuth"),
     )
 }
 
@@ -159,6 +169,8 @@ def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
             load = np.linalg.norm(point_load(scene, anchor, *arrays), axis=1)
             unit, size = force_unit(load)
             found.append(Panel(f"tension [{unit}]", [Curve("", solution.t_tension[1:], load / size)], "anchor"))
+        elif name in ("polar", "azimuth"):
+            found.append(Panel(f"{name} [rad]", [Curve("", solution.t, getattr(solution, name)[:, LINK - 1])]))
         else:
             eta = elevation_at_origin(scene, solution.t)
             found.append(Panel("elevation [m]", [Curve("", solution.t, eta)], zero=True))

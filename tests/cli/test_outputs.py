@@ -89,7 +89,7 @@ def test_a_sensitivity_leaves_picture_and_result(tmp_path, capsys):
 
 
 def test_figures_of_the_sources_are_named_and_their_scenes_are_there():
-    assert set(FIGURES) == {f"paper-{n}" for n in range(6, 20)} | {"thesis-8.20", "thesis-8.27"}
+    assert set(FIGURES) == {f"paper-{n}" for n in range(6, 20)} | {f"thesis-8.{n}" for n in (20, 27, 30, 32)}
     for one in FIGURES.values():
         assert scene_of(one).run.duration == (one.duration or scene_of(one).run.duration)
     damping = {name: scene_of(FIGURES[f"thesis-{name}"]).effects["linear_damping"]["b_l"] for name in ("8.20", "8.27")}

@@ -53,3 +53,24 @@ def test_relative_velocity_damps_where_the_water_rests(hanging, runs):
 def test_added_mass_needs_the_relative_velocity(hanging):
     with pytest.raises(dj.SceneError, match="c_a: is not used with velocity 'absolute'"):
         dj.build(relative_scene(hanging, velocity="absolute", c_a=1.0))
+
+
+def test_the_thesis_scheme_in_angles_books_the_work_of_the_water(hanging):
+    """Energy is that of the start and of the work, to the first order of the scheme."""
+    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
+    scene = hanging({"weight": {}, "thesis_wave_force": {}}, {"waves": waves})
+    scene["start"] = {"kind": "angles", "zero": "down", "polar": [0.8]}
+    plain = {"integrator": "thesis_angles", "halvings": 0, "extra": 0}
+    runs = [dj.simulate(scene, dt=dt, **plain) for dt in (0.004, 0.002)]
+    assert np.ptp(runs[1].work) > 0.05 * runs[1].energy_scale
+    drift = [run.energy_drift / run.energy_scale for run in runs]
+    assert drift[1] < 0.05
+    assert drift[1] / drift[0] == pytest.approx(0.5, abs=0.1)
+
+
+def test_the_relative_form_has_added_mass_only_where_it_is_given(hanging):
+    """Schemes with point masses, as the thesis' own, take it without."""
+    model = dj.build(relative_scene(hanging))[0]
+    assert dj.make_stepper(model, "thesis_angles").integrator.name == "thesis_angles"
+    with pytest.raises(dj.SceneError, match="added mass"):
+        dj.make_stepper(dj.build(relative_scene(hanging, c_a=0.5))[0], "thesis_angles")

@@ -265,6 +265,7 @@ EXPECTED = {
 EXPECTED |= {*(f"paper-case-{number}-pitching" for number in range(1, 4)), "ballasted-spar"}
 EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "string-in-current"}
 EXPECTED |= {"longline-200", "longline-rows", "dropper-north-sea", "dropper-north-sea-thesis"}
+EXPECTED |= {"dropper-north-sea-thesis-relative", *(f"dropper-release-{_name}-ramp" for _name in "abcde")}
 EXPECTED |= {"measured-single-pendulum", "measured-double-pendulum"}
 for _name in (*"abcde", "3d", "a-compound"):
     EXPECTED |= {f"dropper-release-{_name}", f"dropper-release-{_name}-undamped"}
@@ -446,3 +447,22 @@ def test_messages_of_the_compiler_for_its_developers_are_not_shown_by_commands(m
     finally:
         gc.set_threshold(*threshold)
     assert os.environ[before_jax.XLA_LOG] == "3"  # fatal ones alone, in the words of XLA's logger
+
+
+@pytest.mark.parametrize(("letter", "node", "force"), [("a", 1, 1.128), ("b", 2, 0.78), ("c", 3, 0.78), ("d", 4, 0.6)])
+def test_ramps_rise_from_rest_as_the_thesis_prints_them_until_the_release(letter, node, force):
+    """(E.1)-(E.3), 0.094 and 0.065 N/s from 3 to 15 s; of D and E the thesis gives no force."""
+    scene = load_scene(f"dropper-release-{letter}-ramp")
+    assert (scene.start.kind, scene.run.dt, scene.run.duration) == ("static", 0.0065, 65.0)
+    ramp = build_model(scene).effect("nodal_force")
+    assert ramp.nodes == (node,)
+    times = [0.0, 3.0, 9.0, 14.999, 15.001]
+    lifted = [float(ramp.factor(t) * ramp.force_n[0, 2]) for t in times]
+    np.testing.assert_allclose(lifted, [0.0, 0.0, 0.5 * force, force, 0.0], atol=2e-4)
+
+
+def test_the_relative_form_of_the_thesis_force_is_a_scene():
+    plain, relative = (load_scene(f"dropper-north-sea-thesis{end}").to_dict() for end in ("", "-relative"))
+    force = plain["effects"]["thesis_wave_force"] | {"velocity": "relative"}
+    assert relative["effects"] == plain["effects"] | {"thesis_wave_force": force}
+    assert all(relative[key] == plain[key] for key in ("point", "line", "sea"))

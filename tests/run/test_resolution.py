@@ -34,17 +34,31 @@ def changed(solution, **arrays):
     return judged(dataclasses.replace(solution, warnings=(), **arrays))
 
 
-def test_energy_out_of_nowhere_warns_and_above_its_scale_is_a_failure(soft):
-    def off(share):
-        return soft.work + share * soft.energy_scale * np.linspace(0.0, 1.0, len(soft.t))[:, None] / soft.work.shape[1]
+def test_energy_that_is_not_accounted_for_is_a_failure(soft):
+    """Both ways; of a scheme that takes energy by design what it loses warns, up to the whole scale."""
 
-    assert changed(soft, work=off(0.05)).warnings == ()
-    told = changed(soft, work=off(0.2))
-    assert told.status == "ok"
-    assert "are not accounted for" in told.warnings[0]
-    failed = changed(soft, work=off(1.5))
-    assert failed.status == "energy_drift"
-    assert "J are not accounted for, of a scale of" in failed.failure
+    def lost(share, **used):
+        work = share * soft.energy_scale * np.linspace(0.0, 1.0, len(soft.t))[:, None] / soft.work.shape[1]
+        return changed(soft, work=soft.work + work, settings={**soft.settings, **used})
+
+    assert lost(0.05).warnings == ()
+    for share in (0.2, -0.2, 1.5):
+        failed = lost(share)
+        assert failed.status == "energy_drift"
+        assert "are not accounted for" in failed.warnings[0]
+        assert "J are not accounted for, of a scale of" in failed.failure
+    euler = {"integrator": "theta", "gamma": 1.0}
+    assert lost(0.9, **euler).status == "ok"
+    assert "are not accounted for" in lost(0.9, **euler).warnings[0]
+    assert lost(-0.2, **euler).status == lost(1.5, **euler).status == "energy_drift"
+    assert lost(0.9, integrator="theta", gamma=0.5).status == "energy_drift"
+
+
+def test_a_symplectic_scheme_at_a_step_that_loses_energy_is_not_called_ok():
+    """A double pendulum without any damping at 80 times its step."""
+    run = dj.simulate("double-pendulum-chaotic", integrator="semi_implicit_euler", dt=0.08, duration=6.0)
+    assert 0.1 * run.energy_scale < run.energy_drift < run.energy_scale
+    assert run.status == "energy_drift"
 
 
 def test_tensions_that_alternate_or_come_in_pulses_are_told(soft):

@@ -1,0 +1,152 @@
+"""The thesis' releases of the lab dropper as the thesis ran them: 0.0065 s, 65 s, gamma 0.51, a force until 15 s.
+
+    python benchmarks/thesis_release.py
+
+Three tables: the thesis' equations (C.32)-(C.41) in the plane, in NumPy, corrected and with the sign of the centripetal
+x-term as printed; scenario A with the dampings of the thesis' Table E.1; the scenes `dropper-release-X-ramp`, and those
+that start from measured poses, by the default scheme and by the thesis' own. Writes `results/thesis_release.json`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from machine import describe
+
+import dropper_jax as dj
+
+RESULTS = Path(__file__).parent / "results" / "thesis_release.json"
+STEP, DURATION, RELEASE, GAMMA = 0.0065, 65.0, 15.0, 0.51
+#: Dampings b_l [kg/s], b_q [kg/m] of the scenarios: none, and the thesis' choice.
+DAMPINGS = ((0.0, 0.0), (0.002, 0.001))
+#: Table E.1 as printed, and Tables 8.3 and 8.4, which it lacks.
+LINEAR = (0.002, 0.002, 0.05, 0.01, 0.004, 0.004, 0.05, 0.01, 0.001, 0.001, 0.05, 0.01, 0.002, 0.004, 0.001)
+QUADRATIC = (0.5, 0.1, 0.01, 0.01, 0.5, 0.1, 0.03, 0.03, 0.5, 0.1, 0.001, 0.001, 0.01, 0.03, 0.05)
+TABLE_E_1 = tuple(zip(LINEAR, QUADRATIC, strict=True))
+OTHERS = (*DAMPINGS, (0.01, 0.0))
+#: Link angles [rad] of the thesis' simulation before the release (Tables E.2 to E.4, signs as those of A).
+MODEL = {
+    "a": (0.1577, 1.4490, 1.3606, 0.8666, -1.1492, -1.3909, -1.4571),
+    "b": (1.3264, 0.2358, 1.3713, 0.8197, -1.2286, -1.4166, -1.4752),
+    "c": (1.4288, 1.2475, -0.8729, 1.3243, -0.1956, -1.3396, -1.4526),
+}
+
+
+def run(name: str, b: tuple[float, float], dt: float = STEP, **settings: Any) -> dj.Solution:
+    """A release for 65 s (50 s from a pose, which is when a ramp releases)."""
+    scene = dj.load_scene(name).with_values({"effects.linear_damping.b_l": b[0], "effects.quadratic_damping.b_q": b[1]})
+    return dj.simulate(scene, dt=dt, duration=DURATION if name.endswith("ramp") else DURATION - RELEASE, **settings)
+
+
+def end(solution: dj.Solution) -> dict[str, Any]:
+    """How a run ended: status, time of its last good step [s], energy balance over its scale."""
+    share = solution.energy_drift / solution.energy_scale
+    return {"status": solution.status, "reached_s": float(solution.t[-1]), "energy_share": share}
+
+
+def scenario(letter: str) -> dict[str, Any]:
+    """A scenario from the ramp and from its packaged pose."""
+    found: dict[str, Any] = {"scenario": letter.upper()}
+    for start in ("ramp", "pose"):
+        name = f"dropper-release-{letter}" + ("-ramp" if start == "ramp" else "")
+        default = run(name, DAMPINGS[1])
+        found[start] = {"default": end(default), "thesis_angles": []}
+        before = default.polar[np.searchsorted(default.t, RELEASE - STEP) if start == "ramp" else 0]
+        found[start]["angles_rad"] = before.tolist()
+        if letter in MODEL:
+            found[start]["rms_to_model_rad"] = float(np.sqrt(np.mean((before - MODEL[letter]) ** 2)))
+        for b in DAMPINGS:
+            row = end(run(name, b, integrator="thesis_angles", gamma=GAMMA))
+            found[start]["thesis_angles"].append({"b_l": b[0], "b_q": b[1], **row})
+    print(json.dumps(found), flush=True)
+    return found
+
+
+def damping_row(b: tuple[float, float]) -> dict[str, Any]:
+    """Scenario A with a damping, by the thesis' scheme."""
+    ended = end(run("dropper-release-a-ramp", b, integrator="thesis_angles", gamma=GAMMA))
+    row = {"b_l": b[0], "b_q": b[1], "table_e_1": b in TABLE_E_1, **ended}
+    print(json.dumps(row), flush=True)
+    return row
+
+
+class PlaneScheme:
+    """(C.32)-(C.41) with phi = 0 and (E.1), undamped; unknowns theta, theta' and T of each link.
+
+    Corrected: masses, and the sign of the centripetal acceleration in x, unless `printed`. Jacobian by complex steps.
+    """
+
+    def __init__(self, dt: float, printed: bool) -> None:
+        line = dj.load_scene("dropper-release-a").lines[0]
+        self.length, self.mass, self.dt = line.length, line.mass[:-1], dt
+        self.sign = -1.0 if printed else 1.0
+
+    def sides(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Of states y (..., 3, n): centripetal accelerations and forces over mass (..., 2, n - 1), x and z."""
+        theta, rate, tension = np.moveaxis(y, -2, 0)
+        cos, sin = np.cos(theta), np.sin(theta)
+        bend = np.cumsum(self.length * rate**2 * np.stack([-cos, sin]), axis=-1)[..., :-1]
+        force = np.diff(tension * np.stack([cos, -sin]), axis=-1)
+        force[1] -= 9.81 * self.mass
+        force[1, ..., 0] += min(max(0.094 * (t - 3.0), 0.0), 2.5624) if t < RELEASE else 0.0
+        return bend * np.array([self.sign, 1.0]).reshape(2, *[1] * theta.ndim), force / self.mass
+
+    def rows(self, y: np.ndarray, old: np.ndarray, t: float) -> np.ndarray:
+        """Residuals (..., 3 n) of a step from t."""
+        theta, rate = y[..., 0, :], y[..., 1, :]
+        turned = (theta - old[0]) / self.dt - GAMMA * rate - (1 - GAMMA) * old[1]
+        change = self.length * (rate - old[1]) / self.dt
+        a = np.cumsum(change * np.stack([-np.sin(theta), -np.cos(theta)]), axis=-1)[..., :-1]
+        (b1, f1), (b0, f0) = self.sides(y, t + self.dt), self.sides(old, t)
+        before = (b0 - f0).reshape(2, *[1] * (b1.ndim - 2), -1)
+        motion = a + GAMMA * (b1 - f1) + (1 - GAMMA) * before
+        x, z = (np.sum(self.length * part, axis=-1) for part in (np.cos(theta), np.sin(theta)))
+        return np.concatenate([turned, motion[0], motion[1], (x - 0.28)[..., None], z[..., None]], axis=-1)
+
+    def run(self, old: np.ndarray) -> float:
+        """Time of the last step that Newton's method solves, up to 65 s."""
+        size, step = old.size, 1e-30
+        for i in range(round(DURATION / self.dt)):
+            y, t = old.copy(), i * self.dt
+            for _ in range(30):
+                tried = y.reshape(1, 3, -1) + 1j * step * np.eye(size).reshape(size, 3, -1)
+                jacobian = np.imag(self.rows(tried, old, t)).T / step
+                residual = self.rows(y, old, t)
+                change = np.linalg.solve(jacobian, residual) if np.all(np.isfinite(jacobian)) else np.full(size, np.nan)
+                y = y - change.reshape(3, -1)
+                if not np.all(np.isfinite(change)) or np.max(np.abs(change)) < 1e-11 * (1.0 + np.max(np.abs(y))):
+                    break
+            else:
+                change = np.full(size, np.nan)
+            if not np.all(np.isfinite(change)):
+                return t
+            old = y
+        return DURATION
+
+
+def independent(dt: float) -> dict[str, Any]:
+    """How far the equations run undamped, in NumPy, corrected and as printed."""
+    rest = dj.simulate("dropper-release-a-ramp", duration=dt, dt=dt)
+    start = np.stack([rest.polar[0], np.zeros(7), rest.tension[0]])
+    row = {"dt_s": dt, **{key: PlaneScheme(dt, key == "printed").run(start) for key in ("corrected", "printed")}}
+    print(json.dumps(row), flush=True)
+    return row
+
+
+def main() -> None:
+    found: dict[str, Any] = {"schema": 1, "machine": describe(), "dt_s": STEP, "gamma": GAMMA}
+    parts = {
+        "independent": (independent, (0.01, STEP)),
+        "dampings": (damping_row, (*OTHERS, *TABLE_E_1)),
+        "scenarios": (scenario, "abcde"),
+    }
+    for key, (measure, cases) in parts.items():
+        found[key] = [measure(case) for case in cases]
+        RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

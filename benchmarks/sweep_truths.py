@@ -2,8 +2,8 @@
 
     python benchmarks/sweep_truths.py [--duration 50] [--out benchmarks/results/sweep_truths.json]
 
-Each of the 15 pairs of the thesis' Table E.1 is the truth once: the lab dropper of scenario A from the scene's start, by
-SciPy's DOP853 (`closed_chain`), 60 Hz, white noise of 5 mrad. All 15 pairs are scored against it by head, middle and
+Each of the 15 pairs of the thesis' Table E.1 is the truth once: the lab dropper of scenario A from the scene's start,
+by SciPy's DOP853 (`closed_chain`), 60 Hz, white noise of 5 mrad. All 15 pairs are scored against it by head, middle and
 tail, and b_l and b_q fitted to it.
 """
 
@@ -85,7 +85,7 @@ def main() -> None:
             trace = truth(SCENE, *pair, args.duration, case)
             begun = time.process_time()  # all truths have one sweep, which the first one runs
             scores = sweep_against_trace(
-                SCENE, PAIRS, trace, f"{folder}/pairs.zarr", listed=True, chunk=16, quantities=[]
+                SCENE, PAIRS, trace, f"{folder}/pairs.zarr", listed=True, chunk=8, quantities=[]
             )
             swept = time.process_time()
             fit_of = fitted(trace, np.array(pair))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
     grid = figure.subplots(len(kinds), len(found), squeeze=False, sharex=True, sharey=True)
     for row, kind in zip(grid, kinds, strict=True):
         for axes, scheme in zip(row, found, strict=True):
-            _links(axes, scheme, kind)
+            _links(axes, scheme, kind, report.get("links", ()))
         row[0].set_ylabel(f"RMS difference of {kind} angle [rad]")
     for axes in grid[-1]:
         axes.set_xlabel("step [s]")
@@ -93,14 +94,15 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
     return style.save(figure, path)
 
 
-def _links(axes: Axes, scheme: dict[str, Any], kind: str) -> None:
+def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]) -> None:
     values = scheme[kind]
-    axes.settitle(scheme["label"], loc="left")
+    axes.set_title(scheme["label"], loc="left")
     axes.set(xscale="log", yscale="log")
     if values is None:
         return
     for link in range(np.shape(values)[1]):
-        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=f"link {link + 1}", lw=1.0, **marks(link))
+        label = f"link {numbers[link] if numbers else link + 1}"
+        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=label, lw=1.0, **marks(link))
     for dt, status in zip(scheme["dts"], scheme["status"], strict=True):
         if status != "ok":
             axes.axvline(dt, color=style.ALERT, lw=0.8, ls=":")

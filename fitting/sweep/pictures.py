@@ -65,7 +65,7 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
     """Pictures of cases scored against a trace, with the fit where it is given.
 
     `scores.png`: maps of the angle error over what is varied, with curves and spectra of the link that moves most, of
-    head, middle and tail; `curves.png` and `spectra.png`: those of all links, of the case with the best head.
+    head, middle and tail; `curves.png` and `spectra.png`: those of all links.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

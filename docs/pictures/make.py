@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.plots import style
+from dropper_jax.study.source_figures import figures
 from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
@@ -99,6 +101,31 @@ def storm(work: Path) -> None:
         image.convert("RGB").save(HERE / "storm.jpg", quality=85)
 
 
+#: Sheets of the sources' figures, what their names begin with, and figures next to each other.
+SHEETS = {
+    "figures-paper": ("paper-", 4),
+    "figures-thesis-2-5": ("thesis-2 thesis-3 thesis-5", 4),
+    "figures-thesis-8": ("thesis-8", 6),
+    "figures-thesis-appendix": ("thesis-C thesis-E thesis-F thesis-G", 4),
+}
+CELL = 330, 250
+
+
+def source_figures(work: Path) -> None:
+    """Sheets of all figures of the sources, in their order."""
+    subprocess.run([sys.executable, "-m", "dropper_jax", "figure", "all", "--plot", str(work), "--quiet"], check=True)
+    for name, (begins, columns) in SHEETS.items():
+        chosen = [figure for figure in figures() if figure.startswith(tuple(begins.split()))]
+        rows = -(-len(chosen) // columns)
+        sheet = Image.new("RGB", (CELL[0] * columns, CELL[1] * rows), "white")
+        for i, figure in enumerate(chosen):
+            with Image.open(work / f"{figure}.png") as image:
+                small = image.convert("RGB")
+                small.thumbnail((CELL[0] - 8, CELL[1] - 8), Image.Resampling.LANCZOS)
+                sheet.paste(small, (CELL[0] * (i % columns) + 4, CELL[1] * (i // columns) + 4))
+        sheet.save(HERE / f"{name}.jpg", quality=80)
+
+
 def resting_energy(scene: dj.Scene) -> float:
     """Potential energy [J] of the line at rest; node n carries the mass of link n."""
     model = dj.build(scene)[0]
@@ -111,3 +138,4 @@ if __name__ == "__main__":
         contact_sheet(Path(folder))
         damping_sweep(Path(folder))
         storm(Path(folder))
+        source_figures(Path(folder))

@@ -237,7 +237,8 @@ def sweep_against_trace(
 
 def at_samples(scene: Scene, trace: Trace) -> Scene:
     """The scene that runs over the span of a trace, saves at its samples' interval, and takes steps that divide it."""
-    interval = trace.interval
+    span = float(trace.t[-1] - trace.t[0])
+    interval = span / round(span / trace.interval)  # times in files are rounded
     every = max(1, int(np.ceil(interval / scene.run.dt - 1e-9)))
     duration = max(1, round(float(trace.t[-1]) / interval)) * interval
     return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.plots import style
 
@@ -88,6 +89,9 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
         row[0].set_ylabel(f"RMS difference of {kind} angle [rad]")
     for axes in grid[-1]:
         axes.set_xlabel("step [s]")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
     title(figure, f"{report['scene']}: each step against its half")

@@ -76,11 +76,6 @@ class SourceFigure:
     from_hz: tuple[float, ...] = (0.0,)
     note: str = ""
 
-    @property
-    def title(self) -> str:
-        """Name and caption."""
-        return f"{self.name}, {self.caption}"
-
 
 class Case(NamedTuple):
     """One run of a figure: what tells it apart, and its key among all runs."""
@@ -165,12 +160,12 @@ def draw_figure(
         return [_space(figure, runs[0].solution, path)]
     if figure.kind in ("series", "angles"):
         solution = runs[0].solution
-        run = readable(solution)
+        run = dataclasses.replace(readable(solution), name=figure.name)
         panels = _angles(solution, measured) if figure.kind == "angles" else _series(solution, figure)
         if figure.span is not None:
             panels = [panel._replace(curves=[_part(curve, *figure.span) for curve in panel.curves]) for panel in panels]
             run = dataclasses.replace(run, t=np.clip(run.t, *figure.span))
-        return [history(run, path, figure.title, panels)]
+        return [history(run, path, figure.caption, panels)]
     panels, columns = PANELS[figure.kind](figure, runs, measured)
     return [_grid(figure, panels, columns, path)]
 
@@ -261,7 +256,7 @@ def _grid(figure: SourceFigure, panels: list[Lines], columns: int, path: Path) -
 
 
 def _entitle(picture: Figure, figure: SourceFigure) -> None:
-    picture.suptitle(figure.title, fontsize=11, fontweight="bold", x=0.01, ha="left", wrap=True)
+    picture.suptitle(f"{figure.name}\n{figure.caption}", fontsize=10, fontweight="bold", x=0.01, ha="left")
 
 
 def _numbers(figure: SourceFigure, solution: Solution) -> list[int]:
@@ -366,7 +361,7 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
     few = positions[:: max(1, len(positions) // 5000)]
     for node in range(1, positions.shape[1]):
         axes.plot(*few[:, node].T, ".", ms=1.6, color=style.CYCLE[node - 1], label=f"pendulum {node}")
-    axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4, label="start")
+    axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4)
     picture.legend(loc="outside lower left", ncols=3, markerscale=4)
     _entitle(picture, figure)
     return style.save(picture, path)
@@ -381,7 +376,7 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
         for kind in ("polar", "azimuth"):
             if scheme[kind] is not None:
                 scheme[kind] = scheme[kind][:, columns]
-    return pictures.convergence({"convergence": found, "scene": figure.title, "links": figure.links}, path)
+    return pictures.convergence({"convergence": found, "scene": figure.name, "links": figure.links}, path)
 
 
 def _elevation(figure: SourceFigure, path: Path) -> Path:

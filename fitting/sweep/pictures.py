@@ -59,6 +59,8 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
 Row = Callable[[Axes, TraceScores, FittedScore | None, int], None]
 #: Most links with curves of their own, and highest frequency of a spectrum [Hz].
 MOST_LINKS, MOST_HZ = 9, 6.0
+#: Rows of the picture with maps; of more rows the panels are lower.
+MAPPED = 3
 
 
 def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore | None = None) -> list[Path]:
@@ -81,12 +83,18 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
 @style.look()
 def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row], path: Path) -> Path:
     """Rows of three panels: head, middle, tail."""
-    height = [3.4 if row is _map_row else 1.7 if len(rows) > 3 else 2.3 for row in rows]
-    figure = style.new_figure(12.0, 1.0 + sum(height))
-    grid = figure.subplots(len(rows), len(PARTS), squeeze=False, height_ratios=height)
-    for row, line in zip(rows, grid, strict=True):
-        for part, axes in enumerate(line):
+    height = [3.4 if row is _map_row else 1.7 if len(rows) > MAPPED else 2.5 for row in rows]
+    whole = 1.6 + sum(height)
+    figure = style.new_figure(13.0, whole, layout=None)  # a constrained layout takes seconds for so many panels
+    edges = {"left": 0.06, "right": 0.98, "bottom": 0.55 / whole, "top": 1.0 - 0.95 / whole}
+    gap = 0.3 if len(rows) > MAPPED else 0.62
+    space = {"wspace": 0.2, "hspace": gap * len(rows) / sum(height), **edges}
+    grid = figure.subplots(len(rows), len(PARTS), squeeze=False, height_ratios=height, gridspec_kw=space)
+    for i, row in enumerate(rows):
+        for part, axes in enumerate(grid[i]):
             row(axes, scores, fit, part)
+            if len(rows) > MAPPED and i + 1 < len(rows):
+                axes.set_xlabel("")
     begins = (0.0, *scores.against.ends)
     for part, axes in enumerate(grid[0]):
         error = f"angle error: best case {1e3 * scores.angle[scores.best, part]:.3g} mrad"
@@ -137,7 +145,7 @@ def _spectra(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
         axes.plot(frequency, amplitude[:, link], color=colour, lw=width, label=name)
     axes.set(xlabel="frequency [Hz]", xlim=(0.0, min(MOST_HZ, frequency[-1])), ylim=(0.0, None))
     if part == 0:
-        axes.set_ylabel(f"link {link + 1}, amplitude [rad]")
+        axes.set_ylabel(f"link {link + 1}, spectrum [rad]")
 
 
 def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int) -> None:
@@ -151,7 +159,7 @@ def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
         axes.plot(x[scores.best], error[scores.best], "o", ms=9, mfc="none", mew=1.8, color=style.SECOND)
         if fit is not None:
             axes.errorbar(
-                fit.values[:1], fit.angle[part : part + 1], xerr=fit.errors[:1], fmt="*", ms=13, color=style.FIRST
+                fit.values[:1], fit.angle[part : part + 1], xerr=fit.errors[:1], fmt="*", ms=16, color=style.FIRST
             )
         axes.set(yscale="log", ylabel="angle error [rad]" if part == 0 else "")
         return
@@ -167,7 +175,7 @@ def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
     axes.plot(x[scores.best], y[scores.best], "o", ms=16, mfc="none", mew=1.8, color=style.SECOND)
     if fit is not None:
         errors = {"xerr": fit.errors[:1], "yerr": fit.errors[1:2]}
-        axes.errorbar(fit.values[:1], fit.values[1:2], **errors, fmt="*", ms=13, color=style.FIRST, mec="white")
+        axes.errorbar(fit.values[:1], fit.values[1:2], **errors, fmt="*", ms=16, color=style.FIRST, mec="white")
         y = np.append(y, fit.values[1])
     _scale(axes.set_yscale, y)
     if part == 0:

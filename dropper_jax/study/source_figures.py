@@ -346,6 +346,7 @@ PANELS = {"phase": _phase, "history": _history, "plan": _plan, "curve": _curve, 
 
 def _pose(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
     time = min(figure.at, float(solution.t[-1]))
+    solution = dataclasses.replace(solution, scene=dataclasses.replace(solution.scene, name=figure.name))
     if not figure.surface:
         return [plots.snapshot(solution, path, time=time)]
     space = path.with_stem(f"{path.stem}-3d")

@@ -370,14 +370,19 @@ def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
 
 def _steps(figure: SourceFigure, path: Path) -> Path:
     """Differences of angles between steps and their halves."""
-    scene = scene_of(figure.scenes[0])
-    found = convergence(*build(scene), GRID, round(figure.duration / GRID), list(STEPS))
-    columns = [number - 1 for number in figure.links] or slice(None)
-    for scheme in found:
-        for kind in ("polar", "azimuth"):
-            if scheme[kind] is not None:
-                scheme[kind] = scheme[kind][:, columns]
+    links = [number - 1 for number in figure.links] or slice(None)
+    kinds = ("polar", "azimuth")
+    found = [
+        row | {kind: None if row[kind] is None else row[kind][:, links] for kind in kinds}
+        for row in _compared_steps(figure.scenes[0], figure.duration)
+    ]
     return pictures.convergence({"convergence": found, "scene": figure.name, "links": figure.links}, path)
+
+
+@cache
+def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
+    """Of one study, which two figures show."""
+    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(STEPS))
 
 
 def _elevation(figure: SourceFigure, path: Path) -> Path:

@@ -40,6 +40,8 @@ OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 KEPT = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 #: Most values of one path.
 MOST_VALUES = 10_000_000
+#: Tables of a scene whose values are no parameters of a fit.
+NOT_FITTED = ("start", "point", "sea")
 #: Most cases of the table of scores.
 MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
@@ -88,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
     plot = output_folder(args.plot, "--plot")
     parts = _parts(args)
+    if args.fit and (outside := next((path for path in vary if path.split(".")[0] in NOT_FITTED), None)):
+        raise SceneError(f"--fit: {outside!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)
 

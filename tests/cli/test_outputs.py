@@ -160,10 +160,12 @@ def test_steps_of_some_links_are_drawn_by_their_numbers(tmp_path, monkeypatch):
     rows = np.geomspace(1e-2, 1e-6, 12).reshape(4, 3)
     found = {"label": "energy_momentum", "dts": [0.04, 0.02, 0.01, 0.005], "status": ["ok"] * 4}
     found |= {"polar": np.c_[rows, rows, rows[:, :1]], "azimuth": None}
-    monkeypatch.setattr(source_figures, "convergence", lambda *_: [found])
+    drawn = []
+    monkeypatch.setattr(source_figures, "_compared_steps", lambda *_: [found])
+    monkeypatch.setattr(source_figures.pictures, "marks", lambda link: drawn.append(link) or {"marker": "o"})
     (file,) = draw_figure(figure_of("thesis-C.2"), [], tmp_path / "steps.png")
     assert file.stat().st_size > 10_000
-    assert found["polar"].shape == (4, 4)  # links 4 to 7
+    assert drawn == [0, 1, 2, 3]  # links 4 to 7
 
 
 def test_a_list_of_figures_needs_no_run(capsys):

@@ -131,6 +131,11 @@ def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path
         (None, ["--vary=b_l="], "--vary: 'b_l=' is not NAME=LO:HI:N; allowed"),
         (None, ["--parts=2,1"], "parts: 2,1: allowed: two increasing times within the trace's 3 s"),
         (None, ["--parts=1"], "parts: 1: allowed: two increasing times"),
+        (
+            None,
+            ["--vary=start.polar.0=0.1", "--fit"],
+            "--fit: 'start.polar.0' cannot be fitted; allowed: parameters of",
+        ),
         (None, ["--parts=a,b"], "--parts: 'a,b' is not T1,T2; allowed: two times in s"),
         (None, ["--vary=point.1.position.0=0.2,0.3"], "vary: 'point.1.position.0' moves an end; allowed with a trace"),
     ],

@@ -112,8 +112,13 @@ CELL = 330, 250
 
 
 def source_figures(work: Path) -> None:
-    """Sheets of all figures of the sources, in their order."""
+    """All figures of the sources, and their sheets."""
     subprocess.run([sys.executable, "-m", "dropper_jax", "figure", "all", "--plot", str(work), "--quiet"], check=True)
+    sheets(work)
+
+
+def sheets(work: Path) -> None:
+    """Sheets of the figures in a folder, in their order."""
     for name, (begins, columns) in SHEETS.items():
         chosen = [figure for figure in figures() if figure.startswith(tuple(begins.split()))]
         rows = -(-len(chosen) // columns)

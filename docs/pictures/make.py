@@ -105,10 +105,10 @@ def storm(work: Path) -> None:
 SHEETS = {
     "figures-paper": ("paper-", 4),
     "figures-thesis-2-5": ("thesis-2 thesis-3 thesis-5", 4),
-    "figures-thesis-8": ("thesis-8", 6),
+    "figures-thesis-8": ("thesis-8", 4),
     "figures-thesis-appendix": ("thesis-C thesis-E thesis-F thesis-G", 4),
 }
-CELL = 330, 250
+CELL, GAP = (330, 260), 8
 
 
 def source_figures(work: Path) -> None:
@@ -121,14 +121,23 @@ def sheets(work: Path) -> None:
     """Sheets of the figures in a folder, in their order."""
     for name, (begins, columns) in SHEETS.items():
         chosen = [figure for figure in figures() if figure.startswith(tuple(begins.split()))]
-        rows = -(-len(chosen) // columns)
-        sheet = Image.new("RGB", (CELL[0] * columns, CELL[1] * rows), "white")
-        for i, figure in enumerate(chosen):
-            with Image.open(work / f"{figure}.png") as image:
-                small = image.convert("RGB")
-                small.thumbnail((CELL[0] - 8, CELL[1] - 8), Image.Resampling.LANCZOS)
-                sheet.paste(small, (CELL[0] * (i % columns) + 4, CELL[1] * (i // columns) + 4))
+        rows = [
+            [_small(work / f"{figure}.png") for figure in chosen[i : i + columns]]
+            for i in range(0, len(chosen), columns)
+        ]
+        heights = [max(image.height for image in row) + GAP for row in rows]
+        sheet = Image.new("RGB", ((CELL[0] + GAP) * columns, sum(heights)), "white")
+        for i, row in enumerate(rows):
+            for j, image in enumerate(row):
+                sheet.paste(image, ((CELL[0] + GAP) * j, sum(heights[:i])))
         sheet.save(HERE / f"{name}.jpg", quality=80)
+
+
+def _small(file: Path) -> Image.Image:
+    with Image.open(file) as image:
+        small = image.convert("RGB")
+        small.thumbnail(CELL, Image.Resampling.LANCZOS)
+        return small
 
 
 def resting_energy(scene: dj.Scene) -> float:

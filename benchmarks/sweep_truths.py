@@ -79,22 +79,24 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "sweep_truths.json")
     args = parser.parse_args()
     use_cores(None)
-    rows = []
+    found: dict[str, Any] = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
+    traces = []
     with tempfile.TemporaryDirectory() as folder:
         for case, pair in enumerate(zip(*PAIRS.values(), strict=True)):
-            trace = truth(SCENE, *pair, args.duration, case)
+            traces.append(truth(SCENE, *pair, args.duration, case))
             begun = time.process_time()  # all truths have one sweep, which the first one runs
-            scores = sweep_against_trace(
-                SCENE, PAIRS, trace, f"{folder}/pairs.zarr", listed=True, chunk=8, quantities=[]
-            )
-            swept = time.process_time()
-            fit_of = fitted(trace, np.array(pair))
-            seconds = {"sweep_cpu_s": swept - begun, "fit_cpu_s": time.process_time() - swept}
-            rows.append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), "fit": fit_of, **seconds})
-            first = {name: rows[-1][name]["angle"]["rank"] for name in PARTS}
-            print(pair, first, fit_of["values"], fit_of["status"], {k: round(v, 1) for k, v in seconds.items()})
-    found = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": rows}
+            out = f"{folder}/pairs.zarr"
+            scores = sweep_against_trace(SCENE, PAIRS, traces[-1], out, listed=True, chunk=8, quantities=[])
+            seconds = {"sweep_cpu_s": time.process_time() - begun}
+            found["rows"].append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), **seconds})
+            print(pair, {name: found["rows"][-1][name]["angle"]["rank"] for name in PARTS}, seconds)
     args.out.write_text(json.dumps(found, indent=1) + "\n")
+    for trace, row in zip(traces, found["rows"], strict=True):
+        begun = time.process_time()
+        row["fit"] = fitted(trace, np.array([row["b_l"], row["b_q"]]))
+        row["fit_cpu_s"] = time.process_time() - begun
+        print(trace.name, row["fit"], row["fit_cpu_s"])
+        args.out.write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -118,7 +118,7 @@ def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.
     """Name, angles (k, n), colour and width of what is drawn over the measured curve; turns are those measured."""
     named = lambda values: ", ".join(f"{_words(p.rsplit('.', 1)[-1])} {v:.4g}" for p, v in zip(scores.paths, values))  # noqa: E731, B905
     found = [(f"best case: {named(scores.values[scores.best])}", scores.simulated, style.SECOND, 1.2)]
-    if fit is not None:
+    if fit is not None and np.isfinite(fit.simulated).all():
         found.append((f"fit: {named(fit.values)}", fit.simulated, style.FIRST, 1.0))
     turn = 2 * np.pi
     first = scores.against.whole[0]

@@ -14,11 +14,13 @@ from PIL import Image
 
 import dropper_jax as dj
 from dropper_jax import plots, statics
+from dropper_jax.cli import main
 from dropper_jax.plots import style
 from dropper_jax.study.source_figures import figures
 from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
+from fitting.traces.trace import write_trace
 from fitting.tracking import track
 from fitting.tracking.overlay import write_overlay
 from fitting.tracking.render import View, chessboards, film
@@ -101,6 +103,20 @@ def storm(work: Path) -> None:
         image.convert("RGB").save(HERE / "storm.jpg", quality=85)
 
 
+def sweep_against_fit(work: Path) -> None:
+    """The thesis' fifteen pairs and the fit against a trace whose truth is none of them."""
+    sys.path.insert(0, str(HERE.parents[1] / "benchmarks"))
+    from sweep_truths import PAIRS, SCENE, truth  # noqa: PLC0415 - a script's folder
+
+    trace = write_trace(work / "released.csv", truth(SCENE, 0.002, 0.001, 50.0, 0))
+    vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]
+    call = ["sweep", SCENE, "--listed", "--trace", str(trace), "--fit", "--out", str(work / "pairs.zarr"), *vary]
+    main([*call, "--plot", str(work)])
+    with Image.open(work / "scores.png") as image:
+        small = image.convert("RGB").resize((1170, 900), Image.Resampling.LANCZOS)
+        small.quantize(64).save(HERE / "sweep-against-fit.png", optimize=True)
+
+
 #: Sheets of the sources' figures, what their names begin with, and figures next to each other.
 SHEETS = {
     "figures-paper": ("paper-", 4),
@@ -153,3 +169,4 @@ if __name__ == "__main__":
         damping_sweep(Path(folder))
         storm(Path(folder))
         source_figures(Path(folder))
+        sweep_against_fit(Path(folder))

@@ -218,6 +218,37 @@ def sweep(found: dict[str, Any]) -> str:
     )
 
 
+def sweep_truths(found: dict[str, Any]) -> str:
+    """Where the true pair of Table E.1 is among the fifteen, by part and measure, and the fit of the same trace."""
+    rows = [
+        ("truth: b_l [kg/s], b_q [kg/m]", "head", "middle", "tail", "best other pair, head", "fitted b_l", "fitted b_q")
+    ]
+    for row in found["rows"]:
+        parts = (f"{1e3 * row[part]['angle']['true']:.2f}{_ranks(row[part])}" for part in ("head", "middle", "tail"))
+        fit = row.get("fit", {"values": [], "std_errors": []})
+        values = [f"{value:.3g} +- {error:.1g}" for value, error in zip(fit["values"], fit["std_errors"], strict=True)]
+        values = values or ["not fitted", ""]
+        other = f"{1e3 * row['head']['angle']['other']:.2f}"
+        rows.append((f"{row['b_l']:g}, {row['b_q']:g}", *parts, other, *values))
+    count = len(found["rows"])
+    first = {
+        (part, by): sum(row[part][by]["rank"] == 1 for row in found["rows"])
+        for part in ("head", "middle", "tail")
+        for by in ("angle", "spectrum")
+    }
+    words = [
+        f"{first[part, 'angle']} by the {part}'s angles ({first[part, 'spectrum']} by its spectrum)"
+        for part in ("head", "middle", "tail")
+    ]
+    return f"{markdown(rows)}\n\nOf {count} truths the true pair is the best of the list in {', '.join(words)}."
+
+
+def _ranks(part: dict[str, Any]) -> str:
+    """The rank in brackets where it is not the first."""
+    rank = part["angle"]["rank"]
+    return "" if rank == 1 else f" (rank {rank})"
+
+
 def report_damping(found: dict[str, Any]) -> str:
     """Loads and damage of a snapping chain by internal damping and step."""
     head = ("damping ratio", "step [s]", "mean anchor load [N]", "largest tension [kN]", "snaps, worst link")
@@ -362,6 +393,7 @@ TABLES = {
     "edulis_anchors": ("edulis_anchors", lambda found: markdown(table7_tables.anchors(found))),
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
     "sweep": ("sweep", sweep),
+    "sweep_truths": ("sweep_truths", sweep_truths),
     "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),
     "report_damping": ("report_examples", report_damping),
     "report_storm": ("report_examples", report_storm),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -13,10 +14,13 @@ from PIL import Image
 
 import dropper_jax as dj
 from dropper_jax import plots, statics
+from dropper_jax.cli import main
 from dropper_jax.plots import style
+from dropper_jax.study.source_figures import figures
 from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
+from fitting.traces.trace import write_trace
 from fitting.tracking import track
 from fitting.tracking.overlay import write_overlay
 from fitting.tracking.render import View, chessboards, film
@@ -99,6 +103,59 @@ def storm(work: Path) -> None:
         image.convert("RGB").save(HERE / "storm.jpg", quality=85)
 
 
+def sweep_against_fit(work: Path) -> None:
+    """The thesis' fifteen pairs and the fit against a trace whose truth is none of them."""
+    sys.path.insert(0, str(HERE.parents[1] / "benchmarks"))
+    from sweep_truths import PAIRS, SCENE, truth
+
+    trace = write_trace(work / "released.csv", truth(SCENE, 0.002, 0.001, 50.0, 0))
+    vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]
+    call = ["sweep", SCENE, "--listed", "--trace", str(trace), "--fit", "--out", str(work / "pairs.zarr"), *vary]
+    main([*call, "--plot", str(work)])
+    with Image.open(work / "scores.png") as image:
+        small = image.convert("RGB").resize((1170, 900), Image.Resampling.LANCZOS)
+        small.quantize(64).save(HERE / "sweep-against-fit.png", optimize=True)
+
+
+#: Sheets of the sources' figures, what their names begin with, and figures next to each other.
+SHEETS = {
+    "figures-paper": ("paper-", 4),
+    "figures-thesis-2-5": ("thesis-2 thesis-3 thesis-5", 4),
+    "figures-thesis-8": ("thesis-8", 4),
+    "figures-thesis-appendix": ("thesis-C thesis-E thesis-F thesis-G", 4),
+}
+CELL, GAP = (330, 260), 8
+
+
+def source_figures(work: Path) -> None:
+    """All figures of the sources, and their sheets."""
+    subprocess.run([sys.executable, "-m", "dropper_jax", "figure", "all", "--plot", str(work), "--quiet"], check=True)
+    sheets(work)
+
+
+def sheets(work: Path) -> None:
+    """Sheets of the figures in a folder, in their order."""
+    for name, (begins, columns) in SHEETS.items():
+        chosen = [figure for figure in figures() if figure.startswith(tuple(begins.split()))]
+        rows = [
+            [_small(work / f"{figure}.png") for figure in chosen[i : i + columns]]
+            for i in range(0, len(chosen), columns)
+        ]
+        heights = [max(image.height for image in row) + GAP for row in rows]
+        sheet = Image.new("RGB", ((CELL[0] + GAP) * columns, sum(heights)), "white")
+        for i, row in enumerate(rows):
+            for j, image in enumerate(row):
+                sheet.paste(image, ((CELL[0] + GAP) * j, sum(heights[:i])))
+        sheet.save(HERE / f"{name}.jpg", quality=80)
+
+
+def _small(file: Path) -> Image.Image:
+    with Image.open(file) as image:
+        small = image.convert("RGB")
+        small.thumbnail(CELL, Image.Resampling.LANCZOS)
+        return small
+
+
 def resting_energy(scene: dj.Scene) -> float:
     """Potential energy [J] of the line at rest; node n carries the mass of link n."""
     model = dj.build(scene)[0]
@@ -111,3 +168,5 @@ if __name__ == "__main__":
         contact_sheet(Path(folder))
         damping_sweep(Path(folder))
         storm(Path(folder))
+        source_figures(Path(folder))
+        sweep_against_fit(Path(folder))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.plots import style
 
@@ -83,24 +85,28 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
     grid = figure.subplots(len(kinds), len(found), squeeze=False, sharex=True, sharey=True)
     for row, kind in zip(grid, kinds, strict=True):
         for axes, scheme in zip(row, found, strict=True):
-            _links(axes, scheme, kind)
+            _links(axes, scheme, kind, report.get("links", ()))
         row[0].set_ylabel(f"RMS difference of {kind} angle [rad]")
     for axes in grid[-1]:
         axes.set_xlabel("step [s]")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
     handles, names = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
     title(figure, f"{report['scene']}: each step against its half")
     return style.save(figure, path)
 
 
-def _links(axes: Axes, scheme: dict[str, Any], kind: str) -> None:
+def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]) -> None:
     values = scheme[kind]
-    axes.settitle(scheme["label"], loc="left")
+    axes.set_title(scheme["label"], loc="left")
     axes.set(xscale="log", yscale="log")
     if values is None:
         return
     for link in range(np.shape(values)[1]):
-        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=f"link {link + 1}", lw=1.0, **marks(link))
+        label = f"link {numbers[link] if numbers else link + 1}"
+        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=label, lw=1.0, **marks(link))
     for dt, status in zip(scheme["dts"], scheme["status"], strict=True):
         if status != "ok":
             axes.axvline(dt, color=style.ALERT, lw=0.8, ls=":")

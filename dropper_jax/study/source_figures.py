@@ -1,106 +1,106 @@
-"""Figures of the paper (6 to 19) and of the thesis (8.20, 8.27, 8.30, 8.32), from runs of this simulator alone.
+"""Figures of the paper and the thesis that show a simulation, drawn from runs of this simulator alone.
 
-The paper's compare two other programs; here stands one curve, from the paper's start (the scenes `-table-6`).
+Which there are, and from which scenes, is the table `data/source_figures.toml`. The paper's compare two other programs;
+here is one curve, from the paper's start (the scenes `-table-6`).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import tomllib
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib import resources
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from matplotlib.figure import Figure
 
 from dropper_jax import plots
+from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
 from dropper_jax.load.surroundings import surface_over
-from dropper_jax.plots import style
+from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.units import force_unit
-from dropper_jax.run.build import build_model
+from dropper_jax.run.build import build, build_model
 from dropper_jax.run.loads import point_load
 from dropper_jax.run.solution import Solution
+from dropper_jax.study import pictures
+from dropper_jax.study.convergence import convergence
 
-#: What stands in a figure: `series` names its panels in order.
-SERIES = ("x", "y", "z", "tension", "elevation", "polar", "azimuth")
-#: The link whose angles the thesis discusses in waves; the caption of its Figure 8.32 has the first (erratum).
-LINK = 10
 #: A buoy that moves by less than this [m] along an axis has no panel for it.
 STILL = 1e-6
-#: Time of the paper's state of the mooring [s], and how long its runs are taken here.
-STATE, PAPER_SPAN, THESIS_SPAN = 143.9, 150.0, 50.0
+#: Kinds of figures that need no run, and interval of their samples of time [s].
+WITHOUT_RUN, SAMPLES = ("profile", "elevation", "steps"), 0.05
+#: Interval of compared states [s] and steps [s] of a study of convergence.
+GRID, STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
+#: Highest frequency of a spectrum [Hz]; the motions of the sources are slower.
+MOST_HZ = 6.0
+PLACE = ("x", "y", "z")
+PAIR = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
+
+#: Times (k,) [s] and angles (k, n) [rad] from the horizontal, positive downwards.
+Measured = tuple[np.ndarray, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
 class SourceFigure:
-    """A figure of one of the sources.
+    """A figure of one of the sources, a row of the table, which describes the fields.
 
     Attributes:
         name: as it is asked for, such as `paper-6`.
         caption: what it shows.
-        scene: packaged scene, with `values` set.
-        kind: `series`, `state`, `profile` or `angles`.
-        series: its panels, of `SERIES`.
-        span: part of the time that is drawn [s]; None: all of it.
-        duration: simulated time [s]; 0 where nothing is simulated.
     """
 
     name: str
     caption: str
-    scene: str
-    kind: str = "series"
-    series: tuple[str, ...] = ()
+    kind: str
+    scenes: tuple[str, ...]
+    pairs: tuple[tuple[float, float], ...] = ()
+    panels: tuple[str, ...] = ()
+    links: tuple[int, ...] = ()
+    angles: tuple[str, ...] = ("polar",)
+    zero: str = "horizontal"
     span: tuple[float, float] | None = None
-    duration: float = PAPER_SPAN
-    values: tuple[tuple[str, float], ...] = ()
+    duration: float | None = None
+    at: float | None = None
+    surface: bool = False
+    from_hz: tuple[float, ...] = (0.0,)
+    note: str = ""
 
 
-def _paper(number: int, case: int, caption: str, *series: str, **more: object) -> SourceFigure:
-    return SourceFigure(
-        f"paper-{number}", f"case {case}: {caption}", f"paper-case-{case}-table-6", series=series, **more
-    )
+class Case(NamedTuple):
+    """One run of a figure: what tells it apart, and its key among all runs."""
+
+    label: str
+    key: tuple[str, tuple[float, ...], float | None]
 
 
-def _thesis(number: str, b_l: float) -> SourceFigure:
-    values = (("effects.linear_damping.b_l", b_l), ("effects.quadratic_damping.b_q", 0.001))
-    caption = f"angle of each link, scenario A, b_l = {b_l:g} kg/s, b_q = 0.001 kg/m"
-    return SourceFigure(f"thesis-{number}", caption, "dropper-release-a", "angles", (), None, THESIS_SPAN, values)
+class Run(NamedTuple):
+    """A case that ran."""
+
+    label: str
+    solution: Solution
 
 
-def _north_sea(number: str, caption: str, *series: str) -> SourceFigure:
-    """Of the thesis' dropper in waves, by (6.13): without relative velocity its motion depends on the step."""
-    scene = "dropper-north-sea-thesis-relative"
-    return SourceFigure(f"thesis-{number}", caption, scene, series=series, duration=30.0)
+@cache
+def figures() -> dict[str, SourceFigure]:
+    """All figures by name, in the order of the table."""
+    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "source_figures.toml").read_text())["figure"]
+    found = [SourceFigure(**{key: _tuples(value) for key, value in row.items()}) for row in rows]
+    return {figure.name: figure for figure in found}
 
 
-PLACE, SPAN = ("x", "y", "z"), (100.0, 114.0)
-FIGURES = {
-    figure.name: figure
-    for figure in (
-        _paper(6, 1, "position of the buoy and tension at the anchor", *PLACE, "tension"),
-        _paper(7, 1, "tension at the anchor, 100 to 114 s", "tension", span=SPAN),
-        _paper(8, 2, "position of the buoy", *PLACE),
-        _paper(9, 2, "tension at the anchor", "tension"),
-        _paper(10, 2, "tension at the anchor, 100 to 114 s", "tension", span=SPAN),
-        _paper(11, 3, "elevation of the surface at the origin", "elevation"),
-        _paper(12, 3, "position of the buoy", *PLACE),
-        _paper(13, 3, "tension at the anchor", "tension"),
-        _paper(14, 4, "speed of the current over depth", kind="profile", duration=0.0),
-        _paper(15, 4, "position of the buoy", *PLACE),
-        _paper(16, 4, "tension at the anchor", "tension"),
-        _paper(17, 5, f"state of the mooring at {STATE:g} s", kind="state"),
-        _paper(18, 5, "position of the buoy", *PLACE),
-        _paper(19, 5, "tension at the anchor", "tension"),
-        _thesis("8.20", 0.01),
-        _thesis("8.27", 0.002),
-        _north_sea("8.30", "elevation of the surface at the origin", "elevation"),
-        _north_sea("8.32", f"elevation, and angles of link {LINK}", "elevation", "polar", "azimuth"),
-    )
-}
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def figure_of(name: str) -> SourceFigure:
@@ -109,45 +109,65 @@ def figure_of(name: str) -> SourceFigure:
     Raises:
         SceneError: there is none.
     """
-    if name not in FIGURES:
-        raise SceneError(f"figure: {name!r} is not one of them; {nearest(name, list(FIGURES))}")
-    return FIGURES[name]
+    if name not in figures():
+        raise SceneError(f"figure: {name!r} is not one of them; {nearest(name, list(figures()))}")
+    return figures()[name]
 
 
-def scene_of(figure: SourceFigure) -> Scene:
-    """The scene that a figure is drawn from."""
-    found, name = find_scene(figure.scene)
+def cases_of(figure: SourceFigure) -> list[Case]:
+    """The runs that a figure is drawn from; none for one without."""
+    if figure.kind in WITHOUT_RUN:
+        return []
+    cases = [(scene, pair) for scene in figure.scenes for pair in figure.pairs or ((),)]
+    several = [len(figure.scenes) > 1, len(figure.pairs) > 1]
+    words = lambda scene, pair: [scene, ", ".join(f"{k} = {x:g}" for k, x in zip(("b_l", "b_q"), pair, strict=False))]  # noqa: E731
+    return [
+        Case("; ".join(w for w, told in zip(words(*case), several, strict=True) if told), (*case, figure.duration))
+        for case in cases
+    ]
+
+
+def scene_of(name: str, pair: Sequence[float] = (), duration: float | None = None) -> Scene:
+    """The scene of a case, by its key."""
+    found, name = find_scene(name)
     scene = Scene.from_dict(plain_values(found, None), name)
-    values = dict(figure.values) | ({"run.duration": figure.duration} if figure.duration else {})
+    values = dict(zip(PAIR, pair, strict=False)) | ({"run.duration": duration} if duration else {})
     return scene.with_values(values) if values else scene
 
 
 @style.look()
 def draw_figure(
-    figure: SourceFigure,
-    solution: Solution | None,
-    path: str | Path,
-    measured: tuple[np.ndarray, np.ndarray] | None = None,
+    figure: SourceFigure, runs: Sequence[Run], path: str | Path, measured: Measured | None = None
 ) -> list[Path]:
-    """The figure as a picture; a state of the mooring as two, `FILE` from two sides and `FILE-3d` in space.
+    """The figure as a picture; a pose at the surface as two, `FILE` from two sides and `FILE-3d` in space.
 
     Args:
-        solution: the run of its scene; None for what needs none.
-        measured: of the thesis' figures, times (k,) [s] and angles (k, n) [rad] to lay over it.
+        runs: of its cases; none for a figure without.
+        measured: angles to lay over those of a scene with as many links, over the same span.
     """
     path = Path(path)
+    if measured is not None and runs and measured[1].shape[1] != runs[0].solution.tension.shape[1]:
+        measured = None
+    if figure.kind == "steps":
+        return [_steps(figure, path)]
     if figure.kind == "profile":
         return [_profile(figure, path)]
-    if figure.kind == "state":
-        time = min(STATE, float(solution.t[-1]))
-        space = path.with_stem(f"{path.stem}-3d")
-        return [plots.under_surface(solution, path, time=time), plots.snapshot(solution, space, time=time)]
-    run = readable(solution)
-    panels = _angles(solution, measured) if figure.kind == "angles" else _series(solution, figure)
-    if figure.span is not None:
-        panels = [panel._replace(curves=[_part(curve, *figure.span) for curve in panel.curves]) for panel in panels]
-        run = dataclasses.replace(run, t=np.clip(run.t, *figure.span))
-    return [history(run, path, f"{figure.name}, {figure.caption}", panels)]
+    if figure.kind == "elevation":
+        return [_elevation(figure, path)]
+    if figure.kind == "pose":
+        return _pose(figure, runs[0].solution, path)
+    if figure.kind == "space":
+        return [_space(figure, runs[0].solution, path)]
+    if figure.kind in ("series", "angles"):
+        solution = runs[0].solution
+        run = dataclasses.replace(readable(solution), name=figure.name)
+        panels = _angles(solution, measured) if figure.kind == "angles" else _series(solution, figure)
+        if figure.span is not None:
+            panels = [panel._replace(curves=[_part(curve, *figure.span) for curve in panel.curves]) for panel in panels]
+            run = dataclasses.replace(run, t=np.clip(run.t, *figure.span))
+        return [history(run, path, figure.caption, panels)]
+    panels, columns = PANELS[figure.kind](figure, runs, measured)
+    return [_grid(figure, panels, columns, path)]
 
 
 def _part(curve: Curve, begin: float, end: float) -> Curve:
@@ -157,7 +177,7 @@ def _part(curve: Curve, begin: float, end: float) -> Curve:
 
 def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
     scene, found = solution.scene, []
-    for name in figure.series:
+    for name in figure.panels:
         if name in PLACE:
             place = solution.point_path(scene.buoys[0].point)[:, PLACE.index(name)]
             if np.ptp(place) < STILL:
@@ -169,8 +189,6 @@ def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
             load = np.linalg.norm(point_load(scene, anchor, *arrays), axis=1)
             unit, size = force_unit(load)
             found.append(Panel(f"tension [{unit}]", [Curve("", solution.t_tension[1:], load / size)], "anchor"))
-        elif name in ("polar", "azimuth"):
-            found.append(Panel(f"{name} [rad]", [Curve("", solution.t, getattr(solution, name)[:, LINK - 1])]))
         else:
             eta = elevation_at_origin(scene, solution.t)
             found.append(Panel("elevation [m]", [Curve("", solution.t, eta)], zero=True))
@@ -182,7 +200,7 @@ def elevation_at_origin(scene: Scene, times: np.ndarray) -> np.ndarray:
     return surface_over(scene, np.zeros((len(times), 1, 3)), times)[:, 0]
 
 
-def _angles(solution: Solution, measured: tuple[np.ndarray, np.ndarray] | None) -> list[Panel]:
+def _angles(solution: Solution, measured: Measured | None) -> list[Panel]:
     """A panel per link: simulated, and measured where that is given."""
     panels = []
     for link in range(solution.tension.shape[1]):
@@ -195,9 +213,187 @@ def _angles(solution: Solution, measured: tuple[np.ndarray, np.ndarray] | None) 
     return panels
 
 
+class Lines(NamedTuple):
+    """One panel of curves (name, x, y)."""
+
+    title: str
+    x: str
+    y: str
+    curves: list[tuple[str, np.ndarray, np.ndarray]]
+    equal: bool = False
+    start: bool = False
+
+
+def _grid(figure: SourceFigure, panels: list[Lines], columns: int, path: Path) -> Path:
+    """Panels row by row; the measured curve in black below the others."""
+    rows = -(-len(panels) // columns)
+    wide = figure.kind in ("curve", "history", "spectrum")
+    size = (9.0, 3.4 if len(panels) == 1 else 2.4) if wide else (6.4, 5.6) if len(panels) == 1 else (3.1 * columns, 2.7)
+    if rows > 8:
+        size = (9.0, 1.5)
+    picture = style.new_figure(size[0], 0.7 + size[1] * rows)
+    grid = picture.subplots(rows, columns, squeeze=False, sharex=figure.kind == "history").ravel()
+    for axes, panel in zip(grid, panels, strict=False):
+        colours = iter(style.CYCLE)
+        for name, x, y in panel.curves:
+            look = {"color": style.DARK, "lw": 2.0, "alpha": 0.45} if name == "measured" else {"color": next(colours)}
+            axes.plot(x, y, label=name or None, **({"lw": 0.6 if len(x) > 4000 else 1.1} | look))
+        if panel.start:
+            axes.plot(*(v[0] for v in panel.curves[0][1:]), "o", ms=5, mfc="white", mec=style.DARK)
+        axes.set_title(panel.title, loc="left", fontsize=9)
+        axes.set_ylabel(panel.y)
+        axes.margins(x=0.0 if wide else 0.05)
+        axes.set_aspect("equal" if panel.equal else "auto")
+    for axes, panel in zip(grid[: len(panels)][-columns:] if figure.kind == "history" else grid, panels, strict=False):
+        axes.set_xlabel(panel.x)
+    for axes in grid[len(panels) :]:
+        axes.set_visible(False)
+    handles, names = grid[0].get_legend_handles_labels()
+    if names:
+        picture.legend(handles, names, loc="outside lower left", ncols=len(names))
+    _entitle(picture, figure)
+    return style.save(picture, path)
+
+
+def _entitle(picture: Figure, figure: SourceFigure) -> None:
+    picture.suptitle(f"{figure.name}\n{figure.caption}", fontsize=10, fontweight="bold", x=0.01, ha="left")
+
+
+def _numbers(figure: SourceFigure, solution: Solution) -> list[int]:
+    """Indices of the links that are drawn."""
+    return [number - 1 for number in figure.links] or list(range(solution.tension.shape[1]))
+
+
+def _seen(figure: SourceFigure, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates (2, k, n) [rad], [rad/s], polar and azimuth."""
+    positions, velocities = run.solution.positions, run.solution.velocities
+    angles, rates = link_angles(positions, figure.zero), angle_rates(positions, velocities, figure.zero)
+    return np.asarray(angles), np.asarray(rates)
+
+
+def _each(figure: SourceFigure, run: Run) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Words for a link, name of an angle, its values and rates (k,) [rad], [rad/s], link by link."""
+    angles, rates = _seen(figure, run)
+    for link in _numbers(figure, run.solution):
+        for angle in figure.angles:
+            row = ("polar", "azimuth").index(angle)
+            yield f"link {link + 1}", angle, angles[row][:, link], rates[row][:, link]
+
+
+def _phase(figure: SourceFigure, runs: Sequence[Run], _: Measured | None) -> tuple[list[Lines], int]:
+    found = [
+        Lines("; ".join(filter(None, (run.label, link))), f"{angle} [rad]", "rate [rad/s]", [("", x, y)], start=True)
+        for run in runs
+        for link, angle, x, y in _each(figure, run)
+    ]
+    return found, min(len(found), 4 if len(found) > 2 else 2)
+
+
+def _history(figure: SourceFigure, runs: Sequence[Run], _: Measured | None) -> tuple[list[Lines], int]:
+    (run,) = runs
+    found = [
+        Lines(link, "time [s]", f"{angle} [rad]", [("", run.solution.t, x)]) for link, angle, x, _ in _each(figure, run)
+    ]
+    return found, len(figure.angles) if len(figure.links) > 1 else 1
+
+
+def _plan(_: SourceFigure, runs: Sequence[Run], __: Measured | None) -> tuple[list[Lines], int]:
+    (run,) = runs
+    paths = run.solution.positions[:, 1:]
+    curves = [("", paths[:, node, 0], paths[:, node, 1]) for node in range(paths.shape[1])]
+    return [Lines("", "x [m]", "y [m]", curves, equal=True, start=True)], 1
+
+
+def _curve(figure: SourceFigure, runs: Sequence[Run], measured: Measured | None) -> tuple[list[Lines], int]:
+    curves = _of_cases(figure, runs, measured)
+    (link,) = figure.links
+    return [Lines("", "time [s]", f"angle of link {link} [rad]", [(name, t, x[:, 0]) for name, t, x in curves])], 1
+
+
+def _spectrum(figure: SourceFigure, runs: Sequence[Run], measured: Measured | None) -> tuple[list[Lines], int]:
+    curves = [(name, *amplitude_spectrum(t, x)) for name, t, x in _of_cases(figure, runs, measured)]
+    found = []
+    for column, angle in enumerate(figure.angles):
+        for low in figure.from_hz:
+            shown = [(name, f[part := (f >= low) & (f <= MOST_HZ)], a[part, column]) for name, f, a in curves]
+            title = f"{angle}, from {low:g} Hz" if len(figure.from_hz) > 1 else ""
+            found.append(Lines(title, "frequency [Hz]", "amplitude [rad]", shown))
+    return found, len(figure.from_hz)
+
+
+def _of_cases(
+    figure: SourceFigure, runs: Sequence[Run], measured: Measured | None
+) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name, times (k,) [s] and angles (k, angles) [rad] of the link within the span: measured, then every case."""
+    (link,) = figure.links
+    begin, end = figure.span or (0.0, np.inf)
+    found = []
+    if measured is not None:
+        t, theta = measured
+        kept = np.isfinite(theta[:, link - 1]) & (t >= begin) & (t <= end)
+        even = np.linspace(*t[kept][[0, -1]], int(kept.sum()))
+        found.append(("measured", even, np.interp(even, t[kept], theta[kept, link - 1])[:, None]))
+    for run in runs:
+        kept = (run.solution.t >= begin - 1e-9) & (run.solution.t <= end + 1e-9)
+        angles = np.stack([x[kept] for _, _, x, _ in _each(figure, run)], axis=1)
+        found.append((run.label, run.solution.t[kept], angles))
+    return found
+
+
+#: Panels of curves, and how many stand next to each other, by kind.
+PANELS = {"phase": _phase, "history": _history, "plan": _plan, "curve": _curve, "spectrum": _spectrum}
+
+
+def _pose(figure: SourceFigure, solution: Solution, path: Path) -> list[Path]:
+    time = min(figure.at, float(solution.t[-1]))
+    solution = dataclasses.replace(solution, scene=dataclasses.replace(solution.scene, name=figure.name))
+    if not figure.surface:
+        return [plots.snapshot(solution, path, time=time)]
+    space = path.with_stem(f"{path.stem}-3d")
+    return [plots.under_surface(solution, path, time=time), plots.snapshot(solution, space, time=time)]
+
+
+def _space(figure: SourceFigure, solution: Solution, path: Path) -> Path:
+    """Paths of the nodes in space, their samples as points."""
+    positions = solution.positions
+    limits = view.box(positions)
+    picture = style.new_figure(*view.figure_size(limits, False))
+    axes = view.space_axes(picture, 111, limits)
+    few = positions[:: max(1, len(positions) // 5000)]
+    for node in range(1, positions.shape[1]):
+        axes.plot(*few[:, node].T, ".", ms=1.6, color=style.CYCLE[node - 1], label=f"pendulum {node}")
+    axes.plot(*positions[0].T, "o-", color=style.DARK, lw=1.2, ms=4)
+    picture.legend(loc="outside lower left", ncols=3, markerscale=4)
+    _entitle(picture, figure)
+    return style.save(picture, path)
+
+
+def _steps(figure: SourceFigure, path: Path) -> Path:
+    """Differences of angles between steps and their halves."""
+    links = [number - 1 for number in figure.links] or slice(None)
+    kinds = ("polar", "azimuth")
+    found = [
+        row | {kind: None if row[kind] is None else row[kind][:, links] for kind in kinds}
+        for row in _compared_steps(figure.scenes[0], figure.duration)
+    ]
+    return pictures.convergence({"convergence": found, "scene": figure.name, "links": figure.links}, path)
+
+
+@cache
+def _compared_steps(scene: str, duration: float) -> list[dict[str, Any]]:
+    """Of one study, which two figures show."""
+    return convergence(*build(scene_of(scene)), GRID, round(duration / GRID), list(STEPS))
+
+
+def _elevation(figure: SourceFigure, path: Path) -> Path:
+    scene = scene_of(figure.scenes[0])
+    t = np.arange(0.0, scene.run.duration + 1e-9, SAMPLES)
+    panel = Lines("", "time [s]", "elevation [m]", [("", t, elevation_at_origin(scene, t))])
+    return _grid(dataclasses.replace(figure, kind="curve"), [panel], 1, path)
+
+
 def _profile(figure: SourceFigure, path: Path) -> Path:
-    scene = scene_of(figure)
-    sea = build_model(scene, "float64").sea
+    sea = build_model(scene_of(figure.scenes[0]), "float64").sea
     z = np.linspace(-float(sea.depth), 0.0, 121)
     places = np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1)
     # of a current that rises from slack water, what it rises to
@@ -206,5 +402,5 @@ def _profile(figure: SourceFigure, path: Path) -> Path:
     axes = picture.subplots()
     axes.plot(np.linalg.norm(flow, axis=-1), z, color=style.FIRST)
     axes.set(xlabel="speed of the current [m/s]", ylabel="z [m]", xlim=(0.0, None))
-    picture.suptitle(f"{figure.name}, {figure.caption}", fontsize=11, fontweight="bold", x=0.01, ha="left")
+    _entitle(picture, figure)
     return style.save(picture, path)

@@ -11,12 +11,15 @@ from dropper_jax.cli.output import done_object, failure_object, listing, print_l
 from dropper_jax.cli.outputs import picture, plot_folder
 
 name = "figure"
-help = "draw the paper's Figures 6 to 19 and the thesis' 8.20 and 8.27: runs their scenes"
+help = "draw the paper's and the thesis' figures that show a simulation: runs their scenes"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="paper-6 to paper-19, thesis-8.20, thesis-8.27, all; none: lists them"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="source and number, such as paper-6 or thesis-8.27, or all; none: lists them",
     )
     parser.add_argument("--plot", default=".", metavar="DIR", help="folder for the pictures (default: this one)")
     parser.add_argument("--traces", metavar="FILE.csv", help="measured angles to lay over the thesis' figures")
@@ -28,33 +31,40 @@ def run(args: argparse.Namespace) -> int:
     target = plot_folder(args.plot)
 
     from dropper_jax.effects import register_installed
-    from dropper_jax.study.source_figures import FIGURES, draw_figure, figure_of, scene_of
+    from dropper_jax.study.source_figures import Run, cases_of, draw_figure, figure_of, figures, scene_of
 
     register_installed()
+    known = figures()
     if not args.names:
-        found = {figure.name: figure.caption for figure in FIGURES.values()}
+        found = {figure.name: figure.caption for figure in known.values()}
         print_result(args.json, done_object(figures=found), listing(list(found.items())))
         return OK
-    chosen = list(FIGURES.values()) if "all" in args.names else [figure_of(name) for name in dict.fromkeys(args.names)]
+    chosen = list(known.values()) if "all" in args.names else [figure_of(name) for name in dict.fromkeys(args.names)]
     if len(chosen) > 1 and target.suffix:
         raise SceneError(f"--plot: {args.plot!r} is one file for {len(chosen)} figures; allowed: a folder")
     measured = _measured(args.traces) if args.traces else None
 
     from dropper_jax.run.simulate import simulate
 
-    runs, files = {}, []
+    runs, files, failed = {}, [], []
     for figure in chosen:
-        key = (figure.scene, figure.values, figure.duration)
-        if figure.duration and key not in runs:
-            runs[key] = simulate(scene_of(figure), progress=progress(args.quiet))
-        solution = runs.get(key)
-        if solution is not None and solution.failure:
-            print_line(f"error: {figure.name}: {solution.failure}")
-            if args.json:
-                print_result(True, failure_object(solution.status, solution.failure), "")
-            return FAILED
-        files += draw_figure(figure, solution, picture(target, figure.name), measured)
-    print_result(args.json, done_object(files=[str(file) for file in files]), "\n".join(map(str, files)))
+        cases = cases_of(figure)
+        for case in cases:
+            if case.key not in runs:
+                runs[case.key] = simulate(scene_of(*case.key), progress=progress(args.quiet))
+        drawn = [Run(case.label, runs[case.key]) for case in cases]
+        failed += [f"{figure.name}: {run.solution.failure}" for run in drawn if run.solution.failure]
+        if not any(run.solution.failure for run in drawn):
+            files += draw_figure(figure, drawn, picture(target, figure.name), measured)
+    names = [str(file) for file in files]
+    if failed:
+        for text in failed:
+            print_line(f"error: {text}")
+        if args.json:
+            status = next(run.status for run in runs.values() if run.failure)
+            print_result(True, failure_object(status, failed[0]) | {"files": names}, "")
+        return FAILED
+    print_result(args.json, done_object(files=names), "\n".join(names))
     return OK
 
 

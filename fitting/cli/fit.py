@@ -79,9 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--integrator", help="scheme of the windows, such as tsit5 (default: rattle_4 for point masses)"
     )
-    parser.add_argument("--zero", help="where the traces' angles are zero: horizontal or down")
-    parser.add_argument("--sign", help="1 or -1")
-    parser.add_argument("--unit", help="rad or deg")
+    add_convention(parser)
     parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
     parser.add_argument("--student", action="store_true", help="outliers pull ever less (Student's t, 4 degrees)")
     parser.add_argument(
@@ -111,6 +109,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
     add_quiet(parser)
     add_json(parser)
+
+
+def add_convention(parser: argparse.ArgumentParser) -> None:
+    """--zero, --sign, --unit."""
+    parser.add_argument("--zero", help="where the traces' angles are zero: horizontal or down")
+    parser.add_argument("--sign", help="1 or -1")
+    parser.add_argument("--unit", help="rad or deg")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,7 @@
-"""`dropper sweep SCENE --vary name=lo:hi:n --out sweep.zarr`: every combination of values, in batches, resumable."""
+"""`dropper sweep SCENE --vary name=lo:hi:n --out sweep.zarr`: every combination of values, in batches, resumable.
+
+With `--trace FILE.csv` every case has a score against measured angles.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,15 @@ from dropper_jax.cli.output import (
     print_result,
     print_warnings,
     progress,
+    table,
 )
+from fitting.cli.fit import add_convention
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from dropper_jax.load.scene import Scene
+    from fitting.sweep.against_trace import FittedScore, TraceScores
 
 name = "sweep"
 help = "run a grid of cases in batches and keep the results in a Zarr folder"
@@ -32,6 +40,10 @@ OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 KEPT = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 #: Most values of one path.
 MOST_VALUES = 10_000_000
+#: Tables of a scene whose values are no parameters of a fit.
+NOT_FITTED = ("start", "point", "sea")
+#: Most cases of the table of scores.
+MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
 
@@ -46,9 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, default=0, metavar="K", help="K realisations of a random sea")
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; a part that is there is kept")
     parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over what is varied")
-    parser.add_argument("--quantities", metavar="NAMES", help=f"what to keep: {', '.join(KEPT)} (default: all)")
+    parser.add_argument(
+        "--quantities", metavar="NAMES", help=f"what to keep: {', '.join(KEPT)} (default: all; with --trace none)"
+    )
     parser.add_argument("--traces", action="store_true", help="also keep positions and tensions at every saved time")
-    parser.add_argument("--chunk", type=int, default=64, help="cases advanced together on a device (default: 64)")
+    parser.add_argument(
+        "--trace", metavar="FILE.csv", help="measured angles: every case runs over their span and has a score"
+    )
+    parser.add_argument(
+        "--parts", metavar="T1,T2", help="with --trace: where its head and middle end [s] (default: 24 %% and 50 %%)"
+    )
+    parser.add_argument(
+        "--fit", action="store_true", help="with --trace: also fit what is varied to it, as `dropper fit` does"
+    )
+    add_convention(parser)
+    parser.add_argument("--chunk", type=int, help="cases advanced together on a device (default: 64; with --trace 8)")
     parser.add_argument("--devices", type=int, help="devices of this machine (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the chunks")
     parser.add_argument(
@@ -65,31 +89,40 @@ def run(args: argparse.Namespace) -> int:
     if not Path(args.out).parent.is_dir():
         raise SceneError(f"--out: the folder {str(Path(args.out).parent)!r} does not exist; allowed: an existing one")
     plot = output_folder(args.plot, "--plot")
+    parts = _parts(args)
+    if args.fit and (outside := next((path for path in vary if path.split(".")[0] in NOT_FITTED), None)):
+        raise SceneError(f"--fit: {outside!r} cannot be fitted; allowed: parameters of the line, such as b_l, b_q")
     use_cores(args.devices)
     scene = read_scene(args, OVERRIDES)
 
-    from fitting.sweep import SweepStopped, sweep
+    from fitting.sweep import SweepStopped, sweep, sweep_against_trace
+    from fitting.traces.trace import convention
 
+    options = {
+        "seeds": args.seeds,
+        "quantities": args.quantities.split(",") if args.quantities else [] if args.trace else None,
+        "chunk": args.chunk or (8 if args.trace else 64),
+        "scheduler": args.scheduler,
+        "mix_versions": args.mix_versions,
+        "listed": args.listed,
+        "progress": progress(args.quiet),
+    }
+    scores = None
     try:
-        result = sweep(
-            scene,
-            vary,
-            args.out,
-            seeds=args.seeds,
-            quantities=args.quantities.split(",") if args.quantities else None,
-            traces=args.traces,
-            chunk=args.chunk,
-            scheduler=args.scheduler,
-            mix_versions=args.mix_versions,
-            listed=args.listed,
-            progress=progress(args.quiet),
-        )
+        if args.trace:
+            named = convention(args.zero, args.sign, args.unit)
+            about = {"parts": parts, "integrator": args.integrator, "until": args.duration, "convention": named}
+            scores = sweep_against_trace(scene, vary, args.trace, args.out, **about, **options)
+            result = scores.sweep
+        else:
+            result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
         print_line(f"error: {error}")
         if args.json:
             print_json(failure_object("interrupted", str(error)))
         return FAILED
-    warnings = result.fallbacks.warnings()
+    fitted = _fit(args, scene, scores) if args.fit else None
+    warnings = result.fallbacks.warnings() + (scores.warnings if scores else [])
     print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
@@ -108,12 +141,40 @@ def run(args: argparse.Namespace) -> int:
         "vmapped": sorted(result.fallbacks.operations),
         "warnings": warnings,
     }
+    if scores:
+        found["trace"] = scores.to_json() | ({"fit": fitted.to_json()} if fitted else {})
     if plot:
-        from fitting.sweep.pictures import draw_sweep
+        from fitting.sweep.pictures import draw_against_trace, draw_sweep
 
-        draw_sweep(result.path, plot)
+        if scores:
+            draw_against_trace(scores, plot, fitted)
+        if not scores or result.plan.quantities:
+            draw_sweep(result.path, plot)
     print_result(args.json, found, text(found))
     return OK
+
+
+def _parts(args: argparse.Namespace) -> list[float] | None:
+    """Times of `--parts`; options of a trace without one are refused."""
+    given = {"--parts": args.parts, "--fit": args.fit, "--zero": args.zero, "--sign": args.sign, "--unit": args.unit}
+    for option, value in given.items():
+        if value and not args.trace:
+            raise SceneError(f"{option}: is given without a trace; needed: --trace FILE.csv")
+    try:
+        return None if args.parts is None else [float(x) for x in args.parts.split(",")]
+    except ValueError:
+        raise SceneError(f"--parts: {args.parts!r} is not T1,T2; allowed: two times in s, such as 12,25") from None
+
+
+def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
+    """The fit of what is varied to the same trace, and one run at its values."""
+    from fitting.calibration.fit import fit
+    from fitting.sweep.against_trace import FittedScore
+
+    asked = {"zero": args.zero, "sign": args.sign, "unit": args.unit, "until": args.duration}
+    result = fit(args.trace, scene, list(scores.paths), **asked, progress=progress(args.quiet))
+    print_warnings(result.warnings)
+    return FittedScore.of(scores, result.status, result.values, result.uncertainty.std_error)
 
 
 def use_cores(count: int | None) -> None:
@@ -169,4 +230,27 @@ def text(found: dict[str, Any]) -> str:
     ]
     if found["vmapped"]:
         pairs.append(("by vmap", f"{', '.join(found['vmapped'])}: between two moves of the cases' axis"))
-    return listing(pairs) + f"\n\nok: {found['out']}"
+    parts = [listing(pairs)]
+    if "trace" in found:
+        parts.append(_score_table(found["trace"]))
+    return "\n\n".join([*parts, f"ok: {found['out']}"])
+
+
+def _score_table(trace: dict[str, Any]) -> str:
+    """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part."""
+    spans = trace["parts_s"]
+    cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]
+    cases.sort(key=lambda case: case["head"]["angle_rms_rad"])
+    fit = trace.get("fit")
+    names = [path.rsplit(".", 1)[-1] for path in cases[0]["values"]]
+    rows = [(*names, *(f"{part}{of}" for part in spans for of in ("", " spectrum")))]
+    for case in [*cases[:MOST_ROWS], *([fit] if fit else [])]:
+        scores = [1e3 * (x if x is not None else float("nan")) for part in spans for x in case[part].values()]
+        rows.append((*(f"{x:.4g}" for x in case["values"].values()), *(f"{x:.3g}" for x in scores)))
+    named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
+    notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]
+    if len(cases) > MOST_ROWS:
+        notes.append(f"{len(cases) - MOST_ROWS} more cases; --json has all")
+    if fit:
+        notes.append(f"last row: the fit ({fit['status']})")
+    return table(rows) + "\n\n" + "; ".join(notes)

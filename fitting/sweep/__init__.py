@@ -1,6 +1,15 @@
-"""Grids of cases in batches over all devices, kept chunk by chunk, resumable."""
+"""Grids of cases in batches over all devices, kept chunk by chunk, resumable; and scored against a trace."""
 
+from fitting.sweep.against_trace import TraceScores, sweep_against_trace
 from fitting.sweep.plan import QUANTITIES
 from fitting.sweep.run import SweepResult, SweepStopped, open_sweep, sweep
 
-__all__ = ["QUANTITIES", "SweepResult", "SweepStopped", "open_sweep", "sweep"]
+__all__ = [
+    "QUANTITIES",
+    "SweepResult",
+    "SweepStopped",
+    "TraceScores",
+    "open_sweep",
+    "sweep",
+    "sweep_against_trace",
+]

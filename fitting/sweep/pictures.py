@@ -1,13 +1,19 @@
-"""Pictures of a sweep: each kept quantity over one varied input, or over two as a map."""
+"""Pictures of a sweep: each kept quantity over one varied input, or over two as a map; its cases against a trace."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.plots import style
+from fitting.sweep.against_trace import PARTS, FittedScore, TraceScores
 from fitting.sweep.plan import QUANTITIES
 from fitting.sweep.run import open_sweep
 
@@ -47,6 +53,150 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
     if not files:
         raise SceneError(f"{path}: keeps no quantity to draw; allowed: a sweep of {', '.join(QUANTITIES)}")
     return files
+
+
+#: Draws one panel: axes, scores, the fit, the part.
+Row = Callable[[Axes, TraceScores, FittedScore | None, int], None]
+#: Most links with curves of their own, and highest frequency of a spectrum [Hz].
+MOST_LINKS, MOST_HZ = 9, 6.0
+#: Rows of the picture with maps; of more rows the panels are lower.
+MAPPED = 3
+
+
+def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore | None = None) -> list[Path]:
+    """Pictures of cases scored against a trace, with the fit where it is given.
+
+    `scores.png`: maps of the angle error over what is varied, with curves and spectra of the link that moves most, of
+    head, middle and tail; `curves.png` and `spectra.png`: those of all links.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    links = range(min(scores.simulated.shape[1], MOST_LINKS))
+    files = {
+        "scores": [_map_row, *(partial(row, link=_busiest(scores)) for row in (_curves, _spectra))],
+        "curves": [partial(_curves, link=link) for link in links],
+        "spectra": [partial(_spectra, link=link) for link in links],
+    }
+    return [_rows_by_part(scores, fit, rows, folder / f"{name}.png") for name, rows in files.items()]
+
+
+@style.look()
+def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row], path: Path) -> Path:
+    """Rows of three panels: head, middle, tail."""
+    height = [3.4 if row is _map_row else 1.7 if len(rows) > MAPPED else 2.5 for row in rows]
+    whole = 1.6 + sum(height)
+    figure = style.new_figure(13.0, whole, layout=None)  # a constrained layout takes seconds for so many panels
+    edges = {"left": 0.06, "right": 0.98, "bottom": 0.55 / whole, "top": 1.0 - 0.95 / whole}
+    gap = 0.3 if len(rows) > MAPPED else 0.62
+    space = {"wspace": 0.2, "hspace": gap * len(rows) / sum(height), **edges}
+    grid = figure.subplots(len(rows), len(PARTS), squeeze=False, height_ratios=height, gridspec_kw=space)
+    for i, row in enumerate(rows):
+        for part, axes in enumerate(grid[i]):
+            row(axes, scores, fit, part)
+            if len(rows) > MAPPED and i + 1 < len(rows):
+                axes.set_xlabel("")
+    begins = (0.0, *scores.against.ends)
+    for part, axes in enumerate(grid[0]):
+        error = f"angle error: best case {1e3 * scores.angle[scores.best, part]:.3g} mrad"
+        fitted = "" if fit is None else f", fit {1e3 * fit.angle[part]:.3g} mrad"
+        title = f"{PARTS[part]}, {begins[part]:.4g} to {begins[part + 1]:.4g} s"
+        axes.set_title(f"{title}\n{error}{fitted}", loc="left", fontsize=9)
+    curves = next(i for i, row in enumerate(rows) if row is not _map_row)
+    figure.legend(*grid[curves, 0].get_legend_handles_labels(), loc="upper right", ncols=3, markerscale=4)
+    name = f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}"
+    figure.suptitle(name, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    figure.align_ylabels()
+    return style.save(figure, path)
+
+
+def _busiest(scores: TraceScores) -> int:
+    """The link whose measured angle varies most in the head."""
+    return int(np.argmax(np.std(scores.against.whole[scores.against.part(0)], axis=0)))
+
+
+def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.ndarray, str, float]]:
+    """Name, angles (k, n), colour and width of what is drawn over the measured curve; turns are those measured."""
+    named = lambda values: ", ".join(f"{_words(p.rsplit('.', 1)[-1])} {v:.4g}" for p, v in zip(scores.paths, values))  # noqa: E731, B905
+    found = [(f"best case: {named(scores.values[scores.best])}", scores.simulated, style.SECOND, 1.2)]
+    if fit is not None and np.isfinite(fit.simulated).all():
+        found.append((f"fit: {named(fit.values)}", fit.simulated, style.FIRST, 1.0))
+    turn = 2 * np.pi
+    first = scores.against.whole[0]
+    return [(name, x + turn * np.round((first - x[0]) / turn), *look) for name, x, *look in found]
+
+
+def _curves(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int, link: int) -> None:
+    against = scores.against
+    inside = against.part(part)
+    t = against.t[inside]
+    axes.plot(t, against.measured[inside, link], ".", ms=1.6, color=style.DARK, label="measured")
+    for name, x, colour, width in _of_all(scores, fit):
+        axes.plot(t, x[inside, link], color=colour, lw=width, label=name)
+    style.time_axis(axes, t)
+    if part == 0:
+        axes.set_ylabel(f"link {link + 1} [rad]")
+
+
+def _spectra(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int, link: int) -> None:
+    against = scores.against
+    measured = ("measured", against.whole, style.DARK, 1.6)
+    for name, x, colour, width in (measured, *_of_all(scores, fit)):
+        frequency, amplitude = against.spectrum(x, part)
+        axes.plot(frequency, amplitude[:, link], color=colour, lw=width, label=name)
+    axes.set(xlabel="frequency [Hz]", xlim=(0.0, min(MOST_HZ, frequency[-1])), ylim=(0.0, None))
+    if part == 0:
+        axes.set_ylabel(f"link {link + 1}, spectrum [rad]")
+
+
+def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int) -> None:
+    """RMS angle error over the first two of what is varied, or one; the best of what else is varied."""
+    x, error = scores.values[:, 0], scores.angle[:, part]
+    axes.set_xlabel(_label(scores, 0))
+    _scale(axes.set_xscale, x)
+    if scores.values.shape[1] == 1:
+        order = np.argsort(x)
+        axes.plot(x[order], error[order], "o-", ms=3.5, color=style.FAINT, label="cases")
+        axes.plot(x[scores.best], error[scores.best], "o", ms=9, mfc="none", mew=1.8, color=style.SECOND)
+        if fit is not None:
+            axes.errorbar(
+                fit.values[:1], fit.angle[part : part + 1], xerr=fit.errors[:1], fmt="*", ms=16, color=style.FIRST
+            )
+        axes.set(yscale="log", ylabel="angle error [rad]" if part == 0 else "")
+        return
+    y = scores.values[:, 1]
+    order = np.argsort(-error)  # the best on top
+    size = np.clip(2.2e4 / len(x), 12.0, 150.0)
+    colours = {"c": 1e3 * error[order], "cmap": style.tension_map(), "norm": LogNorm()}
+    points = axes.scatter(x[order], y[order], s=size, marker="s" if size < 100.0 else "o", **colours)
+    bar = axes.figure.colorbar(points, ax=axes, label="RMS angle error [mrad]" if part == len(PARTS) - 1 else "")
+    bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    axes.plot(x[scores.best], y[scores.best], "o", ms=16, mfc="none", mew=1.8, color=style.SECOND)
+    if fit is not None:
+        errors = {"xerr": fit.errors[:1], "yerr": fit.errors[1:2]}
+        axes.errorbar(fit.values[:1], fit.values[1:2], **errors, fmt="*", ms=16, color=style.FIRST, mec="white")
+        y = np.append(y, fit.values[1])
+    _scale(axes.set_yscale, y)
+    if part == 0:
+        axes.set_ylabel(_label(scores, 1))
+
+
+def _label(scores: TraceScores, axis: int) -> str:
+    parameters = scores.sweep.plan.axes[axis].parameters
+    unit = f" [{parameters[0].unit}]" if parameters else ""
+    return f"{_words(scores.paths[axis])}{unit}"
+
+
+def _scale(set_scale: Callable[..., None], values: np.ndarray) -> None:
+    """A logarithmic axis where values span more than a factor of ten; zero is left of the smallest."""
+    positive = values[values > 0]
+    if (values < 0).any() or not len(positive) or positive.max() < 10 * positive.min():
+        return
+    if (values == 0).any():
+        set_scale("symlog", linthresh=float(positive.min()))
+    else:
+        set_scale("log")
 
 
 def _words(name: object) -> str:

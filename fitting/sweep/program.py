@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -84,6 +86,13 @@ class Program:
         place = [batched if self.by_scene else shared, batched if self.by_start else shared, batched, shared]
         arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
         return tuple(map(jax.device_put, arguments, place)), refused
+
+    def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """One more case, of other values (axes,), by the same compiled program; arrays (1, ...) by name."""
+        axes = tuple(replace(axis, values=np.array([x])) for axis, x in zip(self.plan.axes, values, strict=True))
+        other = copy(self)
+        other.plan = replace(self.plan, axes=axes, listed=True)
+        return other.collect(other([0]))[0]
 
     def collect(self, pending: Pending) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""

@@ -48,6 +48,7 @@ class SweepResult:
         compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s].
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
         fallbacks: what ran by `vmap` instead of side by side in the registers.
+        plan: what was computed.
     """
 
     path: Path
@@ -59,6 +60,7 @@ class SweepResult:
     run_s: float
     steps_per_s: float
     fallbacks: Fallbacks
+    plan: Plan
 
 
 def sweep(
@@ -125,7 +127,7 @@ def _fill(store: Store, scheduler: Scheduler | None, say: Progress) -> SweepResu
     run_s = 0.0 if first is None else end - first
     rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
     return SweepResult(
-        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, told
+        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, told, plan
     )
 
 
@@ -164,6 +166,11 @@ def _local(plan: Plan, todo: list[int], told: Fallbacks) -> Iterator[tuple[int |
 def _program(identity: str, devices: int | None) -> Program:
     """Compiled once per process, for later calls and for all chunks of a worker."""
     return Program(from_identity(json.loads(identity)), devices)
+
+
+def run_at(plan: Plan, values: np.ndarray) -> Found:
+    """One more case of a sweep, at other values (axes,), by the program of its chunks: arrays (1, ...) by name."""
+    return _program(json.dumps(plan.identity()), None).at(values)
 
 
 def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:

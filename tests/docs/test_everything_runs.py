@@ -41,6 +41,8 @@ ELSEWHERE = {
     "fit RUN.csv --scene measured-single-pendulum": "tests/fitting/calibration/test_measured.py",
     "optimise": "tests/fitting/optimise/test_optimise.py",
     "season": "tests/fitting/season/test_season.py",
+    "sweep dropper-release-a --listed --trace": "tests/fitting/sweep/test_against_trace.py",
+    "figure all": "tests/cli/test_outputs.py",
     "figure paper": "tests/cli/test_outputs.py",
     "figure thesis": "tests/cli/test_outputs.py",
 }

@@ -1,0 +1,103 @@
+"""How well a sweep names the true pair of damping coefficients, and what the fit does with the same traces.
+
+    python benchmarks/sweep_truths.py [--duration 50] [--out benchmarks/results/sweep_truths.json]
+
+Each of the 15 pairs of the thesis' Table E.1 is the truth once: the lab dropper of scenario A from the scene's start,
+by SciPy's DOP853 (`closed_chain`), 60 Hz, white noise of 5 mrad. All 15 pairs are scored against it by head, middle and
+tail, and b_l and b_q fitted to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from closed_chain import Chain
+from machine import describe
+
+import dropper_jax as dj
+from fitting.calibration.fit import fit
+from fitting.cli.sweep import use_cores
+from fitting.sweep.against_trace import PARTS, TraceScores, sweep_against_trace
+from fitting.traces.trace import Convention, Trace
+
+#: Thesis Table E.1: b_l [kg/s] and b_q [kg/m].
+PAIRS = {
+    "b_l": [0.002, 0.002, 0.05, 0.01, 0.004, 0.004, 0.05, 0.01, 0.001, 0.001, 0.05, 0.01, 0.002, 0.004, 0.001],
+    "b_q": [0.5, 0.1, 0.01, 0.01, 0.5, 0.1, 0.03, 0.03, 0.5, 0.1, 0.001, 0.001, 0.01, 0.03, 0.05],
+}
+SCENE, RATE, NOISE = "dropper-release-a", 60.0, 0.005
+MEASURES = ("angle", "spectrum")
+
+
+def truth(scene: str | dict[str, Any], b_l: float, b_q: float, duration: float, seed: int) -> Trace:
+    """A noisy trace of a dropper between two ends, released from its scene's start."""
+    model, start = dj.build(scene)
+    nodes = np.asarray(model.nodes(start.r, model.ends(0.0)))[:, [0, 2]]
+    link = np.diff(nodes, axis=0)
+    mass = np.broadcast_to(dj.load_scene(scene).to_dict()["line"][0]["mass"], len(link))
+    chain = Chain(np.asarray(model.line.length), mass[:-1], nodes[-1] - nodes[0], b_l, b_q)
+    t = np.arange(round(duration * RATE) + 1) / RATE
+    theta = chain.angles(chain.swing(np.arctan2(-link[:, 1], link[:, 0]), t))
+    theta = theta + NOISE * np.random.default_rng(seed).standard_normal(theta.shape)
+    return Trace(f"truth-{b_l:g}-{b_q:g}", t, theta, convention=Convention("horizontal", 1, "rad"))
+
+
+def rank(scores: TraceScores, case: int) -> dict[str, dict[str, Any]]:
+    """Rank of a case (1: best), its score and the best other one [rad], by part and measure."""
+    found: dict[str, dict[str, Any]] = {}
+    for part, name in enumerate(PARTS):
+        found[name] = {}
+        for by in MEASURES:
+            score = getattr(scores, by)[:, part]
+            others = np.delete(score, case)
+            place = {"rank": 1 + int(np.sum(others < score[case])), "true": score[case], "other": np.nanmin(others)}
+            found[name][by] = place
+    return found
+
+
+def fitted(trace: Trace, pair: np.ndarray) -> dict[str, Any]:
+    """The fit of both coefficients from the scene's own values, and its distance from the truth in standard errors."""
+    result = fit(trace, SCENE, list(PAIRS))
+    off = (np.asarray(result.values) - pair) / np.asarray(result.uncertainty.std_error)
+    return {
+        "status": result.status,
+        "values": list(map(float, result.values)),
+        "std_errors": list(map(float, result.uncertainty.std_error)),
+        "off": list(map(float, off)),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--duration", type=float, default=50.0, help="of the traces [s]")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "sweep_truths.json")
+    args = parser.parse_args()
+    use_cores(None)
+    found: dict[str, Any] = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
+    traces = []
+    with tempfile.TemporaryDirectory() as folder:
+        for case, pair in enumerate(zip(*PAIRS.values(), strict=True)):
+            traces.append(truth(SCENE, *pair, args.duration, case))
+            begun = time.process_time()  # all truths have one sweep, which the first one runs
+            out = f"{folder}/pairs.zarr"
+            scores = sweep_against_trace(SCENE, PAIRS, traces[-1], out, listed=True, chunk=8, quantities=[])
+            seconds = {"sweep_cpu_s": time.process_time() - begun}
+            found["rows"].append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), **seconds})
+            print(pair, {name: found["rows"][-1][name]["angle"]["rank"] for name in PARTS}, seconds)
+    args.out.write_text(json.dumps(found, indent=1) + "\n")
+    for trace, row in zip(traces, found["rows"], strict=True):
+        begun = time.process_time()
+        row["fit"] = fitted(trace, np.array([row["b_l"], row["b_q"]]))
+        row["fit_cpu_s"] = time.process_time() - begun
+        print(trace.name, row["fit"], row["fit_cpu_s"])
+        args.out.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

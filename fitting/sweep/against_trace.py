@@ -1,0 +1,283 @@
+"""Cases of a sweep scored against one measured trace, part by part, as the thesis' sections 8.2 and 8.3 do by eye."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax import load_scene
+from dropper_jax.analysis.spectrum import amplitude_spectrum
+from dropper_jax.base.errors import SceneError
+from dropper_jax.integrators.rattle_4 import Rattle4
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import SceneLike, build
+from dropper_jax.run.storage import extra
+from fitting.sweep.plan import STATUS, Plan
+from fitting.sweep.run import SweepResult, run_at, sweep
+from fitting.traces.conventions import settle_convention
+from fitting.traces.planar import check_planar, wrap
+from fitting.traces.trace import Convention, Trace, check_trace, read_trace
+
+PARTS = ("head", "middle", "tail")
+#: Where the head and the middle end, in parts of the trace: 12 and 25 s of the thesis' 50 s (its Figure 8.1).
+ENDS = (0.24, 0.5)
+#: Fewest samples of a part, for which an amplitude spectrum makes sense.
+FEWEST = 10
+#: Distance of a time from the nearest known sample, in intervals, from which on the sample is missing.
+NEAR = 0.75
+
+
+@dataclass(frozen=True)
+class Against:
+    """What runs are compared with.
+
+    Attributes:
+        trace: angles [rad] from the horizontal, positive downwards.
+        t, measured: samples (k,) [s] and (k, n) [rad], NaN where one is missing.
+        whole: the same, interpolated where one is missing.
+        ends: times [s] at which head, middle and tail end.
+    """
+
+    trace: Trace
+    t: np.ndarray
+    measured: np.ndarray
+    whole: np.ndarray
+    ends: tuple[float, float, float]
+
+    def part(self, index: int) -> slice:
+        """The samples of head (0), middle (1) or tail (2)."""
+        first, last = np.searchsorted(self.t, ((0.0, *self.ends)[index], self.ends[index]))
+        return slice(int(first), None if index == len(PARTS) - 1 else int(last))
+
+    def score(self, simulated: np.ndarray) -> np.ndarray:
+        """RMS angle error and distance of spectra (2, 3) [rad] of simulated angles (k, n)."""
+        found = np.full((2, len(PARTS)), np.nan)
+        if not np.isfinite(simulated).all():
+            return found
+        for i in range(len(PARTS)):
+            part = self.part(i)
+            found[0, i] = np.sqrt(np.nanmean(wrap(simulated[part] - self.measured[part]) ** 2))
+            one, other = (self.spectrum(x, i)[1] for x in (simulated, self.whole))
+            found[1, i] = np.sqrt(np.mean(np.sum((one - other) ** 2, axis=0)) / 2)
+        return found
+
+    def spectrum(self, x: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (m,) [Hz] and amplitudes (m, n) [rad] of angles (k, n) in a part."""
+        part = self.part(index)
+        return amplitude_spectrum(self.t[part], x[part])
+
+
+@dataclass(frozen=True)
+class TraceScores:
+    """How far each case of a sweep is from a trace.
+
+    Attributes:
+        against: the trace.
+        sweep: what the sweep did.
+        values: of the cases (cases, axes).
+        status: of the cases (cases,), indices of `STATUS`.
+        angle: RMS angle error (cases, 3) [rad] over the links and samples of a part, as shortest turns.
+        spectrum: distance of amplitude spectra (cases, 3) [rad]: `sqrt(sum_m (A_m - B_m)^2 / 2)` of a link's measured
+            and simulated amplitudes (Hann window), RMS over the links.
+        best: case with the smallest RMS angle error of the head, where the motion is large.
+        simulated: its angles (k, n) [rad].
+        warnings: on how the trace was read.
+    """
+
+    against: Against
+    sweep: SweepResult
+    values: np.ndarray
+    status: np.ndarray
+    angle: np.ndarray
+    spectrum: np.ndarray
+    best: int
+    simulated: np.ndarray
+    warnings: list[str]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """What is varied."""
+        return tuple(axis.path for axis in self.sweep.plan.axes)
+
+    def best_of(self, part: int, by: str = "angle") -> int:
+        """Case with the best score of a part, by `angle` or `spectrum`."""
+        return int(np.nanargmin(getattr(self, by)[:, part]))
+
+    def run_at(self, values: Sequence[float]) -> np.ndarray:
+        """Angles (k, n) [rad] of one more run, at other values (axes,) such as fitted ones; NaN where it fails."""
+        plan = self.sweep.plan
+        return angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        begins = (0.0, *self.against.ends)
+        rows = zip(self.values, self.status, self.angle, self.spectrum, strict=True)
+        return {
+            "name": self.against.trace.name,
+            "samples": len(self.against.t),
+            "parts_s": {part: [begins[i], begins[i + 1]] for i, part in enumerate(PARTS)},
+            "cases": [
+                {"values": dict(zip(self.paths, map(float, values), strict=True)), "status": STATUS[status]}
+                | by_part(*scores)
+                for values, status, *scores in rows
+            ],
+            "best": {part: {by: self.best_of(i, by) for by in ("angle", "spectrum")} for i, part in enumerate(PARTS)},
+        }
+
+
+@dataclass(frozen=True)
+class FittedScore:
+    """A fit of what is varied to the same trace: its status, values and standard errors (axes,), and one run at them.
+
+    Attributes:
+        simulated: angles (k, n) [rad] of that run.
+        angle, spectrum: its scores (3,) [rad].
+    """
+
+    paths: tuple[str, ...]
+    status: str
+    values: np.ndarray
+    errors: np.ndarray
+    simulated: np.ndarray
+    angle: np.ndarray
+    spectrum: np.ndarray
+
+    @classmethod
+    def of(cls, scores: TraceScores, status: str, values: np.ndarray, errors: np.ndarray) -> FittedScore:
+        """The fit's values run from the scene's start, as the cases are."""
+        simulated = scores.run_at(values)
+        return cls(scores.paths, status, values, errors, simulated, *scores.against.score(simulated))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        named = lambda values: dict(zip(self.paths, map(float, values), strict=True))  # noqa: E731
+        found = {"status": self.status, "values": named(self.values), "std_errors": named(self.errors)}
+        return found | by_part(self.angle, self.spectrum)
+
+
+def by_part(angle: np.ndarray, spectrum: np.ndarray) -> dict[str, dict[str, float | None]]:
+    """Scores (3,) [rad] by the names of parts; None for a case that failed."""
+    plain = lambda x: float(x) if np.isfinite(x) else None  # noqa: E731
+    return {
+        part: {"angle_rms_rad": plain(a), "spectrum_distance_rad": plain(s)}
+        for part, a, s in zip(PARTS, angle, spectrum, strict=True)
+    }
+
+
+def sweep_against_trace(
+    scene: SceneLike,
+    vary: Mapping[str, Sequence[float]],
+    trace: str | Path | Trace,
+    out: str | Path,
+    *,
+    parts: Sequence[float] | None = None,
+    integrator: str | None = None,
+    until: float | None = None,
+    convention: Convention = Convention(),  # noqa: B008 - frozen
+    **settings: Any,
+) -> TraceScores:
+    """Run every case from the scene's start over the span of a trace, and score it against the trace.
+
+    The release is at t = 0 of the trace's clock. Steps are at most the scene's and divide the samples' interval.
+
+    Args:
+        scene, vary, out: as in `sweep`.
+        trace: CSV file or `Trace`.
+        parts: times [s] at which the head and the middle end; default `ENDS` of the trace.
+        integrator: default rattle_4 for point masses, whose error is below a camera's noise; else the scene's.
+        until: samples from this time [s] on are not compared.
+        convention: how the trace counts angles; default as the file says, else guessed from the scene.
+        **settings: further arguments of `sweep`.
+
+    Raises:
+        SceneError: a trace of other links or without angles, a scene that leaves its plane, parts outside the trace.
+        SweepStopped: as in `sweep`.
+    """
+    scene = load_scene(scene)
+    model, start = build(scene)
+    check_planar(model, start)
+    moved = next((path for path in vary if path.startswith("point.")), None)
+    if moved:
+        raise SceneError(f"vary: {moved!r} moves an end; allowed with a trace: paths outside [[point]]")
+    trace = trace if isinstance(trace, Trace) else read_trace(trace, model.line.links)
+    if trace.links != model.line.links:
+        raise SceneError(
+            f"{trace.name}: has {trace.links} angles, but the scene has {model.line.links} links; "
+            f"allowed: {model.line.links}"
+        )
+    trace, warnings = settle_convention(trace, model, convention)
+    trace = trace.between(0.0, np.inf if until is None else until)
+    check_trace(trace)
+    if integrator is None and Rattle4().refuse(model) is None:
+        integrator = "rattle_4"
+    scene = scene if integrator is None else scene.with_values({"run.integrator": integrator})
+    scene = at_samples(scene, trace)
+    t = (1 + np.arange(scene.run.saves)) * scene.run.dt * scene.run.save_every
+    measured = sampled(trace, t)
+    against = Against(trace, t, measured, trace.at(t), part_ends(t, parts))
+    result = sweep(scene, vary, out, traces=True, **settings)
+    plan = result.plan
+    scores = np.full((2, plan.cases, len(PARTS)), np.nan)
+    best, simulated = None, measured
+    found = extra("zarr", "sweep").open_group(result.path, mode="r")
+    for case in range(plan.cases):
+        run = angles(plan, found["positions"][case])
+        scores[:, case] = against.score(run)
+        if np.isfinite(scores[0, case, 0]) and (best is None or scores[0, case, 0] < scores[0, best, 0]):
+            best, simulated = case, run
+    if best is None:
+        raise SceneError("vary: no case ran to its end; allowed: values for which the scene runs, or a smaller --dt")
+    values = plan.inputs(np.arange(plan.cases))
+    return TraceScores(against, result, values, found["status"][:], *scores, best, simulated, warnings)
+
+
+def at_samples(scene: Scene, trace: Trace) -> Scene:
+    """The scene that runs over the span of a trace, saves at its samples' interval, and takes steps that divide it."""
+    span = float(trace.t[-1] - trace.t[0])
+    interval = span / round(span / trace.interval)  # times in files are rounded
+    every = max(1, int(np.ceil(interval / scene.run.dt - 1e-9)))
+    duration = max(1, round(float(trace.t[-1]) / interval)) * interval
+    return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})
+
+
+def sampled(trace: Trace, t: np.ndarray) -> np.ndarray:
+    """Angles (k, n) [rad] at times (k,); NaN where no known sample is near."""
+    found = trace.at(t)
+    for known, column in zip(np.isfinite(trace.theta).T, found.T, strict=True):
+        times = trace.t[known]
+        after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
+        near = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
+        column[near > NEAR * trace.interval] = np.nan
+    return found
+
+
+def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, float, float]:
+    """Times [s] at which head, middle and tail of samples at `t` end.
+
+    Raises:
+        SceneError: two times that do not split them in three.
+    """
+    last = float(t[-1])
+    ends = tuple(last * part for part in ENDS) if parts is None else tuple(map(float, parts))
+    counts = np.histogram(t, [0.0, *ends, np.inf])[0] if list(ends) == sorted(ends) and len(ends) == 2 else [0]
+    if min(counts) < FEWEST:
+        given = ",".join(f"{end:g}" for end in ends)
+        raise SceneError(
+            f"parts: {given}: allowed: two increasing times within the trace's {last:g} s, "
+            f"with at least {FEWEST} samples in each of the three parts"
+        )
+    return *ends, last
+
+
+def angles(plan: Plan, positions: np.ndarray) -> np.ndarray:
+    """Polar angles (k, n) [rad] of the links, without jumps, of free nodes (k, nodes, 3) [m] of a case."""
+    model = plan.base[0]
+    ends = model.ends(0.0)
+    beside = [np.asarray(end)[None] for end in (ends.start, ends.end)][: 1 + model.end_held]
+    whole = [np.broadcast_to(end, (len(positions), 1, 3)) for end in beside]
+    link = np.diff(np.concatenate([whole[0], positions, *whole[1:]], axis=1), axis=1)
+    return np.unwrap(np.arctan2(-link[..., 2], link[..., 0]), axis=0)

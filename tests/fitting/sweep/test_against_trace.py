@@ -1,0 +1,164 @@
+"""Sweeps scored against a trace: the truth is SciPy's (`benchmarks/closed_chain.py`), scores those of sines."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.toml_text import as_toml
+from dropper_jax.cli import main
+from fitting.sweep.against_trace import Against, FittedScore, part_ends, sweep_against_trace
+from fitting.traces.trace import Convention, Trace, write_trace
+
+pytest.importorskip("zarr")
+
+CHAIN = Path(__file__).parents[3] / "benchmarks" / "closed_chain.py"
+LENGTH, MASS, SPAN = np.array([0.1, 0.12, 0.1, 0.12]), [0.03, 0.04, 0.03, 0.04], 0.28
+RATE, DURATION, NOISE = 60.0, 3.0, 0.005
+PAIRS = {"b_l": [0.001, 0.002, 0.01, 0.002, 0.05], "b_q": [0.5, 0.1, 0.001, 0.01, 0.03]}
+
+
+@pytest.fixture(scope="module")
+def chain():
+    """`chain(b_l, b_q)` of `closed_chain`."""
+    spec = importlib.util.spec_from_file_location("closed_chain", CHAIN)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["closed_chain"] = module  # its dataclass looks itself up
+    spec.loader.exec_module(module)
+    return lambda b_l, b_q: module.Chain(LENGTH, np.array(MASS[:-1]), np.array([SPAN, 0.0]), b_l, b_q)
+
+
+@pytest.fixture(scope="module")
+def scene(chain):
+    still = chain(0.0, 0.0)
+    polar = still.angles(still.pose(np.array([0.2, 1.4, 0.0, -1.0])))
+    return dj.load_scene(
+        {
+            "name": "short-chain",
+            "run": {"dt": 0.01, "duration": 1.0},
+            "point": [
+                {"name": "left", "position": [0.0, 0.0, 0.0]},
+                {"name": "right", "position": [SPAN, 0.0, 0.0]},
+            ],
+            "line": [{"name": "l", "from": "left", "to": "right", "links": 4, "length": LENGTH.tolist(), "mass": MASS}],
+            "effects": {"weight": {}, "linear_damping": {"b_l": 0.001}, "quadratic_damping": {"b_q": 0.001}},
+            "start": {"kind": "angles", "zero": "horizontal", "polar": polar.tolist()},
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def truth(chain, scene):
+    """`truth(case)`: a noisy trace whose truth is a pair of the list."""
+
+    def make(case):
+        one = chain(PAIRS["b_l"][case], PAIRS["b_q"][case])
+        t = np.arange(round(DURATION * RATE) + 1) / RATE
+        theta = one.angles(one.swing(np.asarray(scene.to_dict()["start"]["polar"]), t))
+        theta = theta + NOISE * np.random.default_rng(case).standard_normal(theta.shape)
+        return Trace(f"truth-{case}", t, theta, convention=Convention("horizontal", 1, "rad"))
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def scored(scene, truth, tmp_path_factory):
+    """`scored(case)`: the list against a truth; all truths have one folder, so that the cases run once."""
+    out = tmp_path_factory.mktemp("pairs") / "pairs.zarr"
+    return lambda case: sweep_against_trace(scene, PAIRS, truth(case), out, listed=True, chunk=8, quantities=[])
+
+
+@pytest.mark.parametrize("case", [0, 2, 3])
+def test_the_true_pair_has_the_best_head_and_its_error_is_the_noise(scored, case):
+    found = scored(case)
+    assert found.best == found.best_of(0) == case
+    samples = 4 * len(found.against.t[found.against.part(0)])
+    assert found.angle[case, 0] == pytest.approx(NOISE, rel=4 / np.sqrt(2 * samples))
+    assert found.sweep.plan.scene.run.dt == pytest.approx(1 / 120)  # divides the samples' interval, at most the scene's
+
+
+def test_a_run_at_values_of_a_case_has_its_score(scored):
+    found = scored(2)
+    fit = FittedScore.of(found, "ok", np.array([0.01, 0.001]), np.array([1e-4, 1e-5]))
+    np.testing.assert_allclose(fit.angle, found.angle[2], rtol=1e-9)
+    np.testing.assert_allclose(fit.spectrum, found.spectrum[2], rtol=1e-9)
+    assert fit.to_json()["values"] == {"effects.linear_damping.b_l": 0.01, "effects.quadratic_damping.b_q": 0.001}
+
+
+def test_scores_are_those_of_sines():
+    """Sines on a bin differ by |a - b|/sqrt(2); Hann's window has 1, 1/2 and 1/2 of their amplitudes: sqrt(3/4)."""
+    t = (1 + np.arange(400)) / 40.0
+    sine = np.sin(2 * np.pi * 2.0 * t)[:, None] * np.ones(2)
+    trace = Trace("sines", t, 0.3 * sine)
+    against = Against(trace, t, 0.3 * sine, 0.3 * sine, (2.5, 5.0, 10.0))
+    for simulated, part in ((0.1 * sine, range(3)), (0.1 * sine + 2 * np.pi, range(3))):
+        angle, spectrum = against.score(simulated)
+        for i in part:
+            assert angle[i] == pytest.approx(0.2 / np.sqrt(2), rel=1e-2)  # parts begin a sample off a bin
+            assert spectrum[i] == pytest.approx(0.2 * np.sqrt(0.75), rel=1e-2)
+    assert np.isnan(against.score(np.where(t[:, None] > 9.0, np.nan, sine))).all()
+    assert part_ends(t, None) == pytest.approx((2.4, 5.0, 10.0))
+
+
+def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path, capsys):
+    found, file = scored(3), write_trace(tmp_path / "truth.csv", truth(3))
+    (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
+    vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]
+    call = ["sweep", str(tmp_path / "scene.toml"), "--listed", *vary, f"--trace={file}", f"--out={found.sweep.path}"]
+    assert main([*call, f"--plot={tmp_path / 'p'}", "--json", "--quiet"]) == 0
+    trace = json.loads(capsys.readouterr().out)["trace"]
+    assert trace["best"]["head"]["angle"] == 3
+    assert trace["cases"][3]["head"]["angle_rms_rad"] == pytest.approx(found.angle[3, 0], rel=1e-6)
+    assert {path.stem for path in (tmp_path / "p").iterdir()} == {"scores", "curves", "spectra"}
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        (
+            "t,theta_1,theta_2\n0,1,1\n",
+            [],
+            "other.csv: has 2 columns theta_1..n, but the scene has 4 links; allowed: 4",
+        ),
+        ("t,angle\n0,1\n", [], "other.csv: has 0 columns theta_1..n, but the scene has 4 links"),
+        (None, ["--vary=b_l="], "--vary: 'b_l=' is not NAME=LO:HI:N; allowed"),
+        (None, ["--parts=2,1"], "parts: 2,1: allowed: two increasing times within the trace's 3 s"),
+        (None, ["--parts=1"], "parts: 1: allowed: two increasing times"),
+        (
+            None,
+            ["--vary=start.polar.0=0.1", "--fit"],
+            "--fit: 'start.polar.0' cannot be fitted; allowed: parameters of",
+        ),
+        (None, ["--parts=a,b"], "--parts: 'a,b' is not T1,T2; allowed: two times in s"),
+        (None, ["--vary=point.1.position.0=0.2,0.3"], "vary: 'point.1.position.0' moves an end; allowed with a trace"),
+    ],
+)
+def test_wrong_traces_lists_and_parts_are_one_line(scene, truth, text, options, message, tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
+    file = write_trace(tmp_path / "other.csv", truth(0))
+    if text:
+        file.write_text(text)
+    call = ["sweep", str(tmp_path / "scene.toml"), f"--out={tmp_path / 'o.zarr'}", f"--trace={file}", "--quiet"]
+    vary = [] if any("--vary" in option for option in options) else ["--vary=b_l=0.1,0.2"]
+    assert main([*call, *vary, *options]) == 2
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if line.startswith("error: "))
+    assert message in line
+
+
+def test_options_of_a_trace_need_one(scene, tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
+    call = ["sweep", str(tmp_path / "scene.toml"), f"--out={tmp_path / 'o.zarr'}", "--vary=b_l=0.1", "--fit"]
+    assert main(call) == 2
+    assert "--fit: is given without a trace; needed: --trace FILE.csv" in capsys.readouterr().err
+
+
+def test_nothing_varied_is_refused(scene, truth, tmp_path):
+    with pytest.raises(SceneError, match="vary: nothing is varied"):
+        sweep_against_trace(scene, {}, truth(0), tmp_path / "o.zarr")

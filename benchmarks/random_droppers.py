@@ -56,6 +56,7 @@ class Draw:
         truth: (b_l [kg/s], b_q [kg/m]).
         noise: deviation of the angles [rad].
         peak: largest rate of a link [rad/s].
+        held: time [s] that it is held still before.
     """
 
     seed: int
@@ -65,6 +66,7 @@ class Draw:
     truth: np.ndarray
     noise: float
     peak: float
+    held: float = 0.0
 
 
 def draw(seed: int, kind: str = "plain") -> Draw:
@@ -125,6 +127,7 @@ def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw | None:
         np.array([b_l, b_q]),
         noise,
         _peak(motion),
+        STILL if kind == "still" else 0.0,
     )
 
 
@@ -157,6 +160,7 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
     result = fit([d.trace], d.scene, start=d.start, **options)
     u, solution = result.uncertainty, result.solution
     known = solution.windows.weight > 0
+    moving = d.trace.theta[d.trace.t >= d.held]
     residual = float(np.sqrt(np.sum(solution.errors**2) / max(residual_freedom(result), 1)))
     return {
         **{"seed": d.seed, "links": d.trace.links, "free_end": d.seed % 4 == 3, "peak": d.peak},
@@ -165,7 +169,10 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
         **{"std_error": u.std_error.tolist(), "low": u.low.tolist(), "high": u.high.tolist()},
         **{"at_bound": u.at_bound.tolist(), "residual": residual, "chi2": result.chi2_per_dof},
         **{"printed_noise": float(np.sqrt(np.mean(np.square(result.noise_table()["sigma_rad"]))))},
-        **{"fitted": float(known.sum() / np.isfinite(d.trace.theta).sum()), "gap_weight": solution.gap_weight},
+        **{
+            "fitted": float(known.sum() / np.isfinite(d.trace.theta[d.trace.t >= d.held]).sum()),
+            "gap_weight": solution.gap_weight,
+        },
         **{"windows": result.windows.count, "blocks": u.blocks, "warnings": result.warnings},
         **{"substeps": result.windows.substeps, "seconds": time.process_time() - begun},
         # windows at the truth do not all determine their starts where samples are missing

@@ -376,6 +376,11 @@ def descent(found: dict[str, Any]) -> str:
     return markdown([*rows, truth])
 
 
+SOURCE_HEADS = {
+    "thesis": ("table", "there", "here", "why"),
+    "paper": ("table", "there", "here", "why"),
+    "figures": ("figure", "shows", "scenes", ""),
+}
 TABLES = {
     **{
         name: ("moordyn", lambda found, rows=rows: markdown(rows(found)))
@@ -390,6 +395,10 @@ TABLES = {
         for name, rows in wake_tables.TABLES.items()
     },
     "table7_peaks": ("table7_peaks", lambda found: markdown(table7_tables.peaks(found))),
+    **{
+        f"sources_{part}": ("sources", lambda found, part=part: markdown([SOURCE_HEADS[part], *found[part]]))
+        for part in SOURCE_HEADS
+    },
     "edulis_anchors": ("edulis_anchors", lambda found: markdown(table7_tables.anchors(found))),
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
     "sweep": ("sweep", sweep),

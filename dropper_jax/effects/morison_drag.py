@@ -118,7 +118,8 @@ def _check_wakes(values: Mapping[str, Any], scene: SceneData) -> None:
         current.factor is not None and np.min(current.factor) < 0 < np.max(current.factor)
     ):
         raise SceneError(
-            f"{path} needs a current that does not turn round; allowed: a steady one, or factors of one sign"
+            f"{path} is laid out behind the lines for one direction of the current, which turns round here; "
+            "allowed: a steady current, or factors of one sign"
         )
 
 

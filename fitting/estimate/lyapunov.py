@@ -26,14 +26,16 @@ LONGEST, LONGEST_PART = 10.0, 0.125
 
 
 def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
-    """Derivatives (K, m2, m2) of the windows' ends by their starts, both in units of a gap's scale."""
+    """Derivatives (K, m2, m2) of the windows' ends by their starts, in units of a gap's scale; NaN where a run failed."""
     n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
-    turn = np.swapaxes(chart(simulator.model_at(values), evaluation.end[:, :n]), 1, 2)
+    end = evaluation.end[:, :n]
+    ran = np.isfinite(end).all(axis=1)  # a start from few samples, next to missing ones, may have no motion
+    turn = np.swapaxes(chart(simulator.model_at(values), np.where(ran[:, None], end, 0.0)), 1, 2)
     scale = np.repeat(GAP_SCALE, m2 // 2)
     move = np.concatenate(
         [turn @ evaluation.end_jacobian[:, :n, :m2], turn @ evaluation.end_jacobian[:, n:, :m2]], axis=1
     )
-    return move * scale[None, None, :] / scale[None, :, None]
+    return np.where(ran[:, None, None], move * scale[None, None, :] / scale[None, :, None], np.nan)
 
 
 def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> float:
@@ -76,12 +78,12 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
         piece = windows.piece(k)
         if windows.released[k]:  # the model says where it begins
             matrix = np.eye(len(matrix))
-        further = matrix @ product
+        further = matrix @ product if np.isfinite(matrix).all() else np.full_like(matrix, np.inf)
         grown = np.linalg.norm(further, 2) if np.isfinite(further).all() else np.inf
         last = found[-1] if found else None
         if last is not None and piece.follows and last.steps + piece.steps <= steps and grown <= np.exp(FIT_GROWTH):
             found[-1], product = last._replace(steps=last.steps + piece.steps), further
         else:
             found.append(piece)
-            product = matrix if np.isfinite(matrix).all() else np.full_like(matrix, np.inf)
+            product = matrix if np.isfinite(matrix).all() else further
     return found

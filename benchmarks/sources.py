@@ -1,0 +1,233 @@
+"""Every table of the thesis and the paper beside what is here: the numbers of docs/sources.md.
+
+    python benchmarks/sources.py
+
+Takes about a minute. Writes results/sources.json, of which `python benchmarks/tables.py` makes tables.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+import dropper_jax as dj
+from dropper_jax import load_scene
+from dropper_jax.base.files import atomic_write
+
+HERE = Path(__file__).parent
+TARGET = HERE / "results" / "sources.json"
+LINES = ("ground", "leg", "backbone", "sock")
+Row = tuple[str, str, str, str]
+
+
+def main() -> None:
+    found = {"schema": 1, "thesis": list(thesis()), "paper": list(paper()), "figures": list(figures())}
+    atomic_write(TARGET, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    for row in (*found["thesis"], *found["paper"]):
+        print(" | ".join(row))
+
+
+def thesis() -> Iterator[Row]:
+    """(table, number there, number here, why) of the thesis."""
+    yield from pendulums()
+    yield from lab_dropper()
+    yield from release_angles()
+    yield (
+        "8.3, 8.4 pairs of damping coefficients",
+        "(0.010, 0), (0.010, 0.001), (0.010, 0.030); (0.001, 0.001), (0.002, 0.001), (0.001, 0.002)",
+        "the same, in `dropper figure thesis-8.14` to `thesis-8.27`",
+        "the measured trace is not published, so that which pair is best cannot be checked. A fit by gradients finds a "
+        "pair with errors from one trace ([sweeps](sweeps-and-sensitivity.md))",
+    )
+    yield from north_sea()
+    masses = {"A": 19.5, "B": 18.6}
+    far = 6.2 + 7.65
+    lengths = {kind: (75.0 * m + 150.0 * far) / (m + far) / 1e3 for kind, m in masses.items()}
+    yield (
+        "D.1 equivalent pendulums, by (D.3)-(D.7)",
+        "m_A 0.0334, m_B 0.0324 kg; L_A 0.1061, L_B 0.1040 m",
+        f"m_A {(19.5 + far) / 1e3:.4f}, m_B {(18.6 + far) / 1e3:.4f} kg; L_A {lengths['A']:.4f}, L_B {lengths['B']:.4f} m",
+        "L_B does not follow from the table. The packaged scenes have the printed 0.1040 m. I_A and I_B are second "
+        "moments of area [mm^4], which times a density are no moments of inertia",
+    )
+    yield (
+        "E.1 pairs for sweeps",
+        "15 pairs",
+        "the same 15 (`benchmarks/sweep_truths.py`)",
+        "it has neither (0.010, 0) nor any pair of Table 8.4",
+    )
+
+
+def pendulums() -> Iterator[Row]:
+    """Tables 2.1, 3.1, 3.2."""
+    circle = float(load_scene("conical-pendulum").start.azimuth_rate[0])
+    printed = dj.simulate(load_scene("conical-pendulum").with_values({"start.azimuth_rate": [3.0105]}))
+    polar = printed.polar[:, 0]
+    yield (
+        "2.1 conical pendulum, 1 m, pi/8 below the horizontal",
+        "rate of a circle 3.0105 rad/s",
+        f"{circle:.4f} rad/s",
+        "the printed rate is sqrt(g cos(pi/8) / L), that of an angle from the vertical. With it the polar angle goes "
+        f"from {np.min(polar):.3f} to {np.max(polar):.3f} rad: no circle, and not by non-linearity",
+    )
+    for table, name in (("3.1", "double-pendulum-periodic"), ("3.2", "double-pendulum-chaotic")):
+        run = dj.simulate(name)
+        yield (
+            f"{table} double pendulum, `{name}`",
+            "50 s at 3.33e-5 s",
+            f"50 s at {run.scene.run.dt:g} s, {run.status}, energy error {run.energy_drift / run.energy_scale:.0e}",
+            "no numbers are given; Figures 3.3 to 3.6 are drawn",
+        )
+
+
+def lab_dropper() -> Iterator[Row]:
+    """Table 8.1."""
+    line = load_scene("dropper-release-a").lines[0]
+    yield (
+        "8.1 lab dropper, total mass M",
+        "0.2621 kg (E_max = 2.5624 N: 0.2612 kg)",
+        f"{float(np.sum(line.mass)):.4f} kg",
+        "3 links A and 4 B of the same table; 4 A and 3 B have 0.2308 kg. M is no sum of its links",
+    )
+    yield (
+        "8.1 total length L",
+        "0.7346 m",
+        f"{float(np.sum(line.length)):.4f} m",
+        "3 links A and 4 B; 4 A and 3 B have 0.7364 m. The text says 4 A, (8.1) says 4 B",
+    )
+
+
+def release_angles() -> Iterator[Row]:
+    """Tables 8.2 and E.2 to E.4, from the angles of runs and model that are printed."""
+    text = (resources.files("dropper_jax") / "data" / "release_angles_rad.csv").read_text().splitlines()
+    rows = {tuple(r.split(",")[:2]): np.array(r.split(",")[2:], float) for r in text[1:]}
+    for scenario, table in (("A", "8.2, E.2"), ("B", "E.3"), ("C", "E.4")):
+        pose = dj.equilibrium(f"dropper-release-{scenario.lower()}")
+        link = np.diff(pose.positions, axis=0)
+        angle = np.arctan2(-link[:, 2], link[:, 0])  # the tables' signs differ between scenarios: sizes are compared
+        runs = np.mean([v for k, v in rows.items() if k[0] == scenario and k[1] != "model"], axis=0)
+        off = [rms(np.abs(angle) - np.abs(a)) for a in (runs, rows[scenario, "model"])]
+        yield (
+            f"{table} release angles of scenario {scenario}",
+            f"model off the mean run by {rms(rows[scenario, 'model'] - runs):.4f} rad (RMS of 7 links)",
+            f"pose here off the mean run by {off[0]:.4f} rad, off the model by {off[1]:.4f} rad",
+            "the packaged force at the lifted node is fitted to the measured pose; for (E.1) to (E.3) see "
+            "[the thesis' releases](validation.md#the-thesis-releases)",
+        )
+
+
+def north_sea() -> Iterator[Row]:
+    """Table 8.5 and appendix G."""
+    scene = load_scene("dropper-north-sea-thesis")
+    line, waves = scene.lines[0], scene.sea.waves
+    yield (
+        "8.5 dropper in the North Sea",
+        "L 17 m, M 238 kg, N = 18 (the text: 17 pendulums), 14 kg/m, D 0.05 m",
+        f"L {float(np.sum(line.length)):.0f} m, M {float(np.sum(line.mass)):.0f} kg, {line.links} links, "
+        f"{float(np.sum(line.mass) / np.sum(line.length)):.0f} kg/m, D {float(np.max(line.diameter)):g} m",
+        "the same. 14 kg/m of 0.05 m are 7130 kg/m3: buoyancy is left out there, and named in the scenes here. Results "
+        "in [water](water.md#the-thesis-forces)",
+    )
+    height = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))
+    yield (
+        "G waves",
+        "190 components in the text, Hs 8.20 m",
+        f"{len(waves.amplitude)} components, Hs {height:.2f} m",
+        "the tables as printed have these; the stated sea is `north-sea-25-year-jonswap`",
+    )
+
+
+def paper() -> Iterator[Row]:
+    """(table, number there, number here, why) of the paper."""
+    edulis, case = load_scene("edulis-longline"), load_scene("paper-case-1")
+    length = {n: sum(float(np.sum(x.length)) for x in edulis.lines if n in x.name) for n in LINES}
+    yield (
+        "1 lines of Edulis",
+        "chain 108 m of 10.91 kg/m, backbone 57 m of 2.1 kg/m, sock 145 m of 21.8 kg/m",
+        f"chain {length['ground'] + length['leg']:.0f} m, backbone {length['backbone']:.0f} m, "
+        f"sock {length['sock']:.0f} m, the same masses",
+        "145 m is the total of all socks",
+    )
+    yield (
+        "1 nominal diameters",
+        "chain 0.022 m, backbone 0.068 m, sock 0.15 m",
+        "displacement diameters: 0.042 m, 0.0531 m, 0.1461 m",
+        "a backbone of 2.1 kg/m and 0.068 m would float (580 kg/m3). One diameter serves volume and drag: the backbone has "
+        "22 % less drag area than on 0.068 m. With `line_type.backbone.cdn=1.54` it has it: the largest anchor load of "
+        "the tide changes by 0.1 % along and 3.5 % across the backbone",
+    )
+    buoy = edulis.buoys[0]
+    volume = 0.25 * np.pi * float(buoy.diameter) ** 2 * float(buoy.height)
+    yield ("2 spar buoys of Edulis", "2500 kg, 4.345 m3", f"{float(buoy.mass):.0f} kg, {volume:.3f} m3", "")
+    yield (
+        "3 anchors of Edulis",
+        "2 gravity of 15 t, 2 Danforth of 2.5 t",
+        "the same, in line on each side",
+        "their arrangement, holding power and material are not given: assumed "
+        "([longlines](longlines.md#currents-along-and-across))",
+    )
+    chain = case.lines[0]
+    yield (
+        "4 chain of the cases",
+        "0.042 m, 10.910 kg/m, EA 48 884 kN, 50 m, Can 1.0, Cat 0.5, Cdn 1.4, Cdt 0.2",
+        f"{float(np.max(chain.diameter)):g} m, {float(np.sum(chain.mass) / np.sum(chain.length)):.3f} kg/m, "
+        f"{float(np.sum(chain.length)):.0f} m, the same coefficients",
+        "cells run together in the text",
+    )
+    yield (
+        "5 buoy of the cases",
+        "1200 kg, 4.345 m3, Can 0.94, Cat 0.50, Cdn 0.81, Cdt 0.40",
+        f"{float(case.buoys[0].mass):.0f} kg, the same",
+        "Table 2 has 2500 kg. Cat 0.50 is of a hemisphere (66 kg); on the wetted volume it would be 793 kg",
+    )
+    start = load_scene("paper-case-1-table-6").value("point.buoy.position")
+    yield ("6 start", "buoy at (30, 0, -4.43) m", f"{tuple(float(x) for x in start)} m", "")
+    steady = dj.equilibrium("paper-case-4")
+    yield (
+        "7 case 4, steady anchor tension",
+        "largest 1558 N (OrcaFlex), 1535 N (adapted MoorDyn)",
+        f"{float(steady.tension[0]):.1f} N at rest",
+        "means and extremes of all cases: [MoorDyn](moordyn.md#the-papers-table-7)",
+    )
+    waves = load_scene("paper-case-3").sea.waves
+    height = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))
+    yield (
+        "A1 irregular sea",
+        "29 components",
+        f"{len(waves.amplitude)} components, Hs {height:.2f} m",
+        "periods are used: the rounded frequencies drift by 0.1 rad in 100 s",
+    )
+    yield (
+        "(20)-(21) OrcaFlex's tension with inner and outer pressure and Poisson's ratio",
+        "effective and wall tension",
+        "not modelled",
+        "they are OrcaFlex's, for pipes. Chain and rope have no inside, and buoyancy acts as a force on the nodes: the "
+        "tension here is the effective one, and EA the measured stiffness under it",
+    )
+    yield (
+        "wakes in a tide",
+        "not modelled",
+        "refused where the current turns",
+        "wakes are laid out behind the lines for one direction of the current as the scene is built",
+    )
+
+
+def figures() -> Iterator[Row]:
+    """(figure, caption, scenes, note) of every one that `dropper figure` draws."""
+    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "source_figures.toml").read_text())["figure"]
+    for row in rows:
+        note = f"not given there, chosen: {row['note']}" if row.get("note") else ""
+        yield (row["name"], row["caption"], ", ".join(f"`{name}`" for name in row["scenes"]), note)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+if __name__ == "__main__":
+    main()

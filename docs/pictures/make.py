@@ -106,7 +106,7 @@ def storm(work: Path) -> None:
 def sweep_against_fit(work: Path) -> None:
     """The thesis' fifteen pairs and the fit against a trace whose truth is none of them."""
     sys.path.insert(0, str(HERE.parents[1] / "benchmarks"))
-    from sweep_truths import PAIRS, SCENE, truth  # noqa: PLC0415 - a script's folder
+    from sweep_truths import PAIRS, SCENE, truth
 
     trace = write_trace(work / "released.csv", truth(SCENE, 0.002, 0.001, 50.0, 0))
     vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]

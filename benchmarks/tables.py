@@ -226,7 +226,7 @@ def sweep_truths(found: dict[str, Any]) -> str:
     for row in found["rows"]:
         parts = (f"{1e3 * row[part]['angle']['true']:.2f}{_ranks(row[part])}" for part in ("head", "middle", "tail"))
         fit = row.get("fit", {"values": [], "std_errors": []})
-        values = [f"{value:.3g} +- {error:.1g}" for value, error in zip(fit["values"], fit["std_errors"], strict=True)]
+        values = [f"{value:.4g} +- {error:.1g}" for value, error in zip(fit["values"], fit["std_errors"], strict=True)]
         values = values or ["not fitted", ""]
         other = f"{1e3 * row['head']['angle']['other']:.2f}"
         rows.append((f"{row['b_l']:g}, {row['b_q']:g}", *parts, other, *values))

@@ -170,7 +170,7 @@ def judge(d: Draw, **options: Any) -> dict[str, Any]:
         **{"at_bound": u.at_bound.tolist(), "residual": residual, "chi2": result.chi2_per_dof},
         **{"printed_noise": float(np.sqrt(np.mean(np.square(result.noise_table()["sigma_rad"]))))},
         **{
-            "fitted": float(known.sum() / np.isfinite(d.trace.theta[d.trace.t >= d.held]).sum()),
+            "fitted": float(known.sum() / np.isfinite(moving).sum()),
             "gap_weight": solution.gap_weight,
         },
         **{"windows": result.windows.count, "blocks": u.blocks, "warnings": result.warnings},

@@ -51,7 +51,8 @@ def thesis() -> Iterator[Row]:
     yield (
         "D.1 equivalent pendulums, by (D.3)-(D.7)",
         "m_A 0.0334, m_B 0.0324 kg; L_A 0.1061, L_B 0.1040 m",
-        f"m_A {(19.5 + far) / 1e3:.4f}, m_B {(18.6 + far) / 1e3:.4f} kg; L_A {lengths['A']:.4f}, L_B {lengths['B']:.4f} m",
+        f"m_A {(19.5 + far) / 1e3:.4f}, m_B {(18.6 + far) / 1e3:.4f} kg; "
+        f"L_A {lengths['A']:.4f}, L_B {lengths['B']:.4f} m",
         "L_B does not follow from the table. The packaged scenes have the printed 0.1040 m. I_A and I_B are second "
         "moments of area [mm^4], which times a density are no moments of inertia",
     )
@@ -157,8 +158,8 @@ def paper() -> Iterator[Row]:
         "1 nominal diameters",
         "chain 0.022 m, backbone 0.068 m, sock 0.15 m",
         "displacement diameters: 0.042 m, 0.0531 m, 0.1461 m",
-        "a backbone of 2.1 kg/m and 0.068 m would float (580 kg/m3). One diameter serves volume and drag: the backbone has "
-        "22 % less drag area than on 0.068 m. With `line_type.backbone.cdn=1.54` it has it: the largest anchor load of "
+        "a backbone of 2.1 kg/m and 0.068 m would float (580 kg/m3). One diameter serves volume and drag: the backbone "
+        "has 22 % less drag area than on 0.068 m. With `line_type.backbone.cdn=1.54` it has it: the largest anchor load of "
         "the tide changes by 0.1 % along and 3.5 % across the backbone",
     )
     buoy = edulis.buoys[0]

@@ -26,7 +26,7 @@ LONGEST, LONGEST_PART = 10.0, 0.125
 
 
 def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
-    """Derivatives (K, m2, m2) of the windows' ends by their starts, in units of a gap's scale; NaN where a run failed."""
+    """Derivatives (K, m2, m2) of windows' ends by their starts, in units of a gap's scale; NaN where a run failed."""
     n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
     end = evaluation.end[:, :n]
     ran = np.isfinite(end).all(axis=1)  # a start from few samples, next to missing ones, may have no motion

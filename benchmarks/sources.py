@@ -159,8 +159,8 @@ def paper() -> Iterator[Row]:
         "chain 0.022 m, backbone 0.068 m, sock 0.15 m",
         "displacement diameters: 0.042 m, 0.0531 m, 0.1461 m",
         "a backbone of 2.1 kg/m and 0.068 m would float (580 kg/m3). One diameter serves volume and drag: the backbone "
-        "has 22 % less drag area than on 0.068 m. `line_type.backbone.cdn=1.54` makes up for it: the largest anchor load "
-        "of the tide changes by 0.1 % along and 3.5 % across the backbone",
+        "has 22 % less drag area than on 0.068 m. `line_type.backbone.cdn=1.54` makes up for it: the largest load "
+        "of an anchor in the tide changes by 0.1 % along and 3.5 % across the backbone",
     )
     buoy = edulis.buoys[0]
     volume = 0.25 * np.pi * float(buoy.diameter) ** 2 * float(buoy.height)

@@ -47,21 +47,25 @@ def lengths(found: dict[str, Any]) -> Rows:
 
 def peaks(found: dict[str, Any]) -> Rows:
     """Largest anchor tension by scheme and step, the range over moved starts, and the paper's two codes."""
-    schemes = list(dict.fromkeys((r["scheme"], r["dt_s"]) for r in found["rows"]))
-    head = ("case", *(f"{scheme}, {1e3 * dt:g} ms [kN]" for scheme, dt in schemes), "ten starts moved by 1e-6 m [kN]")
+    schemes = list(dict.fromkeys(row["scheme"] for row in found["rows"]))
+    head = ("case", *(f"{scheme} [kN] (step [ms])" for scheme in schemes), "ten starts moved by 1e-6 m [kN]")
     rows = [(*head, *(f"Table 7: {code} [kN]" for _, code in CODES))]
     for number in NUMBERS:
         own = [r for r in found["rows"] if r["case"] == number and r["status"] == "ok"]
-        still = {(r["scheme"], r["dt_s"]): r["anchor"]["max"] for r in own if r["moved_m"] == 0.0}
+        still = [r for r in own if r["moved_m"] == 0.0]
         moved = [r["anchor"]["max"] for r in own if r["moved_m"] != 0.0]
-        cells = [_kilo(still.get(key)) for key in schemes]
+        of = {
+            scheme: [f"{_kilo(r['anchor']['max'])} ({1e3 * r['dt_s']:.3g})" for r in still if r["scheme"] == scheme]
+            for scheme in schemes
+        }
         paper = (_kilo(found["table_7"][str(number)][key][2]) for key, _ in CODES)
+        cells = (", ".join(of[scheme]) or "-" for scheme in schemes)
         rows.append((str(number), *cells, f"{_kilo(min(moved))} to {_kilo(max(moved))}" if moved else "-", *paper))
     return rows
 
 
-def _kilo(value: float | None) -> str:
-    return "-" if value is None else f"{1e-3 * value:.1f}" if value >= 1e4 else f"{1e-3 * value:.3f}"
+def _kilo(newton: float) -> str:
+    return f"{1e-3 * newton:.1f}" if newton >= 1e4 else f"{1e-3 * newton:.2f}"
 
 
 def anchors(found: dict[str, Any]) -> Rows:

@@ -1,0 +1,141 @@
+"""Every packaged scene as a deck, in calm water at rest: end tensions in MoorDyn v2 against those of the scene and of
+the deck as it is read here.
+
+    python benchmarks/moordyn_rest.py [SCENE ...]
+
+Needs the extra `moordyn`; takes about 20 minutes. Writes results/moordyn_rest.json and prints what it finds. Waves are
+taken out of each scene, a steady current stays. Free points start
+where they rest here, lines by MoorDyn's own search; it runs for 120 s.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from moordyn_runs import wheel
+
+from dropper_jax import Scene, equilibrium, load_scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
+from dropper_jax.load.packaged import scene_names
+from dropper_jax.moordyn.writing.differences import moved_points
+from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.statics.search import Equilibrium
+from dropper_jax.study.peers.moordyn_run import inside, quiet
+
+RESULT = Path(__file__).parent / "results" / "moordyn_rest.json"
+#: Time that MoorDyn runs [s], and the speed [m/s] below which its nodes count as at rest.
+SPAN, AT_REST = 120.0, 1e-3
+#: MoorDyn's step over the shortest time that a pulse takes along a link, and the largest step [s].
+PART, LARGEST_STEP = 0.3, 1e-3
+#: Tensions below this part of the deck's largest are compared with that part.
+LEAST = 1e-2
+
+
+def calm(name: str) -> Scene:
+    """A packaged scene without waves, and without what follows them."""
+    values = load_scene(name).to_dict()
+    if "sea" in values:
+        values["sea"] = {key: value for key, value in values["sea"].items() if key not in ("waves", "ramp")}
+    values["effects"].pop("sea_following_end", None)
+    return Scene.from_dict(values)
+
+
+def rest_of(scene: Scene) -> Equilibrium:
+    pose = equilibrium(scene)
+    if pose.status != "ok":
+        raise ArithmeticError(f"no pose at rest here: {pose.status}")
+    return pose
+
+
+def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
+    """The scene with its free points and bodies where they rest: a buoy's slow sway would outlast MoorDyn's run."""
+    values, node, position = scene.to_dict(), 0, {}
+    for line in scene.lines:
+        position[line.start], position[line.end] = pose.positions[node], pose.positions[node + line.links]
+        node += line.links + 1
+    for row in values["point"]:
+        if row.get("kind") == "free" and row["name"] in position:
+            row["position"] = position[row["name"]].tolist()
+    for body, row in zip(scene.bodies, values.get("body", []), strict=True):
+        name = next(name for name in body.attachments if name in position)
+        row["position"] = (body.position + position[name] - body.world(body.attachments[name])).tolist()
+    return Scene.from_dict(values)
+
+
+def largest_step(scene: Scene) -> float:
+    """A step [s] at which MoorDyn's explicit scheme is stable on these lines."""
+    times = [np.min(line.length * np.sqrt(line.mass / (line.length * line.EA))) for line in scene.lines]
+    return float(f"{min(PART * min(times), LARGEST_STEP):.2g}")
+
+
+def there(folder: Path, file: str, held: list[float]) -> tuple[list[tuple[int, float, float]], float]:
+    """Links and end tensions [N] of every line of MoorDyn's after SPAN, and the fastest node's speed [m/s]."""
+    moordyn = wheel()
+    still = [0.0] * len(held)
+    with inside(str(folder)), quiet():
+        system = moordyn.Create(file)
+        try:
+            moordyn.Init(system, held, still)
+            moordyn.Step(system, held, still, 0.0, SPAN)
+            lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
+            rows, speed = [], 0.0
+            for line in lines:
+                count = moordyn.GetLineN(line)
+                rows.append((count, *(float(np.linalg.norm(moordyn.GetLineNodeTen(line, j))) for j in (0, count))))
+                speeds = [np.linalg.norm(moordyn.GetLineNodeVel(line, j)) for j in range(count + 1)]
+                speed = max(speed, float(np.max(speeds)))
+        finally:
+            moordyn.Close(system)
+    return rows, speed
+
+
+def compare(name: str) -> dict[str, Any]:
+    """One scene: a status, and where MoorDyn's deck rests the largest difference of end tensions."""
+    try:
+        scene = calm(name)
+        with tempfile.TemporaryDirectory() as where:
+            folder, moved = Path(where), moved_points(scene)
+            dt = largest_step(scene) if scene.branched and scene.lines[0].EA is not None else None
+            write_moordyn(scene, folder / "deck.txt", dt=dt)  # refuses a scene before its pose is sought
+            own = rest_of(scene)
+            write_moordyn(moved_to(scene, own), folder / "deck.txt", dt=dt)
+            deck = load_scene(folder / "deck.txt")
+            held = [float(x) for point in scene.points if point.name in moved for x in point.position]
+            rows, speed = there(folder, "deck.txt", held)
+            read = rest_of(deck)
+    except (SceneError, ArithmeticError, RuntimeError) as error:
+        return {"scene": name, "status": str(error)}
+    first = np.cumsum([0, *(count for count, *_ in rows)])
+    ends = np.ravel([[a, b - 1] for a, b in zip(first[:-1], first[1:], strict=True)])
+    theirs = np.ravel([pair for _, *pair in rows])
+    scale = np.maximum(theirs, LEAST * np.max(theirs))
+    found = {"scene": name, "status": "ok" if speed < AT_REST else "MoorDyn moves", "dt_s": dt, "lines": len(rows)}
+    found |= {"speed": speed, "largest_n": float(np.max(theirs))}
+    for key, links in (("scene_difference", own.tension), ("deck_difference", read.tension)):
+        found[key] = float(np.max(np.abs(links[ends] - theirs) / scale))
+    worst = int(np.argmax(np.abs(read.tension[ends] - theirs) / scale))
+    found["worst"] = {"line": worst // 2 + 1, "end": worst % 2, "moordyn_n": theirs[worst], "here_n": read.tension[ends][worst]}
+    return found
+
+
+def main() -> int:
+    rows = []
+    for name in sys.argv[1:] or scene_names():
+        rows.append(compare(name))
+        print(json.dumps(jsonable(rows[-1])), flush=True)
+    if not sys.argv[1:]:
+        versions = {package: metadata.version(package) for package in ("moordyn", "dropper-jax")}
+        atomic_write(RESULT, json.dumps(jsonable({"schema": 1, "versions": versions, "rows": rows}), indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

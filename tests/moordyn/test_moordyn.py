@@ -465,6 +465,12 @@ def test_two_decks_in_one_folder_do_not_share_a_sea_silently(tmp_path):
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == before
     write_moordyn(other, tmp_path / "second.txt", force=True)
     assert (tmp_path / "wave_frequencies.txt").read_text() != before["wave_frequencies.txt"]
+    flow = lambda speed: {**scene, "sea": {**scene["sea"], "waves": None, "current": {"speed": speed}}}  # noqa: E731
+    write_moordyn(flow(0.5), tmp_path / "slow.txt", force=True)
+    before = {file.name: file.read_text() for file in tmp_path.iterdir()}
+    with pytest.raises(SceneError, match=r"current_profile.txt: exists and differs.*--force"):
+        write_moordyn(flow(0.8), tmp_path / "fast.txt")
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == before
     for deck, deep in (("a.txt", 20.0), ("b.txt", 25.0)):
         sloped = {**scene, "effects": {**scene["effects"], "seabed": {}}}
         sloped["effects"]["seabed"] = {"bed_x": [-50.0, 50.0], "bed_y": [-50.0, 50.0], "bed_depth": [20.0, deep] * 2}

@@ -24,8 +24,7 @@ from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable
-from dropper_jax.load.packaged import packaged_scene, scene_names
-from dropper_jax.load.source import plain_values
+from dropper_jax.load.packaged import scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.statics.search import Equilibrium
@@ -35,7 +34,7 @@ RESULT = Path(__file__).parent / "results" / "moordyn_rest.json"
 #: Time that MoorDyn runs [s], and the speed [m/s] below which its nodes count as at rest.
 SPAN, AT_REST = 120.0, 1e-3
 #: MoorDyn's step over the shortest time that a pulse takes along a link, and the largest step [s].
-PART, LARGEST_STEP = 0.5, 1e-3
+PART, LARGEST_STEP = 0.3, 1e-3
 #: More drag, on which a pose at rest in still water does not depend: a spar's heave would fade as 1/t.
 DRAG = 20.0
 #: A difference of end tensions beyond this is measured again with so many times the links.
@@ -46,19 +45,35 @@ DRY = 0.1
 LEAST = 1e-2
 
 
-def calm(name: str, links: int = 1) -> Scene:
-    """A packaged scene without waves and what follows them; in still water with more drag, `links` times the links."""
-    values = plain_values(packaged_scene(name))
+def calm(name: str, times: int = 1) -> Scene:
+    """A packaged scene without waves and what follows them; in still water with more drag, `times` as many links."""
+    values = load_scene(name).to_dict()
     sea = values.get("sea", {})
     for key in ("waves", "ramp"):
         sea.pop(key, None)
-    values.get("effects", {}).pop("sea_following_end", None)
-    if links > 1:
-        for row in values["line"]:
-            row["links"] = f"= {links} * ({str(row['links']).lstrip('= ')})"
+    values["effects"].pop("sea_following_end", None)
+    if times > 1:
+        _cut_links(values, times)
     if "current" not in sea:
         _more_drag(values)
     return Scene.from_dict(values)
+
+
+def _cut_links(values: dict[str, Any], times: int) -> None:
+    """Every link in `times` equal parts."""
+    links = sum(row["links"] for row in values["line"])
+    for row in values["line"]:
+        for key, part in (("length", 1.0 / times), ("mass", 1.0 / times), ("diameter", 1.0)):
+            row[key] = (part * np.repeat(np.broadcast_to(row[key], row["links"]), times)).tolist()
+        axial = {"EA": 1.0, "damping": float(times)}
+        for key in axial.keys() & row["axial"].keys():
+            value = np.broadcast_to(row["axial"][key], row["links"])
+            row["axial"][key] = (axial[key] * np.repeat(value, times)).tolist()
+        row["links"] *= times
+    for effect in values["effects"].values():
+        for key, value in effect.items():
+            if isinstance(value, list) and len(value) == links:
+                effect[key] = np.repeat(value, times).tolist()
 
 
 def _more_drag(values: Any) -> None:
@@ -167,8 +182,8 @@ def main() -> int:
             print(json.dumps(jsonable(rows[-1])), flush=True)
             if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
                 break  # a difference that goes with finer links is that of the codes' drag on a bent line
-    rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
-    atomic_write(RESULT, json.dumps(jsonable({"schema": 1, "versions": versions, "rows": rows}), indent=1) + "\n")
+        rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
+        atomic_write(RESULT, json.dumps(jsonable({"schema": 1, "versions": versions, "rows": rows}), indent=1) + "\n")
     return 0
 
 

@@ -316,6 +316,7 @@ TABLES = {
         for name, rows in wake_tables.TABLES.items()
     },
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
+    "moordyn_rest": ("moordyn_rest", lambda found: markdown(moordyn_tables.rest(found))),
     "sweep": ("sweep", sweep),
     "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),
     "report_damping": ("report_examples", report_damping),

@@ -162,6 +162,24 @@ def swing(found: dict[str, Any]) -> Rows:
     return rows
 
 
+def rest(found: dict[str, Any]) -> Rows:
+    """End tensions of packaged scenes at rest against MoorDyn's on their decks, or why they are not compared."""
+    head = ("scenes", "lines", "largest tension [N]", "scene against MoorDyn", "its deck, as read here")
+    rows, other = [(*head, "MoorDyn's nodes, at most [mm/s]")], dict[str, list[str]]()
+    for row in found["rows"]:
+        if row["status"] != "ok":
+            other.setdefault(row["status"], []).append(row["scene"])
+            continue
+        differences = (f"{100 * row[key]:.2g} %" for key in ("scene_difference", "deck_difference"))
+        fine = "" if row["links"] == 1 else f", {row['links']} times the links"
+        rows.append((row["scene"], f"{row['lines']}{fine}", f"{row['largest_n']:.0f}", *differences, _speed(row)))
+    return rows + [(", ".join(scenes), reason, "", "", "", "") for reason, scenes in other.items()]
+
+
+def _speed(row: dict[str, Any]) -> str:
+    return f"{1e3 * row['speed']:.1g}"
+
+
 TABLES = {
     "moordyn_cases": cases,
     "moordyn_swing": swing,

@@ -401,6 +401,7 @@ TABLES = {
     },
     "edulis_anchors": ("edulis_anchors", lambda found: markdown(table7_tables.anchors(found))),
     **{name: ("table7", lambda found, rows=rows: markdown(rows(found))) for name, rows in table7_tables.TABLES.items()},
+    "moordyn_rest": ("moordyn_rest", lambda found: markdown(moordyn_tables.rest(found))),
     "sweep": ("sweep", sweep),
     "sweep_truths": ("sweep_truths", sweep_truths),
     "scene_sensitivity": ("scene_sensitivity", scene_sensitivity),

@@ -54,7 +54,10 @@ def saved(solution: Solution, out: Path | None) -> str | None:
         except (SceneError, OSError) as error:
             reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
         reason = " ".join(reason.split())
-        with suppress(SceneError, OSError):
-            other = Path(tempfile.mkdtemp(prefix="dropper-")) / f"{out.stem}.npz"
-            return f"{reason}; the run is kept in {solution.save(other)}"
+        with suppress(OSError):
+            folder = Path(tempfile.mkdtemp(prefix="dropper-"))
+            try:
+                return f"{reason}; the run is kept in {solution.save(folder / f'{out.stem}.npz')}"
+            except (SceneError, OSError):
+                remove(folder)
     return f"{reason}; nothing could be kept"

@@ -76,7 +76,7 @@ def _reach(scene: SceneData) -> list[str]:
     low = middle[2] - radius
     if low >= -depth:
         return []
-    return [f"sea.depth: the line reaches down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
+    return [f"sea.depth: the line can reach down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
 
 
 def _sheltered(scene: SceneData) -> list[str]:

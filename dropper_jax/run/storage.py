@@ -263,7 +263,8 @@ def write_zarr(solution: Samples, path: str | Path) -> Path:
                 path.rename(Path(folder) / "before")
             part.rename(path)
     except (OSError, RuntimeError) as error:
-        raise SceneError(f"{path}: cannot be written: {' '.join(str(error).split())}") from None
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+        raise SceneError(f"{path}: cannot be written: {reason}") from None
     return path
 
 

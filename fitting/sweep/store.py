@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers
+from dropper_jax.base.files import PART, part_prefix, remove, remove_leftovers, unwritable
 from dropper_jax.base.lock import Lock
 from dropper_jax.run.storage import extra
 from fitting.sweep.plan import QUANTITIES, STATUS, Plan, differences
@@ -56,20 +56,23 @@ class Store:
         self.path, self.plan = Path(path), plan
         zarr = extra("zarr", "sweep")
         self.lock = Lock(self.path)
+        part = self.path.with_name(f"{part_prefix(self.path)}new{PART}")
         try:
             remove_leftovers(self.path)
             if self.path.exists():
                 self._check()
                 self._check_versions(versions, mix_versions)
             else:
-                part = self.path.with_name(f"{part_prefix(self.path)}new{PART}")
                 remove(part)
                 self._create(zarr.open_group(part, mode="w-"), versions)
                 part.rename(self.path)
             self.group = zarr.open_group(self.path, mode="r+")
             self._check_arrays()
-        except BaseException:
+        except BaseException as error:
+            remove(part)
             self.lock.release()
+            if isinstance(error, OSError):  # Zarr's name no file
+                raise unwritable(self.path, error) from None
             raise
 
     def close(self) -> None:
@@ -195,10 +198,17 @@ class Store:
             return False
 
     def write(self, chunk: int, found: dict[str, np.ndarray]) -> None:
-        """Append one chunk, its status last."""
+        """Append one chunk, its status last.
+
+        Raises:
+            OSError: with the folder's name, where the disk refuses.
+        """
         cases = self.plan.cases_of(chunk)
-        for name in sorted(found, key=lambda name: name == "status"):
-            self.group[name][cases[0] : cases[-1] + 1] = found[name]
+        try:
+            for name in sorted(found, key=lambda name: name == "status"):
+                self.group[name][cases[0] : cases[-1] + 1] = found[name]
+        except OSError as error:
+            raise unwritable(self.path, error) from None
 
     def counts(self) -> dict[str, int]:
         """Cases by status."""

@@ -110,6 +110,6 @@ def test_the_booked_power_is_the_force_times_the_velocity():
         *(jnp.asarray(a) for a in (solution.positions[:, 1:], solution.velocities[:, 1:], solution.t))
     )
     work = np.trapezoid(powers, solution.t)
-    assert solution.warnings[0].startswith("sea.depth: the line reaches down to z = -6.5 m")
+    assert solution.warnings[0].startswith("sea.depth: the line can reach down to z = -6.5 m")
     booked = solution.work[-1, solution.work_names.index("morison_drag")]
     assert booked == pytest.approx(work, rel=1e-4)

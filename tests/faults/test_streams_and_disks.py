@@ -77,6 +77,23 @@ def test_a_full_disk_is_told_with_the_file_and_brings_nothing_down(tmp_path, suf
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_nothing_could_be_kept_of_leaves_no_folder_behind(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    run = f"dropper run conical-pendulum --duration 1 --no-step-check --quiet --out {tmp_path}/run.npz"
+    done = shell(f"ulimit -f 4; {run}", TMPDIR=str(tmp_path / "tmp"))
+    assert "cannot be written: File too large; nothing could be kept" in done.stderr
+    assert [path.name for path in tmp_path.rglob("*")] == ["tmp"]
+
+
+def test_a_sweep_that_a_full_disk_refuses_names_its_folder(tmp_path):
+    pytest.importorskip("zarr")
+    sweep = "dropper sweep conical-pendulum --vary effects.weight.gravity=9,10 --duration 0.1 --quiet"
+    done = shell(f"ulimit -f 2; {sweep} --out {tmp_path}/many.zarr")
+    assert done.returncode == 3
+    assert done.stderr == f"error: {tmp_path}/many.zarr: cannot be written: File too large\n"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_pictures_that_a_full_disk_refuses_are_no_fault_of_the_input(tmp_path):
     done = shell(f"ulimit -f 8; dropper run conical-pendulum --duration 1 --quiet --json --plot {tmp_path / 'p.png'}")
     assert done.returncode == 3

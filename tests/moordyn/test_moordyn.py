@@ -436,6 +436,17 @@ def test_points_of_a_vessel_are_coupled_and_their_motion_is_listed_as_lost(tmp_p
     assert " Coupled 18.0 0.0 0.0 " in (tmp_path / "deck.txt").read_text()
 
 
+def test_floats_that_moordyn_keeps_wet_above_the_surface_are_listed(tmp_path):
+    # measured: a float of 0.1 m3 on 25 m of rope in 20 m of water rests 5.2 m above it in MoorDyn 2.7.2, afloat here
+    scene = vessel_scene()
+    scene["point"].append({"name": "float", "position": [9.0, 0.0, -8.0], "kind": "free", "mass": 10.0, "volume": 0.1})
+    scene["line"].append({**scene["line"][0], "name": "riser", "to": "float"})
+    note = "1 points with a volume, such as 'float': MoorDyn's stays wet above the surface too"
+    assert note in write_moordyn(scene, tmp_path / "deck.txt")
+    scene["point"][-1]["mass"] = 110.0  # it sinks
+    assert note not in write_moordyn(scene, tmp_path / "deck.txt")
+
+
 def test_every_value_of_an_effect_that_a_file_cannot_have_is_listed_as_lost(tmp_path):
     scene = vessel_scene()
     scene["line"][0]["shelter"] = 0.6
@@ -465,6 +476,12 @@ def test_two_decks_in_one_folder_do_not_share_a_sea_silently(tmp_path):
     assert {file.name: file.read_text() for file in tmp_path.iterdir()} == before
     write_moordyn(other, tmp_path / "second.txt", force=True)
     assert (tmp_path / "wave_frequencies.txt").read_text() != before["wave_frequencies.txt"]
+    flow = lambda speed: {**scene, "sea": {**scene["sea"], "waves": None, "current": {"speed": speed}}}  # noqa: E731
+    write_moordyn(flow(0.5), tmp_path / "slow.txt", force=True)
+    before = {file.name: file.read_text() for file in tmp_path.iterdir()}
+    with pytest.raises(SceneError, match=r"current_profile.txt: exists and differs.*--force"):
+        write_moordyn(flow(0.8), tmp_path / "fast.txt")
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == before
     for deck, deep in (("a.txt", 20.0), ("b.txt", 25.0)):
         sloped = {**scene, "effects": {**scene["effects"], "seabed": {}}}
         sloped["effects"]["seabed"] = {"bed_x": [-50.0, 50.0], "bed_y": [-50.0, 50.0], "bed_depth": [20.0, deep] * 2}

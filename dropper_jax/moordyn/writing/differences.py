@@ -141,6 +141,9 @@ def _things(scene: Scene) -> Iterator[str]:
             yield f"line {line.name!r}: nodes 'far' is not represented; MoorDyn's links have halves at both nodes"
         if line.breaking_load is not None:
             yield f"line {line.name!r}: breaking load is not represented"
+    floats = [p.name for p in scene.points if scene.sea and scene.sea.density * (p.volume or 0.0) > (p.mass or 0.0)]
+    if floats:
+        yield f"{len(floats)} points with a volume, such as {floats[0]!r}: MoorDyn's stays wet above the surface too"
     for vessel in scene.vessels:
         for name in vessel.attachments:
             yield f"vessel {vessel.name!r}: point {name!r} is Coupled; its motion is not in the file"

@@ -1,0 +1,191 @@
+"""Every packaged scene as a deck, in calm water at rest: end tensions in MoorDyn v2 against those of the scene and of
+the deck as it is read here.
+
+    python benchmarks/moordyn_rest.py [SCENE ...]
+
+Needs the extra `moordyn`; takes about 20 minutes. Writes results/moordyn_rest.json and prints what it finds. Waves are
+taken out of each scene, a steady current stays. Free points start
+where they rest here, lines by MoorDyn's own search; it runs for 120 s.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from moordyn_runs import wheel
+
+from dropper_jax import Scene, equilibrium, load_scene
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.json_values import jsonable
+from dropper_jax.load.packaged import scene_names
+from dropper_jax.moordyn.writing.differences import moved_points
+from dropper_jax.moordyn.writing.writer import write_moordyn
+from dropper_jax.statics.search import Equilibrium
+from dropper_jax.study.peers.moordyn_run import inside, quiet
+
+RESULT = Path(__file__).parent / "results" / "moordyn_rest.json"
+#: Time that MoorDyn runs [s], and the speed [m/s] below which its nodes count as at rest.
+SPAN, AT_REST = 120.0, 1e-3
+#: MoorDyn's step over the shortest time that a pulse takes along a link, and the largest step [s].
+PART, LARGEST_STEP = 0.3, 1e-3
+#: More drag, on which a pose at rest in still water does not depend: a spar's heave would fade as 1/t.
+DRAG = 20.0
+#: A difference of end tensions beyond this is measured again with so many times the links.
+CLOSE, FINE = 0.01, 2
+#: Points this high [m] are out of the water: MoorDyn's volume of a point stays wet there, ours does not.
+DRY = 0.1
+#: Tensions below this part of the deck's largest are compared with that part.
+LEAST = 1e-2
+
+
+def calm(name: str, times: int = 1) -> Scene:
+    """A packaged scene without waves and what follows them; in still water with more drag, `times` as many links."""
+    values = load_scene(name).to_dict()
+    sea = values.get("sea", {})
+    for key in ("waves", "ramp"):
+        sea.pop(key, None)
+    values["effects"].pop("sea_following_end", None)
+    if times > 1:
+        _cut_links(values, times)
+    if "current" not in sea:
+        _more_drag(values)
+    return Scene.from_dict(values)
+
+
+def _cut_links(values: dict[str, Any], times: int) -> None:
+    """Every link in `times` equal parts."""
+    links = sum(row["links"] for row in values["line"])
+    for row in values["line"]:
+        for key, part in (("length", 1.0 / times), ("mass", 1.0 / times), ("diameter", 1.0)):
+            row[key] = (part * np.repeat(np.broadcast_to(row[key], row["links"]), times)).tolist()
+        axial = {"EA": 1.0, "damping": float(times)}
+        for key in axial.keys() & row["axial"].keys():
+            value = np.broadcast_to(row["axial"][key], row["links"])
+            row["axial"][key] = (axial[key] * np.repeat(value, times)).tolist()
+        row["links"] *= times
+    for effect in values["effects"].values():
+        for key, value in effect.items():
+            if isinstance(value, list) and len(value) == links:
+                effect[key] = np.repeat(value, times).tolist()
+
+
+def _more_drag(values: Any) -> None:
+    """Every drag coefficient times DRAG, wherever it is."""
+    for key, value in values.items() if isinstance(values, dict) else enumerate(values):
+        if key in ("cdn", "cdt") and value is not None:
+            values[key] = (DRAG * np.asarray(value)).tolist()
+        elif isinstance(value, dict | list):
+            _more_drag(value)
+
+
+def rest_of(scene: Scene) -> Equilibrium:
+    pose = equilibrium(scene)
+    if pose.status != "ok":
+        raise ArithmeticError(f"no pose at rest here: {pose.status}")
+    return pose
+
+
+def moved_to(scene: Scene, pose: Equilibrium) -> Scene:
+    """The scene with its free points and bodies where they rest: a buoy's slow sway would outlast MoorDyn's run."""
+    values, node, position = scene.to_dict(), 0, {}
+    for line in scene.lines:
+        position[line.start], position[line.end] = pose.positions[node], pose.positions[node + line.links]
+        node += line.links + 1
+    for row in values["point"]:
+        if row.get("kind") == "free" and row["name"] in position:
+            row["position"] = position[row["name"]].tolist()
+    for body, row in zip(scene.bodies, values.get("body", []), strict=True):
+        name = next(name for name in body.attachments if name in position)
+        row["position"] = (body.position + position[name] - body.world(body.attachments[name])).tolist()
+    return Scene.from_dict(values)
+
+
+def largest_step(scene: Scene) -> float:
+    """A step [s] at which MoorDyn's explicit scheme is stable on these lines."""
+    times = [np.min(line.length * np.sqrt(line.mass / (line.length * line.EA))) for line in scene.lines]
+    return float(f"{min(PART * min(times), LARGEST_STEP):.2g}")
+
+
+def there(folder: Path, file: str, held: list[float]) -> tuple[list[tuple[int, float, float]], float, float]:
+    """Links and end tensions [N] of every line of MoorDyn's after SPAN, its largest speed [m/s] and height [m]."""
+    moordyn = wheel()
+    still = [0.0] * len(held)
+    with inside(str(folder)), quiet():
+        system = moordyn.Create(file)
+        try:
+            moordyn.Init(system, held, still)
+            moordyn.Step(system, held, still, 0.0, SPAN)
+            lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
+            rows, speed, highest = [], 0.0, -np.inf
+            for line in lines:
+                count = moordyn.GetLineN(line)
+                rows.append((count, *(float(np.linalg.norm(moordyn.GetLineNodeTen(line, j))) for j in (0, count))))
+                speeds = [np.linalg.norm(moordyn.GetLineNodeVel(line, j)) for j in range(count + 1)]
+                speed = max(speed, float(np.max(speeds)))
+                highest = max(highest, *(moordyn.GetLineNodePos(line, j)[2] for j in range(count + 1)))
+        finally:
+            moordyn.Close(system)
+    return rows, speed, highest
+
+
+def compare(name: str, links: int = 1) -> dict[str, Any]:
+    """One scene: a status, and where MoorDyn's deck rests the largest difference of end tensions."""
+    try:
+        scene = calm(name, links)
+        with tempfile.TemporaryDirectory() as where:
+            folder, moved = Path(where), moved_points(scene)
+            dt = largest_step(scene) if scene.branched and scene.lines[0].EA is not None else None
+            write_moordyn(scene, folder / "deck.txt", dt=dt)  # refuses a scene before its pose is sought
+            own = rest_of(scene)
+            write_moordyn(moved_to(scene, own), folder / "deck.txt", dt=dt)
+            deck = load_scene(folder / "deck.txt")
+            held = [float(x) for point in scene.points if point.name in moved for x in point.position]
+            rows, speed, highest = there(folder, "deck.txt", held)
+            read = rest_of(deck)
+    except (SceneError, ArithmeticError, RuntimeError) as error:
+        return {"scene": name, "links": links, "status": str(error)}
+    first = np.cumsum([0, *(count for count, *_ in rows)])
+    ends = np.ravel([[a, b - 1] for a, b in zip(first[:-1], first[1:], strict=True)])
+    theirs = np.ravel([pair for _, *pair in rows])
+    scale = np.maximum(theirs, LEAST * np.max(theirs))
+    status = "ok" if speed < AT_REST else f"MoorDyn moves by {1e3 * speed:.2g} mm/s after {SPAN:g} s"
+    if highest > DRY:
+        status = f"floats leave the water in MoorDyn, by {highest:.2g} m: the volume of a point stays wet there"
+    found = {"scene": name, "links": links, "status": status, "dt_s": dt, "lines": len(rows)}
+    found |= {"speed": speed, "largest_n": float(np.max(theirs))}
+    for key, links in (("scene_difference", own.tension), ("deck_difference", read.tension)):
+        found[key] = float(np.max(np.abs(links[ends] - theirs) / scale))
+    worst = int(np.argmax(np.abs(read.tension[ends] - theirs) / scale))
+    found["worst"] = {
+        "line": worst // 2 + 1,
+        "end": worst % 2,
+        "moordyn_n": theirs[worst],
+        "here_n": read.tension[ends][worst],
+    }
+    return found
+
+
+def main() -> int:
+    names = sys.argv[1:] or scene_names()
+    rows = [row for row in json.loads(RESULT.read_text())["rows"] if row["scene"] not in names] if sys.argv[1:] else []
+    versions = {package: metadata.version(package) for package in ("moordyn", "dropper-jax")}
+    for name in names:
+        for links in (1, FINE):
+            rows.append(compare(name, links))
+            print(json.dumps(jsonable(rows[-1])), flush=True)
+            if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
+                break  # a difference that goes with finer links is that of the codes' drag on a bent line
+        rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
+        atomic_write(RESULT, json.dumps(jsonable({"schema": 1, "versions": versions, "rows": rows}), indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import lag
+from dropper_jax.base.springs import REST, lag
 
 INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
 
@@ -73,7 +73,7 @@ class Elastic(AxialLaw):
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
         """Spring's pull (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
         before, after, expected = (self.spring(x, step.length) for x in (step.size, size, step.expected))
-        return self._mean(step, size) + lag(before, after, expected)
+        return self._mean(step, size) + lag(before, after, expected, REST * self.EA)
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
         """Damper's pull (n,) [N] over a step, beside a spring's."""

@@ -20,11 +20,20 @@ def mean_pull(e0: jax.Array, e1: jax.Array) -> jax.Array:
     return 0.5 * pulled * (pulled / jnp.where(way > 0.0, way, 1.0))
 
 
-def lag(before: jax.Array, after: jax.Array, expected: jax.Array) -> jax.Array:
-    """What a spring pulls beyond its mean over the step, by its pull before, after, and the one expected."""
+#: Stretch and depth [m per m] below which a spring counts as at rest.
+REST = 1e-10
+
+
+def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Array | float = 0.0) -> jax.Array:
+    """What a spring pulls beyond its mean over the step, by its pull before, after, and the one expected.
+
+    From a spring at rest any motion is ahead of what was expected: its derivative there is that of `after - expected`,
+    not of a sign that rounding decides. Changes up to `rest` count as none.
+    """
     change, ahead = after - before, 0.5 * (after - expected)
-    least = jnp.sign(change) * jnp.minimum(jnp.abs(change), jnp.abs(ahead))
-    return 0.5 * jnp.where(change * ahead > 0.0, least, 0.0)
+    least = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
+    still = jnp.maximum(jnp.abs(change), jnp.abs(ahead)) <= rest
+    return 0.5 * jnp.where(still, ahead, jnp.where(change * ahead > 0.0, least, 0.0))
 
 
 def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import lag, mean_pull, never_more
+from dropper_jax.base.springs import REST, lag, mean_pull, never_more
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
@@ -72,7 +72,7 @@ class BodyBed(Effect):
             before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
             pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
-            spring = jnp.maximum(stiffness * (mean_pull(before, after) + lag(*pressed, expected)), 0.0)
+            spring = jnp.maximum(stiffness * (mean_pull(before, after) + lag(*pressed, expected, REST)), 0.0)
             rate = (pressed[1] - pressed[0]) / k.h
         return area * (spring + never_more(damping * rate, spring))
 

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot
-from dropper_jax.base.springs import lag, mean_pull, never_more
+from dropper_jax.base.springs import REST, lag, mean_pull, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -108,7 +108,7 @@ class Seabed(Effect):
             before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
             pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
-            spring = jnp.maximum(self.stiffness * (mean_pull(before, after) + lag(*pressed, expected)), 0.0)
+            spring = jnp.maximum(self.stiffness * (mean_pull(before, after) + lag(*pressed, expected, REST)), 0.0)
             rate = (pressed[1] - pressed[0]) / k.h
         return area * (spring + never_more(self.damping * rate, spring))
 

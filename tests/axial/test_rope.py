@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax.axial import Elastic, LinkStart, Rope
 from dropper_jax.base.springs import lag, mean_pull, never_more
+from dropper_jax.stepping.choose import make_stepper
 
 EA, BA = 2e4, 300.0
 LENGTH = jnp.ones(1)
@@ -84,6 +85,37 @@ def test_springs_over_a_step():
     assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(-9.0))) == 0.5  # the pull at the end
     assert float(lag(jnp.array(2.0), jnp.array(1.0), jnp.array(9.0))) == -0.5
     assert [float(never_more(jnp.array(x), jnp.array(2.0))) for x in (-9.0, 1.0, 9.0)] == [-2.0, 1.0, 2.0]
+
+
+def test_a_spring_at_rest_has_the_derivative_of_the_motion_that_follows():
+    # any motion from rest is ahead of what was expected: half of its half; rounding must not choose
+    for off in (-1e-9, 0.0, 1e-9):
+        slope = jax.grad(lambda after, off=off: lag(jnp.array(2e3), after, jnp.array(2e3 + off), 1e-6))(jnp.array(2e3))
+        assert float(slope) == 0.25
+
+
+@pytest.mark.parametrize("law", ["elastic", "rope"])
+def test_a_step_from_rest_has_exact_derivatives_by_stiffness_in_both_modes(law):
+    kind = {"name": "rope", "mass": 4.0, "diameter": 0.05, "EA": 8e4, "damping_ratio": 0.1, "law": law}
+    ends = [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [8.0, 0.0, 0.0]}]
+    line = {"name": "l", "from": "a", "to": "b", "type": "rope", "length": 10.0, "links": 4}
+    table = {"run": {"dt": 0.02, "duration": 1.0}, "line_type": [kind], "point": ends, "line": [line]}
+    model, start = dj.build({**table, "effects": {"weight": {}}})
+    stepper = make_stepper(model)
+    leaves, tree = jax.tree_util.tree_flatten_with_path(model)
+    stiff = ["EA" in jax.tree_util.keystr(path) for path, _ in leaves]
+    assert sum(stiff) == 1
+
+    def sunk(factor):
+        scaled = (x * factor if hit else x for hit, (_, x) in zip(stiff, leaves, strict=True))
+        last, _ = dj.integrate(stepper, jax.tree.unflatten(tree, list(scaled)), start, 0.02, 1)
+        return jnp.sum(last.v[:, 2])
+
+    at = jnp.array(1.0)
+    value = jax.jit(sunk)
+    differences = float(value(at + 1e-4) - value(at - 1e-4)) / 2e-4
+    assert float(jax.jit(jax.grad(sunk))(at)) == pytest.approx(differences, rel=1e-6)
+    assert float(jax.jit(lambda x: jax.jvp(sunk, (x,), (1.0,))[1])(at)) == pytest.approx(differences, rel=1e-6)
 
 
 @pytest.mark.parametrize("dt", [0.01, 0.005])

@@ -48,7 +48,7 @@ def lengths(found: dict[str, Any]) -> Rows:
 def peaks(found: dict[str, Any]) -> Rows:
     """Largest anchor tension by scheme and step, the range over moved starts, and the paper's two codes."""
     schemes = list(dict.fromkeys(row["scheme"] for row in found["rows"]))
-    head = ("case", *(f"{scheme} [kN] (step [ms])" for scheme in schemes), "ten starts moved by 1e-6 m [kN]")
+    head = ("case", *(f"{scheme} [kN] (step [ms])" for scheme in schemes), "starts moved by up to 1e-6 m [kN]")
     rows = [(*head, *(f"Table 7: {code} [kN]" for _, code in CODES))]
     for number in NUMBERS:
         own = [r for r in found["rows"] if r["case"] == number and r["status"] == "ok"]
@@ -60,7 +60,14 @@ def peaks(found: dict[str, Any]) -> Rows:
         }
         paper = (_kilo(found["table_7"][str(number)][key][2]) for key, _ in CODES)
         cells = (", ".join(of[scheme]) or "-" for scheme in schemes)
-        rows.append((str(number), *cells, f"{_kilo(min(moved))} to {_kilo(max(moved))}" if moved else "-", *paper))
+        rows.append(
+            (
+                str(number),
+                *cells,
+                f"{_kilo(min(moved))} to {_kilo(max(moved))} ({len(moved)})" if moved else "-",
+                *paper,
+            )
+        )
     return rows
 
 

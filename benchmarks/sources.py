@@ -1,4 +1,4 @@
-"""Every table of the thesis and the paper beside what is here: the numbers of docs/sources.md.
+"""Every table of the thesis and the paper and what is here: the numbers of docs/sources.md.
 
     python benchmarks/sources.py
 
@@ -82,7 +82,7 @@ def pendulums() -> Iterator[Row]:
             f"{table} double pendulum, `{name}`",
             "50 s at 3.33e-5 s",
             f"50 s at {run.scene.run.dt:g} s, {run.status}, energy error {run.energy_drift / run.energy_scale:.0e}",
-            "no numbers are given; Figures 3.3 to 3.6 are drawn",
+            "without numbers; Figures 3.3 to 3.6 are drawn",
         )
 
 
@@ -169,7 +169,7 @@ def paper() -> Iterator[Row]:
         "3 anchors of Edulis",
         "2 gravity of 15 t, 2 Danforth of 2.5 t",
         "the same, in line on each side",
-        "their arrangement, holding power and material are not given: assumed "
+        "their arrangement, holding power and material are missing there: assumed "
         "([longlines](longlines.md#currents-along-and-across))",
     )
     chain = case.lines[0]
@@ -222,7 +222,7 @@ def figures() -> Iterator[Row]:
     """(figure, caption, scenes, note) of every one that `dropper figure` draws."""
     rows = tomllib.loads((resources.files("dropper_jax") / "data" / "source_figures.toml").read_text())["figure"]
     for row in rows:
-        note = f"not given there, chosen: {row['note']}" if row.get("note") else ""
+        note = f"missing there, chosen: {row['note']}" if row.get("note") else ""
         yield (row["name"], row["caption"], ", ".join(f"`{name}`" for name in row["scenes"]), note)
 
 

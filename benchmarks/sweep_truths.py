@@ -56,8 +56,12 @@ def rank(scores: TraceScores, case: int) -> dict[str, dict[str, Any]]:
         for by in MEASURES:
             score = getattr(scores, by)[:, part]
             others = np.delete(score, case)
-            place = {"rank": 1 + int(np.sum(others < score[case])), "true": score[case], "other": np.nanmin(others)}
-            found[name][by] = place
+            score_row = {
+                "rank": 1 + int(np.sum(others < score[case])),
+                "true": score[case],
+                "other": np.nanmin(others),
+            }
+            found[name][by] = score_row
     return found
 
 
@@ -84,17 +88,17 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for case, pair in enumerate(zip(*PAIRS.values(), strict=True)):
             traces.append(truth(SCENE, *pair, args.duration, case))
-            begun = time.process_time()  # all truths have one sweep, which the first one runs
+            start_s = time.process_time()  # all truths have one sweep, which the first one runs
             out = f"{folder}/pairs.zarr"
             scores = sweep_against_trace(SCENE, PAIRS, traces[-1], out, listed=True, chunk=8, quantities=[])
-            seconds = {"sweep_cpu_s": time.process_time() - begun}
+            seconds = {"sweep_cpu_s": time.process_time() - start_s}
             found["rows"].append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), **seconds})
             print(pair, {name: found["rows"][-1][name]["angle"]["rank"] for name in PARTS}, seconds)
     args.out.write_text(json.dumps(found, indent=1) + "\n")
     for trace, row in zip(traces, found["rows"], strict=True):
-        begun = time.process_time()
+        start_s = time.process_time()
         row["fit"] = fitted(trace, np.array([row["b_l"], row["b_q"]]))
-        row["fit_cpu_s"] = time.process_time() - begun
+        row["fit_cpu_s"] = time.process_time() - start_s
         print(trace.name, row["fit"], row["fit_cpu_s"])
         args.out.write_text(json.dumps(found, indent=1) + "\n")
 

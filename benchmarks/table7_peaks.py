@@ -55,16 +55,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", default="1,2,3,4,5")
     parser.add_argument("--starts", type=int, default=10)
-    given = parser.parse_args()
+    args = parser.parse_args()
     found = json.loads(TARGET.read_text()) if TARGET.exists() else {"rows": []}
     found |= {"schema": 1, "machine": describe(), "table_7": TABLE_7, "span_s": SPAN}
-    draws = np.random.default_rng(7).uniform(-MOVED, MOVED, given.starts)
-    for number in map(int, given.cases.split(",")):
+    draws = np.random.default_rng(7).uniform(-MOVED, MOVED, args.starts)
+    for number in map(int, args.cases.split(",")):
         schemes = [(scheme, dt) for scheme, steps in STEPS_OF[number].items() for dt in steps]
         runs = [(*one, 0.0) for one in schemes] + [(*schemes[0], float(moved)) for moved in draws]
         for scheme, dt, moved in runs:
-            known = [(r["case"], r["scheme"], r["dt_s"], r["moved_m"]) for r in found["rows"]]
-            if (number, scheme, dt, moved) in known:
+            done = [(r["case"], r["scheme"], r["dt_s"], r["moved_m"]) for r in found["rows"]]
+            if (number, scheme, dt, moved) in done:
                 continue
             row = loads(number, scheme, dt, moved)
             found["rows"].append(row)

@@ -31,9 +31,9 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
     not of a sign that rounding decides. Changes up to `rest` count as none.
     """
     change, ahead = after - before, 0.5 * (after - expected)
-    least = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
+    smaller = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
     still = jnp.maximum(jnp.abs(change), jnp.abs(ahead)) <= rest
-    return 0.5 * jnp.where(still, ahead, jnp.where(change * ahead > 0.0, least, 0.0))
+    return 0.5 * jnp.where(still, ahead, jnp.where(change * ahead > 0.0, smaller, 0.0))
 
 
 def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:

@@ -124,11 +124,11 @@ class SeabedFriction(Law):
         return -self.kinetic * rate * _along_bed(k, k.v)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
-        return z - _bounded(*self._trial(k, z, h), self._limit(k))
+        return z - _within(*self._trial(k, z, h), self._limit(k))
 
     def at(self, k: Kinematics) -> jax.Array:
         p = self._creep(k)
-        return _bounded(p, _size(p), self._limit(k))
+        return _within(p, _size(p), self._limit(k))
 
     def admissible(self, z: jax.Array) -> jax.Array:
         return z  # the bound is the contact force, which the step determines too
@@ -150,7 +150,7 @@ def _size(p: jax.Array) -> jax.Array:
     return jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
 
-def _bounded(p: jax.Array, size: jax.Array, limit: jax.Array) -> jax.Array:
+def _within(p: jax.Array, size: jax.Array, limit: jax.Array) -> jax.Array:
     """p, or its direction at the limit."""
     return jnp.where(size <= limit, p, limit * p / size)
 

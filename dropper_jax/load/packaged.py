@@ -72,18 +72,18 @@ def packaged_scene(name: str) -> dict[str, Any]:
     return make(parse_toml(files[file].read_bytes(), f"{file}.toml"), file)
 
 
-def _changed(table: dict[str, Any], told: str, **sections: Any) -> dict[str, Any]:
-    return {**table, "description": f"{table['description']} {told}", **sections}
+def _variant(table: dict[str, Any], note: str, **sections: Any) -> dict[str, Any]:
+    return {**table, "description": f"{table['description']} {note}", **sections}
 
 
 def _undamped(table: dict[str, Any], file: str) -> dict[str, Any]:
     effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
-    return _changed(table, "Without damping.", effects=effects)
+    return _variant(table, "Without damping.", effects=effects)
 
 
 def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
-    told = "It starts from the poses of Table 6: the buoy is held where they put it until the chain rests, then let go."
-    return _changed(table, told, start={"kind": "points"})
+    note = "It starts from the poses of Table 6: the buoy is held where they put it until the chain rests, then let go."
+    return _variant(table, note, start={"kind": "points"})
 
 
 def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
     if file in RAMPS:
         force, of = [[0.0, 0.0, RAMPS[file] * (release - begin)]], "thesis appendix E"
     ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
-    return _changed(
+    return _variant(
         table,
         f"As the thesis does it: from rest a force rises from {begin:g} s on to that of {of}, until {release:g} s.",
         run={"dt": 0.0065, "duration": 65.0},
@@ -103,7 +103,7 @@ def _ramp(table: dict[str, Any], file: str) -> dict[str, Any]:
 
 def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
     force = {**table["effects"]["thesis_wave_force"], "velocity": "relative"}
-    return _changed(
+    return _variant(
         table,
         "With the velocity relative to the nodes, thesis (6.13), which (C.22)-(C.24) drop.",
         run={**table["run"], "dt": 0.0025},

@@ -21,13 +21,13 @@ def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
     places = {point["name"]: point["position"] for point in table["point"]}
     bodies = [_body(buoy, places[buoy["point"]], centre) for buoy in table["buoy"]]
     gone = {buoy["point"] for buoy in table["buoy"]}
-    told = (
+    note = (
         f" The spar pitches: a rigid body with its centre of gravity {centre:g} m above the base, which the paper does "
         "not give (assumed)."
     )
     rest = {key: value for key, value in table.items() if key != "buoy"}
     points = [point for point in table["point"] if point["name"] not in gone]
-    return {**rest, "description": table["description"] + told, "point": points, "body": bodies}
+    return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
 
 
 def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, Any]:

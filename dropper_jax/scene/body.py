@@ -151,9 +151,9 @@ class BodySpec:
             )
         moments = np.linalg.eigvalsh(self.inertia_matrix)
         if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
-            told = ", ".join(f"{value:.4g}" for value in moments)
+            sizes = ", ".join(f"{value:.4g}" for value in moments)
             raise SceneError(
-                f"{path}.inertia: principal moments {told} kg m^2 are of no body; allowed: > 0, none above the sum of "
+                f"{path}.inertia: principal moments {sizes} kg m^2 are of no body; allowed: > 0, none above the sum of "
                 "the other two"
             )
         if self.bed_friction and not self.touches_bed:

@@ -72,7 +72,7 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     if model.line.axial.elastic:
         stiffness, mass, motions = (np.asarray(part) for part in _matrices(model, pose))
     else:
-        stiffness, mass, motions = _of_constrained(*map(np.asarray, _with_lengths(model, pose)))
+        stiffness, mass, motions = _on_free_motions(*map(np.asarray, _with_lengths(model, pose)))
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]
@@ -94,8 +94,8 @@ def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.
     and `E = omega^2 A^2 mass / 2`. Of `b_q |v| v` on one mass that is `4 b_q A / (3 pi m)`.
     """
     speed = amplitude * jnp.asarray(modes.omega[:, None, None] * modes.shape)
-    taken = -np.asarray(_mean_power(model, pose, speed)) * modes.period
-    return taken / (4 * np.pi * 0.5 * modes.omega**2 * amplitude**2 * modes.mass)
+    lost = -np.asarray(_mean_power(model, pose, speed)) * modes.period
+    return lost / (4 * np.pi * 0.5 * modes.omega**2 * amplitude**2 * modes.mass)
 
 
 def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
@@ -123,7 +123,7 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
     return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
 
 
-def _of_constrained(
+def _on_free_motions(
     stiffness: np.ndarray, pull: np.ndarray, lengths: np.ndarray, compliance: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stiffness and mass of the motions that rigid links leave, and these motions.

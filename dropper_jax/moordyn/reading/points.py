@@ -139,7 +139,7 @@ def _ends(deck: Deck, row: Row) -> tuple[str, str]:
 
 
 def first_version(deck: Deck) -> bool:
-    """Whether lines have length and segments before their ends, told by the names of the columns."""
+    """Whether lines have length and segments before their ends, as the names of the columns."""
     names = [word.lower() for word in deck.columns.get("lines", ())]
     return len(names) > 2 and names[2].startswith(("unstr", "length", "len"))
 
@@ -227,11 +227,11 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
                 found.points.append({"name": f"point-{word}", "position": place})
                 found.leaving[f"point-{word}"] = [sign * (y - x) for x, y in zip(a, b, strict=True)]
         if connector:
-            told = "has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)"
-            notes.append(f"line {row.number}: rod {key} {told}")
+            note = "has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)"
+            notes.append(f"line {row.number}: rod {key} {note}")
         if holder.lower() in COUPLED:
-            told = f"rod {key} is coupled: its ends are held; [[vessel]] moves such points together"
-            notes.append(f"line {row.number}: {told}")
+            note = f"rod {key} is coupled: its ends are held; [[vessel]] moves such points together"
+            notes.append(f"line {row.number}: {note}")
         return ""
     body = bodies.get(holder[4:]) if holder.lower().startswith("body") else None
     name = row.name or f"buoy-{key}"

@@ -24,8 +24,6 @@ from dropper_jax.scene import LineSlice, line_slices, whole_lines
 #: Version of the saved file; a file that says otherwise is refused.
 FORMAT = 1
 
-#: Statuses of runs that reached their end, be their energy right or not.
-FINISHED = ("ok", "energy_drift")
 
 ARRAYS = (
     "t",
@@ -266,3 +264,8 @@ def _plain(value: np.ndarray) -> Plain:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be saved")
+
+
+def finished(run: Samples) -> bool:
+    """Whether a run reached its end with a motion whose errors can be estimated, not one that gained without bound."""
+    return run.status == "ok" or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)

@@ -25,7 +25,7 @@ from dropper_jax.run.remarks import check_stretch
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.room import check_room
 from dropper_jax.run.rows import InMemory, OnDisk
-from dropper_jax.run.samples import FINISHED
+from dropper_jax.run.samples import finished
 from dropper_jax.run.solution import Solution
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.step_check import with_step_check
@@ -148,7 +148,7 @@ def simulate(
         solution = with_step_check(solution, compiled, gone, start_s + gone.late_s)
     if choice is not None:
         solution = _within(solution, tolerance, choice)
-    if errors and solution.status in FINISHED:
+    if errors and finished(solution):
         solution = _with_errors(solution, scene, skip, settings, say)
     say(1.0, solution.status)
     if throw and solution.status != "ok":

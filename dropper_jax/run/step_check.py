@@ -18,7 +18,7 @@ import numpy as np
 
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.pieces import Gone, Pieces
-from dropper_jax.run.samples import FINISHED, Kind, Samples
+from dropper_jax.run.samples import Kind, Samples, finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
@@ -63,7 +63,7 @@ def with_step_check(solution: Kind, run: Pieces, outcome: Gone, start_s: float) 
     Args:
         start_s: time [s] that the run took to its first step.
     """
-    if solution.status not in FINISHED or not isinstance(outcome.carry, Progress):
+    if not finished(solution) or not isinstance(outcome.carry, Progress):
         return solution
     check = check_full_run if outcome.run_s < max(start_s, BRIEF) else check_stretches
     try:

@@ -7,7 +7,7 @@ from typing import Any
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.report.record import record
-from dropper_jax.run.samples import FINISHED
+from dropper_jax.run.samples import finished
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.load_errors import line_loads
 
@@ -31,14 +31,14 @@ def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, sa
     reference_dt = 0.5 * steps[-1]
     say(0.0, f"loads, {reference_dt:.4g} s")
     finest = simulate(scene, dt=reference_dt)
-    if finest.status not in FINISHED:
+    if not finished(finest):
         return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": finest.failure}
     right = line_loads(record(finest, skip))
     rows = []
     for i, dt in enumerate(steps):
         say((i + 1) / (len(steps) + 1), f"loads, {dt:.4g} s")
         found = simulate(scene, dt=dt)
-        good = found.status in FINISHED and len(found.t) > 3
+        good = finished(found) and len(found.t) > 3
         loads = line_loads(record(found, skip), right) if good else None
         errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
         rows.append({"dt": dt, "status": found.status, "us_per_step": found.us_per_step, "errors": errors})

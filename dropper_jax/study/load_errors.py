@@ -15,7 +15,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.report.record import Record, arc, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
-from dropper_jax.run.samples import FINISHED, Samples
+from dropper_jax.run.samples import Samples, finished
 from dropper_jax.sea.make import main_period
 from dropper_jax.study.finer_links import twice_the_links
 
@@ -80,7 +80,7 @@ def load_errors(
         say(i / len(variants), name)
         known = first if name == "1" else None
         solution = run(variant) if known is None else known
-        if not len(solution.t) > 3 or solution.status not in FINISHED:
+        if not len(solution.t) > 3 or not finished(solution):
             if name in ("1", "2", "4"):
                 raise SceneError(f"--errors: the run with steps of 1/{name} ends with {solution.failure}")
             left_out[name] = f"that run ends with {solution.failure}"

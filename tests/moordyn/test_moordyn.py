@@ -103,7 +103,8 @@ def test_a_scene_survives_the_way_to_a_file_and_back(name, tmp_path):
 def test_an_imported_scene_survives_the_way_to_a_file_and_back(name, deck, tmp_path):
     scene = load_scene(deck(name))
     (tmp_path / "again").mkdir()
-    assert write_moordyn(scene, tmp_path / "again" / "mooring.txt") == []
+    lost = write_moordyn(scene, tmp_path / "again" / "mooring.txt")
+    assert all("with a volume" in note for note in lost)  # here floats leave the water, MoorDyn's do not
     back = load_scene(tmp_path / "again" / "mooring.txt").to_dict()
     assert {**back, "notes": list(scene.notes)} == scene.to_dict()
 

@@ -18,15 +18,23 @@ import numpy as np
 import dropper_jax as dj
 from dropper_jax import load_scene
 from dropper_jax.base.files import atomic_write
+from dropper_jax.study.tide import tidal_cycle
 
 HERE = Path(__file__).parent
 TARGET = HERE / "results" / "sources.json"
+#: Nominal diameter [m] of the backbone in the paper's Table 1.
+NOMINAL = 0.068
 LINES = ("ground", "leg", "backbone", "sock")
 Row = tuple[str, str, str, str]
 
 
 def main() -> None:
-    found = {"schema": 1, "thesis": list(thesis()), "paper": list(paper()), "figures": list(figures())}
+    found = {
+        "schema": 1,
+        "thesis": list(thesis()),
+        "paper": [*paper(), nominal_diameters()],
+        "figures": list(figures()),
+    }
     atomic_write(TARGET, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     for row in (*found["thesis"], *found["paper"]):
         print(" | ".join(row))
@@ -154,14 +162,6 @@ def paper() -> Iterator[Row]:
         f"sock {length['sock']:.0f} m, the same masses",
         "145 m is the total of all socks",
     )
-    yield (
-        "1 nominal diameters",
-        "chain 0.022 m, backbone 0.068 m, sock 0.15 m",
-        "displacement diameters: 0.042 m, 0.0531 m, 0.1461 m",
-        "a backbone of 2.1 kg/m and 0.068 m would float (580 kg/m3). One diameter serves volume and drag: the backbone "
-        "has 22 % less drag area than on 0.068 m. `line_type.backbone.cdn=1.54` makes up for it: the largest load "
-        "of an anchor in the tide changes by 0.1 % along and 3.5 % across the backbone",
-    )
     buoy = edulis.buoys[0]
     volume = 0.25 * np.pi * float(buoy.diameter) ** 2 * float(buoy.height)
     yield ("2 spar buoys of Edulis", "2500 kg, 4.345 m3", f"{float(buoy.mass):.0f} kg, {volume:.3f} m3", "")
@@ -215,6 +215,30 @@ def paper() -> Iterator[Row]:
         "not modelled",
         "refused where the current turns",
         "wakes are laid out behind the lines for one direction of the current as the scene is built",
+    )
+
+
+def nominal_diameters() -> Row:
+    """What one diameter for volume and drag changes: Edulis' tide along and across with the drag of the nominal one."""
+    line = next(x for x in load_scene("edulis-longline").lines if x.name.startswith("backbone"))
+    size, weight = float(np.max(line.diameter)), float(line.mass[0] / line.length[0])
+    cdn = load_scene("edulis-tide").value("line_type.backbone.cdn")
+    changes = []
+    for heading in (0.0, 0.5 * np.pi):
+        tide = load_scene("edulis-tide").with_values({"sea.current.direction": heading})
+        loads = []
+        for scene in (tide, tide.with_values({"line_type.backbone.cdn": cdn * NOMINAL / size})):
+            held = [row["held_load_n"] for row in tidal_cycle(scene, 5)["rows"]]
+            loads.append(max(float(np.linalg.norm(load)) for one in held for load in one.values()))
+        changes.append(100 * (loads[1] / loads[0] - 1))
+    return (
+        "1 nominal diameters",
+        f"chain 0.022 m, backbone {NOMINAL:g} m, sock 0.15 m",
+        f"displacement diameters, of the backbone {size:.4f} m",
+        f"a solid backbone of its nominal diameter would float ({weight / (0.25 * np.pi * NOMINAL**2):.0f} kg/m3). One "
+        f"diameter serves volume and drag: the backbone has {100 * (1 - size / NOMINAL):.0f} % less drag area than on "
+        f"{NOMINAL:g} m. `line_type.backbone.cdn={cdn * NOMINAL / size:.2f}` makes up for it: the largest anchor load "
+        f"in the tide changes by {changes[0]:.1f} % along and {changes[1]:.1f} % across the backbone",
     )
 
 

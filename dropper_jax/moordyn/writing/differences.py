@@ -143,7 +143,8 @@ def _things(scene: Scene) -> Iterator[str]:
             yield f"line {line.name!r}: breaking load is not represented"
     floats = [p.name for p in scene.points if scene.sea and scene.sea.density * (p.volume or 0.0) > (p.mass or 0.0)]
     if floats:
-        yield f"{len(floats)} points with a volume, such as {floats[0]!r}: MoorDyn's stays wet above the surface too"
+        names = ", ".join(map(repr, floats[:3])) + (f" and {len(floats) - 3} more" if len(floats) > 3 else "")
+        yield f"points that float ({names}): MoorDyn keeps their whole volume wet above the surface too"
     for vessel in scene.vessels:
         for name in vessel.attachments:
             yield f"vessel {vessel.name!r}: point {name!r} is Coupled; its motion is not in the file"

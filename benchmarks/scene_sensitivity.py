@@ -37,7 +37,7 @@ def by_differences(scene: dj.Scene, path: str) -> float:
 
 def main() -> None:
     scene = dj.load_scene(SCENE).with_values({"run.duration": DURATION})
-    found = local(study(scene, OF, PATHS))
+    found = local(study(scene, OF, PATHS), check=True)
     rows = [
         {"path": path, "value": value, "unit": unit, "derivative": slope, "scaled": scaled, "differences": difference}
         for path, value, unit, slope, scaled, difference in zip(

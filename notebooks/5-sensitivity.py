@@ -42,7 +42,7 @@ plt.rcParams.update(style.RC | {"figure.dpi": 90})
 scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "rattle", "run.duration": 1.0})
 names = ["b_l", "b_q", "gravity", *(f"line.0.mass.{j}" for j in range(6))]
 problem = sensitivity.study(scene, "tension.max", names)
-found = sensitivity.local(problem)
+found = sensitivity.local(problem, check=True)
 print(f"{found.of} = {found.value:.3f} {found.unit}; forward and reverse mode differ by {found.mismatch:.0e}")
 tornado.local_picture(found, "tornado.png")
 Image("tornado.png", width=640)

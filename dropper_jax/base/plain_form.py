@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import jax
+import numpy as np
 from jax.tree_util import PyTreeDef, default_registry
 
 #: What JSON holds.
@@ -44,13 +45,15 @@ def written(value: object) -> Plain:
         return ["dict", *([written(key), written(one)] for key, one in value.items())]
     if isinstance(value, frozenset):
         return ["frozenset", *sorted((written(one) for one in value), key=repr)]
-    if isinstance(value, type) or callable(value):
-        return ["name", name_of(value)]
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        return ["array", value.dtype.str, [*value.shape], value.tobytes().hex()]
     if isinstance(value, tuple):  # a named one
         return ["made", name_of(type(value)), *map(written, value)]
-    if dataclasses.is_dataclass(value):
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
         return ["of", name_of(type(value)), *([name, written(one)] for name, one in fields)]
+    if isinstance(value, type) or callable(value):
+        return ["name", name_of(value)]
     raise NoPlainForm(f"{type(value).__name__} has no plain form")
 
 
@@ -69,6 +72,9 @@ def read(plain: Plain) -> object:
         return {"tuple": tuple, "list": list, "frozenset": frozenset}[kind](map(read, parts))
     if kind == "dict":
         return {read(key): read(one) for key, one in parts}
+    if kind == "array":
+        dtype, shape, data = parts
+        return np.frombuffer(bytes.fromhex(data), dtype).reshape(shape)
     if kind == "name":
         return named(parts[0])
     if kind == "made":

@@ -44,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=int, default=64, help="size of a global study (default: 64)")
     parser.add_argument("--seed", type=int, default=0, help="of a global study")
+    parser.add_argument(
+        "--check", action="store_true", help="compute local derivatives by reverse mode too, and the growth of errors"
+    )
     add_plot(parser, "a tornado picture")
     add_out(parser)
     parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
@@ -61,7 +64,10 @@ def run(args: argparse.Namespace) -> int:
     from fitting import sensitivity
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
-    found = _over_ranges(problem, args) if args.method else sensitivity.local(problem, progress(args.quiet) or silent)
+    if args.method:
+        found = _over_ranges(problem, args)
+    else:
+        found = sensitivity.local(problem, progress(args.quiet) or silent, args.check)
     if target and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 

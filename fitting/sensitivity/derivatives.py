@@ -15,14 +15,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.programs import kept
 from dropper_jax.base.progress import Progress, silent
-from dropper_jax.model import Parted, state
+from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.study.lyapunov import horizon, lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.problem import Study
+from fitting.sensitivity.problem import Plan, Study
 
 #: Growth of a small error up to which derivatives are trusted: a change of 1 % has then become one of 100 %.
 GROWTH = 100.0
+#: Part of that growth below which the forward derivatives themselves show that a run is not chaotic.
+SCREENED = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,9 +36,10 @@ class Local:
     Attributes:
         names, units, values: of the parameters.
         of, unit, value: the quantity.
-        forward, reverse: dQ/dp by both modes (p,).
+        forward: dQ/dp (p,).
         horizon: time [s] up to which derivatives are trusted; `duration` [s] of the run.
-        exponent: growth rate of small errors [1/s].
+        reverse: dQ/dp by reverse mode (p,); None unless it was asked for.
+        exponent: growth rate of small errors [1/s]; None where it was not needed.
         window: length [s] of the windows of the means; None where the whole run is trusted.
         window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
     """
@@ -46,10 +51,10 @@ class Local:
     unit: str
     value: float
     forward: np.ndarray
-    reverse: np.ndarray
     horizon: float
     duration: float
-    exponent: float
+    reverse: np.ndarray | None = None
+    exponent: float | None = None
     window: float | None = None
     window_mean: np.ndarray | None = None
     window_error: np.ndarray | None = None
@@ -69,8 +74,10 @@ class Local:
         return self.window is None
 
     @property
-    def mismatch(self) -> float:
-        """Largest difference of the two modes, relative to the largest derivative."""
+    def mismatch(self) -> float | None:
+        """Largest difference of the two modes, relative to the largest derivative; None without the reverse one."""
+        if self.reverse is None:
+            return None
         size = float(np.max(np.abs(self.forward), initial=0.0))
         return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size if size else 0.0
 
@@ -79,24 +86,43 @@ class Local:
         return {**dataclasses.asdict(self), "scaled": self.scaled, "trusted": self.trusted}
 
 
-def local(problem: Study, say: Progress = silent) -> Local:
-    """Exact derivatives of the study at its values, and how far to trust them."""
+@kept(static=("plan",), brief=True)
+def _forward(plan: Plan, model: Model, near: State, values: jax.Array) -> tuple[jax.Array, ...]:
+    """Derivatives (p,) and value of the quantity; how far each parameter moves the nodes, `max |dr/dp|` (p,), and the
+    largest extent of a node's motion."""
+
+    def along(direction: jax.Array) -> tuple[jax.Array, ...]:
+        at = partial(plan.evaluate, model, near)
+        (value, run), (slope, moved) = jax.jvp(at, (values,), (direction,))
+        return slope, jnp.max(safe_norm(moved.r)), value, jnp.max(safe_norm(run.r - run.r[0]))
+
+    slopes, reach, value, extent = jax.vmap(along, out_axes=(0, 0, None, None))(jnp.eye(len(values)))
+    return slopes, value, reach, extent
+
+
+@kept(static=("plan",), brief=True)
+def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Array:
+    return jax.grad(lambda p: plan.evaluate(model, near, p, checkpoint=True)[0])(values)
+
+
+def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
+    """Exact derivatives of the study at its values, and how far to trust them.
+
+    Where no parameter's change of 1 % moves any node by more than a tenth of the motion's extent, the whole run is
+    trusted. Elsewhere the growth of small errors is computed, a program of its own.
+
+    Args:
+        check: compute the derivatives by reverse mode too, and the growth rate in any case.
+    """
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
-    forward, value = jax.jit(jax.jacfwd(lambda p: 2 * (problem(p),), has_aux=True))(at)
+    forward, value, reach, extent = map(np.asarray, _forward(problem.plan, problem.model, problem.start, at))
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
-        return local(dataclasses.replace(problem, retries=True), say)
+        return local(dataclasses.replace(problem, retries=True), say, check)
     if np.isfinite(value) and not np.isfinite(forward).all():
         problem.check_held()
-    say(0.4, "reverse derivatives")
-    reverse = jax.jit(jax.grad(partial(problem, checkpoint=True)))(at)
     run = problem.scene.run
-    limit, exponent, duration = 0.0, 0.0, 0.0
-    if not problem.of.at_rest:
-        say(0.7, "trust horizon")
-        duration = run.steps * run.dt
-        growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
-        limit, exponent = horizon(growth, run.dt, GROWTH), float(growth.exponent)
+    duration = 0.0 if problem.of.at_rest else run.steps * run.dt
     found = Local(
         names=problem.names,
         units=[p.unit for p in problem.parameters],
@@ -104,12 +130,23 @@ def local(problem: Study, say: Progress = silent) -> Local:
         of=problem.of.name,
         unit=problem.of.unit,
         value=float(value),
-        forward=np.asarray(forward),
-        reverse=np.asarray(reverse),
-        horizon=limit,
+        forward=forward,
+        horizon=duration,
         duration=duration,
-        exponent=exponent,
     )
+    if check:
+        say(0.4, "reverse derivatives")
+        reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
+        found = dataclasses.replace(found, reverse=reverse)
+    moved = reach * [p.scale for p in problem.parameters]
+    small = bool(np.all(moved <= SCREENED * GROWTH * extent))
+    if problem.of.at_rest or (small and not check):
+        say(1.0, "ok")
+        return found
+    say(0.7, "trust horizon")
+    growth = lyapunov(problem.model, problem.start, problem.stepper, run.dt, max(run.steps, 2))
+    limit, exponent = horizon(growth, run.dt, GROWTH), float(growth.exponent)
+    found = dataclasses.replace(found, horizon=limit, exponent=exponent)
     if limit >= (1 - 1e-9) * duration:
         say(1.0, "ok")
         return found

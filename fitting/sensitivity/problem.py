@@ -17,6 +17,7 @@ from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build, equal_steps
 from dropper_jax.run.start import initial_state
+from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import free_motion
 from dropper_jax.stepping.integrate import Trajectory, integrate
@@ -31,6 +32,49 @@ from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 CHUNK = 64
 #: Standard range of a parameter in global studies, each way.
 SPREAD = 0.2
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a program of a study is compiled for: all of it that is not a number of the model.
+
+    Attributes:
+        of: the quantity.
+        parameters: where the values go; their own start values and bounds are left out.
+        start, run: of the scene.
+        stepper: with means for steps that resist, or without.
+    """
+
+    of: Quantity
+    parameters: tuple[Parameter, ...]
+    start: StartSpec
+    run: RunSpec
+    stepper: Stepper
+
+    def initial_state(self, model: Model, near: State) -> State:
+        """The start of the changed model: static poses follow it, given angles and positions stay."""
+        return initial_state(model, self.start, near=near)
+
+    def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
+        """Saved states of a run from s."""
+        steps = saves * self.run.save_every
+        return integrate(self.stepper, model, s, self.run.dt, steps, self.run.save_every, checkpoint)[1]
+
+    def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
+        """The quantity, NaN where a step failed."""
+        if self.of.at_rest:
+            return self.of(model, s.r, run, s.t[None])
+        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.run.dt * self.run.save_every)
+        return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
+
+    def evaluate(
+        self, model: Model, near: State, values: jax.Array, checkpoint: bool = False
+    ) -> tuple[jax.Array, Trajectory]:
+        """The quantity of the model with these values (p,), and the run that it is of."""
+        model = apply(model, self.parameters, values)
+        s = self.initial_state(model, near)
+        run = standing(s) if self.of.at_rest else self.march(model, s, self.run.saves, checkpoint)
+        return self.measure(model, s, run), run
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,28 +106,26 @@ class Study:
         more = {} if self.retries else {"extra": 0, "halvings": 0}
         return equal_steps(self.model, self.scene.run, track_work=False, **more)
 
+    @cached_property
+    def plan(self) -> Plan:
+        """What its programs are compiled for."""
+        where = tuple(Parameter(p.name, p.where, 0.0) for p in self.parameters)
+        return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
+
     def begin(self, model: Model) -> State:
-        """The start of the changed model: static poses follow it, angles and places that are given stay."""
-        return initial_state(model, self.scene.start, near=self.start)
+        """The start of the changed model: static poses follow it, given angles and positions stay."""
+        return self.plan.initial_state(model, self.start)
 
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""
-        run = self.scene.run
-        steps = saves * run.save_every
-        return integrate(self.stepper, model, s, run.dt, steps, run.save_every, checkpoint)[1]
+        return self.plan.march(model, s, saves, checkpoint)
 
     def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
         """The quantity, NaN where a step failed."""
-        if self.of.at_rest:
-            return self.of(model, s.r, run, s.t[None])
-        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.scene.run.dt * self.scene.run.save_every)
-        return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
+        return self.plan.measure(model, s, run)
 
     def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
-        model = apply(self.model, self.parameters, values)
-        s = self.begin(model)
-        run = standing(s) if self.of.at_rest else self.march(model, s, self.scene.run.saves, checkpoint)
-        return self.measure(model, s, run)
+        return self.plan.evaluate(self.model, self.start, values, checkpoint)[0]
 
     def check_held(self) -> None:
         """Refuse a static start that is free to move, where derivatives were not found.

@@ -28,11 +28,13 @@ def local_text(found: Local) -> str:
         if found.trusted
         else f"up to {found.horizon:.3g} s only: beyond, small changes grow more than 100 times"
     )
+    rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     pairs = [
         ("quantity", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
-        ("modes", f"forward and reverse differ by {found.mismatch:.1e}"),
-        ("trust", f"{trust} (growth rate {found.exponent:.2g} per s)"),
+        ("trust", f"{trust}{rate}"),
     ]
+    if found.mismatch is not None:
+        pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
     if windowed:
         pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
     return f"{listing(pairs)}\n\n{table(rows)}"

@@ -161,7 +161,7 @@ class Foreign:
     size: float = 1.0
 
 
-@pytest.mark.parametrize("value", [lambda x: x, Foreign(), np.ones(2), object(), Foreign, print, 1j])
+@pytest.mark.parametrize("value", [lambda x: x, Foreign(), np.array(["a"]), object(), Foreign, print, 1j])
 def test_what_another_process_may_take_for_something_else_is_refused(tmp_path, value):
     with pytest.raises(NoPlainForm):
         written(value)
@@ -216,3 +216,11 @@ def test_the_digest_of_the_sources_is_that_of_all_files(tmp_path, monkeypatch):
         assert digest() == first
     (tmp_path / "dropper_jax/b/c.py").rename(tmp_path / "dropper_jax/c.py")
     assert digest() != first
+
+
+def test_arrays_among_settings_are_read_as_they_were_written():
+    array = np.linspace(0.0, 1.0, 6).reshape(2, 3)
+    again = read(json.loads(json.dumps(written(array))))
+    np.testing.assert_array_equal(again, array)
+    assert again.dtype == array.dtype
+    assert written(array) != written(array.T)

@@ -11,6 +11,7 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
+from dropper_jax.load.source import load_scene
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import local, ranges, study, windows
@@ -37,7 +38,7 @@ def loop():
 
 @pytest.fixture(scope="module")
 def found(loop):
-    return local(loop)
+    return local(loop, check=True)
 
 
 def differences(function, at: np.ndarray) -> np.ndarray:
@@ -58,6 +59,21 @@ def test_local_derivatives_are_central_differences_and_both_modes_agree(loop, fo
     np.testing.assert_allclose(found.scaled, found.forward * loop.values / found.value)
     assert found.trusted
     assert found.horizon == pytest.approx(0.5)
+
+
+def test_without_a_check_there_is_no_reverse_pass_and_the_same_derivative(loop, found):
+    plain = local(loop)
+    np.testing.assert_allclose(plain.forward, found.forward, rtol=1e-12)
+    assert (plain.reverse, plain.mismatch, plain.exponent) == (None, None, None)
+    assert plain.trusted
+
+
+def test_growth_of_the_derivatives_finds_a_chaotic_motion():
+    run = {"run.duration": 12.0, "run.dt": 0.01, "run.integrator": "rattle"}
+    found = local(study(load_scene("double-pendulum-chaotic").with_values(run), "angle.2.final", ["line.0.mass.1"]))
+    assert found.exponent > 0.3
+    assert found.horizon < 12.0
+    assert np.isfinite(found.window_mean).all()
 
 
 def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
@@ -141,7 +157,7 @@ def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     picture = tmp_path / "tornado.png"
     argv = ["sensitivity", "double-pendulum-chaotic", "--of", "tension.1.max", "--quiet", "--to", "line.0.mass"]
     with monkeypatch.context() as patch:
-        patch.setattr(sensitivity, "local", lambda problem, say: found)
+        patch.setattr(sensitivity, "local", lambda problem, say, check: found)
         assert main([*argv, "--picture", str(picture)]) == 0
         assert "p/Q dQ/dp" in capsys.readouterr().out
         assert picture.stat().st_size > 5000

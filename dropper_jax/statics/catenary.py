@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 
 
 def catenary_guess(
@@ -44,9 +43,7 @@ def _hanging(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     slack = max(total**2 - rise**2, 0.0)
     ratio = max(np.sqrt(slack) / distance, 1.0 + 1e-9)  # a taut line still gets a shape to start from
-    # sinh(u)/u = ratio has one root; u < 2 + 2 log(ratio) + 5 holds for every ratio > 1
-    u = brentq(lambda v: np.sinh(v) / v - ratio, 1e-8, 7.0 + 2.0 * np.log(ratio))
-    a = distance / (2 * u)
+    a = distance / (2 * _half_span(ratio))
     # lowest point at arc s0 from the start: rise = a (cosh - cosh) with total = a (sinh + sinh)
     centre = distance / 2 - a * np.arctanh(np.clip(rise / total, -1 + 1e-12, 1 - 1e-12))
     s0 = a * np.sinh(centre / a)
@@ -64,3 +61,18 @@ def _folded(
     x = -0.5 * link * np.sin(2 * np.pi * arc / total)
     middle = 0.5 * (arc[1:] + arc[:-1])
     return x, z, per_metre * np.maximum(np.abs(middle - turn), 0.1 * link)
+
+
+def _half_span(ratio: float) -> float:
+    """The root `u > 0` of `sinh(u)/u = ratio`, for a ratio above 1: half the span over the catenary's parameter.
+
+    `log(sinh(u)/u)` is convex and increasing, so Newton's steps come down to the root from any start above it;
+    `7 + 2 log(ratio)` is one for every ratio.
+    """
+    u = 7.0 + 2.0 * np.log(ratio)
+    for _ in range(60):
+        step = (np.log(np.sinh(u) / u) - np.log(ratio)) / (1.0 / np.tanh(u) - 1.0 / u)
+        u -= step
+        if abs(step) <= 1e-12 * u:
+            break
+    return float(u)

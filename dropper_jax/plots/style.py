@@ -86,6 +86,10 @@ def save(figure: Figure, path: str | Path) -> Path:
     """Write the figure in the format of the path's suffix (PNG without one), whole or not at all."""
     path = Path(path)
     kind = path.suffix.lstrip(".").lower() or "png"
+    layout = figure.get_layout_engine()
+    if layout is not None:  # laid out here, once; `savefig` would draw the whole figure once more to do it
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     atomic_write(path, lambda file: figure.savefig(file, format=kind))
     return path
 

@@ -53,20 +53,22 @@ def newton(
         return u, norm(problem.residual(u), scale)
     enough = ROUNDED * limit
 
+    def unfinished(now: tuple[Any, ...]) -> jax.Array:
+        _, _, _, done, count = now
+        return ~done & (count < iterations)
+
     def correct(now: tuple[Any, ...]) -> tuple[Any, ...]:
-        u, rows, size, _ = now
+        u, rows, size, _, count = now
         u = corrected(u, rows)
         rows = problem.residual(u)
         after = norm(rows, scale)
-        return u, rows, after, (after <= enough) | ((after <= limit) & (after > STALLED * size))
-
-    def once(now: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
-        return jax.lax.cond(now[3], lambda now: now, correct, now), None
+        return u, rows, after, (after <= enough) | ((after <= limit) & (after > STALLED * size)), count + 1
 
     rows = problem.residual(u)
-    size = norm(rows, scale)
-    # a good guess is corrected too: what it lacks would be lacking in all steps to come
-    u, _, size, _ = jax.lax.scan(once, (u, rows, size, jnp.zeros((), bool)), None, length=iterations)[0]
+    # A good guess is corrected too: what it lacks would be lacking in all steps to come. Under `vmap` a loop ends with
+    # its slowest member, where a `scan` of conditions would correct every member `iterations` times.
+    start = u, rows, norm(rows, scale), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
+    u, _, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
     return u, size
 
 

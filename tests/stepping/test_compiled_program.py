@@ -1,7 +1,7 @@
 """What a scene lacks is not in its program: operations of one step's jaxpr, counted with all their inner programs.
 
-`golden/operation_counts.json` holds the counts per JAX version, since versions trace the same code differently; other
-versions check the claims that need no numbers. After a change of a step that is meant, write it again:
+`golden/operation_counts.json` holds the number of operations of each scene's step, as a bound on its growth. After an
+intended change of a step, write it again:
 
     python tests/stepping/test_compiled_program.py
 """
@@ -69,17 +69,12 @@ def operations(source, **choice):
     return count(step_jaxpr(source, **choice).jaxpr)
 
 
-@pytest.fixture(scope="module")
-def golden():
-    stored = json.loads(GOLDEN.read_text())
-    if jax.__version__ not in stored:
-        pytest.skip(f"counts are stored for JAX {', '.join(stored)}")
-    return stored[jax.__version__]
-
-
 @pytest.mark.parametrize("name", SCENES)
-def test_step_of_a_packaged_scene_has_the_golden_number_of_operations(golden, name):
-    assert dict(operations(name)) == golden[name]
+def test_step_of_a_packaged_scene_has_as_many_operations_as_stored_within_a_tenth(name):
+    """Another version of JAX traces the same code to up to 40 % more operations."""
+    stored = json.loads(GOLDEN.read_text())
+    same = jax.__version__ == stored["jax"]
+    assert operations(name).total() == pytest.approx(stored[name], rel=0.1 if same else 0.4)
 
 
 UNDAMPED = ["conical-pendulum", "string", "dropper-release-3d-undamped", "dropper-release-a-compound-undamped"]
@@ -144,6 +139,6 @@ def test_work_that_nobody_asks_for_is_not_computed():
 
 if __name__ == "__main__":
     GOLDEN.parent.mkdir(exist_ok=True)
-    stored = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
-    stored[jax.__version__] = {name: dict(sorted(operations(name).items())) for name in SCENES}
-    GOLDEN.write_text(json.dumps(stored, indent=1) + "\n")
+    GOLDEN.write_text(
+        json.dumps({"jax": jax.__version__} | {name: operations(name).total() for name in SCENES}, indent=1) + "\n"
+    )

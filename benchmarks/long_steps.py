@@ -26,7 +26,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.run import step_check
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
 RESULTS = Path(__file__).parent / "results" / "long_steps.json"

@@ -32,7 +32,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable
 from dropper_jax.moordyn.writing.outputs import channel_values
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
 TARGET = Path(__file__).parent / "results" / "table7.json"
 NUMBERS = (1, 2, 3, 4, 5)

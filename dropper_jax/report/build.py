@@ -28,7 +28,7 @@ from dropper_jax.report.water import submergence
 from dropper_jax.run.bends import bends
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.run.weights import line_weights
 from dropper_jax.scene import whole_lines
 

@@ -25,7 +25,7 @@ from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import without_push
 from dropper_jax.run.rows import BLOCK, InMemory, let_go
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.samples import Kind
 from dropper_jax.run.stiffness import stiffness_remarks
 from dropper_jax.run.twists import twist_remarks
 from dropper_jax.run.versions import versions
@@ -52,6 +52,7 @@ def _observe(
 
 
 def assembled(
+    kind: type[Kind],
     scene: Scene,
     stepper: Stepper,
     model: Model,
@@ -60,7 +61,7 @@ def assembled(
     run: Trajectory,
     extra: dict[str, Any],
     rows: InMemory,
-) -> Solution:
+) -> Kind:
     dt, every = scene.run.dt, scene.run.save_every
     start, before = first.row, done(first.carry)
     good = _good_saves(run)
@@ -94,7 +95,7 @@ def assembled(
         "save_every": every,
         **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
-    found = Solution(
+    found = kind(
         scene=scene,
         settings=settings,
         t=t,
@@ -164,7 +165,7 @@ def _seen(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Seen:
     return found
 
 
-def followed(solution: Solution, within: Within, refused: int) -> Solution:
+def followed(solution: Kind, within: Within, refused: int) -> Kind:
     """The solution of steps that follow the snaps: what is known between saved times, steps taken and refused."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
@@ -183,14 +184,14 @@ def followed(solution: Solution, within: Within, refused: int) -> Solution:
 
 
 def controlled(
-    solution: Solution,
+    solution: Kind,
     stepper: Stepper,
     model: Model,
     run: Trajectory,
     h: np.ndarray,
     carry: Controlled,
     first: Controlled,
-) -> Solution:
+) -> Kind:
     """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
     good = len(solution.t) - 1
     taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}

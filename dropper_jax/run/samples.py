@@ -44,7 +44,7 @@ BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
 
 @dataclasses.dataclass
 class Samples:
-    """What a run gives; every array and number is described at `run.solution.Solution`, which saves it and goes on."""
+    """What a run gives; every array and number is described at `run.simulate.Solution`, which saves it and goes on."""
 
     scene: Scene
     settings: dict[str, Any]

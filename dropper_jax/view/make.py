@@ -17,7 +17,7 @@ from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.build import build_model
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 from dropper_jax.view.bodies import body_data
 from dropper_jax.view.frames import elevation as _elevation

@@ -27,10 +27,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import machine
 import numpy as np
 from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
 from scipy.interpolate import CubicSpline
+from study import describe
 
 import dropper_jax as dj
 from fitting.channels.errors import errors_of
@@ -327,7 +327,7 @@ def main() -> None:
     kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     for name in given.cases or CASES:
         kept[name] = CASES[name](given.draws)
-        RESULTS.write_text(json.dumps({**kept, "machine": machine.describe()}, indent=1) + "\n")
+        RESULTS.write_text(json.dumps({**kept, "machine": describe()}, indent=1) + "\n")
         print(name, json.dumps(kept[name], indent=1), flush=True)
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 from error_bars import chain
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 

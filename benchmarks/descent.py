@@ -17,7 +17,7 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 from dropper_jax.plots import style

@@ -32,11 +32,11 @@ from pathlib import Path
 from typing import Any
 
 from explicit_schemes import schemes
-from machine import describe
 from moordyn_conventions import conventions
 from moordyn_runs import Ours, Rows, theirs
 from moordyn_speed import peaks, speed
 from paper_cases import TABLE_7, case
+from study import describe
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.json_values import jsonable

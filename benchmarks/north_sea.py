@@ -20,7 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 from dropper_jax.analysis.spectrum import amplitude_spectrum

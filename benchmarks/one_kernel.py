@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 
 import jax
-from machine import describe
 from same_speed import CASES, HERE, Side, pairs
+from study import describe
 
 
 def row(name: str, count: int) -> dict[str, object]:

@@ -25,7 +25,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from machine import describe
+from study import describe
 
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.files import atomic_write

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 import dropper_jax as dj
-from dropper_jax.load.packaged import packaged_scene
-from dropper_jax.load.pitching import pitching
+from dropper_jax.load.packaged import packaged_scene, pitching
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 from fitting.calibration.estimating import estimate

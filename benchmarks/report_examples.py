@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 from dropper_jax.base.files import atomic_write

@@ -19,7 +19,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 from fitting.cli.sweep import use_cores

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from closed_chain import Chain
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 from fitting.calibration.fit import fit

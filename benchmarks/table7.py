@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
 from moordyn_runs import theirs
 from paper_cases import TABLE_7, case
+from study import describe
 from table7_conventions import CONVENTIONS
 from table7_edulis import edulis
 

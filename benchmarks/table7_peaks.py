@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
 from paper_cases import TABLE_7, case
+from study import describe
 
 import dropper_jax as dj
 from dropper_jax.base.files import atomic_write

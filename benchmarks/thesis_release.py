@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
+from study import describe
 
 import dropper_jax as dj
 

@@ -3,7 +3,7 @@
 The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, integrated by energy_momentum at
 1/9600 s (the fit runs rattle_4 at 1/120 s), seen at 60 Hz for 48 s with 0.005 rad of noise. Fits start at (0.02, 0.02).
 
-    python benchmarks/calibration.py twin|coverage|dry|dry-small|bias|speed|gradient [--seeds N]
+    python benchmarks/calibration.py twin|coverage|dry|dry-small|bias|gradient [--seeds N]
 """
 
 from __future__ import annotations
@@ -11,20 +11,18 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from calibration_theory import linearise
+from study import store, stored
 
 from dropper_jax import load_scene
-from dropper_jax.base.files import atomic_write
 from dropper_jax.load.scene import Scene
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.calibration.result import FitResult
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-RESULTS = Path(__file__).parent / "results"
 SCENE, DURATION, NOISE = "dropper-release-a", 48.0, 0.005
 FREE = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 DRY = "effects.joint_friction.dry"
@@ -140,7 +138,7 @@ def run_coverage(seeds: int) -> dict:
     twin = Twin()
     fits = {"windows": [twin.fit(seed, "windows") for seed in range(seeds)]}
     fits["shooting"] = [twin.fit(seed, "shooting", fits["windows"][seed]) for seed in range(seeds)]
-    save("twin", {method: statistics(twin, results[:20]) for method, results in fits.items()})
+    store("calibration_twin", {method: statistics(twin, results[:20]) for method, results in fits.items()})
     return {method: statistics(twin, results) for method, results in fits.items()}
 
 
@@ -162,21 +160,16 @@ def run_dry(seeds: int, which: str) -> dict:
             fits[method].append(twin.fit(seed, method, begin))
             mine[method] = statistics(twin, fits[method])
             mine[f"{method}_over_bound"] = (np.array(mine[method]["median_relative_std_error"]) / bound).tolist()
-            found = {**_stored("dry"), which: mine}
-            save("dry", found)
+            found = {**stored("calibration_dry", {}), which: mine}
+            store("calibration_dry", found)
     return found
-
-
-def _stored(part: str) -> dict:
-    file = RESULTS / f"calibration_{part}.json"
-    return json.loads(file.read_text()) if file.exists() else {}
 
 
 def run_bias(seeds: int) -> dict:
     """Is the mean error of the twin's fits chance or bias? Linear theory on the same draws of noise, and on more."""
     twin = Twin()
     theory = linearise(twin, NOISE)
-    fits = _stored("coverage")
+    fits = stored("calibration_coverage")
     found = {
         "parameters": list(twin.free),
         "cramer_rao_relative": (theory.std_error / twin.truth).tolist(),
@@ -213,13 +206,6 @@ def run_gradient(seeds: int) -> dict:
     return {"largest_in_standard_errors": max(max(row["apart"]) for row in rows), "rows": rows}
 
 
-def run_speed(seeds: int) -> dict:
-    """Cold start, work per iteration in forward runs, and SciPy's finite-difference least squares on the same data."""
-    from calibration_speed import compare_speed
-
-    return compare_speed(Twin())
-
-
 PARTS = {
     "twin": lambda n: run_twin(n or 20),
     "coverage": lambda n: run_coverage(n or 60),
@@ -227,14 +213,7 @@ PARTS = {
     "dry-small": lambda n: run_dry(n or 20, "3 links"),
     "bias": lambda n: run_bias(n or DRAWS),
     "gradient": lambda n: run_gradient(n or 4),
-    "speed": lambda n: run_speed(n or 1),
 }
-
-
-def save(part: str, found: dict) -> None:
-    """Write the results of one part."""
-    RESULTS.mkdir(exist_ok=True)
-    atomic_write(RESULTS / f"calibration_{part}.json", json.dumps(found, indent=1) + "\n")
 
 
 def main() -> None:
@@ -243,7 +222,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=0, help="how many noise seeds (default: the part's own)")
     args = parser.parse_args()
     found = PARTS[args.part](args.seeds)
-    save(args.part.removesuffix("-small"), found)
+    store(f"calibration_{args.part.removesuffix('-small')}", found)
     print(json.dumps({k: v for k, v in found.items() if k != "rows"}, indent=1))
 
 

@@ -24,13 +24,12 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
 from scipy.interpolate import CubicSpline
-from study import describe
+from study import describe, store, stored
 
 import dropper_jax as dj
 from fitting.channels.errors import errors_of
@@ -40,8 +39,6 @@ from fitting.channels.pose import pose
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.result import ChannelFit
 from fitting.channels.settling import first_point, settle_noise
-
-RESULTS = Path(__file__).parent / "results" / "channels.json"
 
 
 class Tally:
@@ -324,10 +321,10 @@ def main() -> None:
     parser.add_argument("cases", nargs="*", choices=(*CASES, []), default=[])
     parser.add_argument("--draws", type=int, default=100)
     given = parser.parse_args()
-    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    kept = stored("channels", {})
     for name in given.cases or CASES:
         kept[name] = CASES[name](given.draws)
-        RESULTS.write_text(json.dumps({**kept, "machine": describe()}, indent=1) + "\n")
+        store("channels", {**kept, "machine": describe()})
         print(name, json.dumps(kept[name], indent=1), flush=True)
 
 

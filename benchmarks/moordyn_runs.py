@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -195,15 +194,6 @@ class Ours:
         )
 
 
-def wheel() -> Any:
-    """The package `moordyn`; a script of that name in this folder must not stand in its way."""
-    here = Path(__file__).parent
-    sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != here]
-    import moordyn
-
-    return moordyn
-
-
 def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
     """Tension [N] of an end segment, negative where the damper of a slack one pushes (MoorDyn gives its size)."""
     pull = np.array(moordyn.GetLineNodeTen(line, end))
@@ -251,7 +241,8 @@ def theirs(
             deviation of a gently driven chain, 1 ms: 1e-4).
         call: time between calls [s], at most `look`; None: `look`.
     """
-    moordyn = wheel()
+    import moordyn
+
     options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
     looks = max(1, round(SAMPLE / look))
     inner, rows, wall, cpu = looks * max(1, round(SAMPLE / looks / (call or look))), [], 0.0, 0.0
@@ -326,7 +317,8 @@ def theirs_many(
     Returns:
         times (k,), sizes of tensions (k, ends) [N], places (k, places, 3) [m], and `ok` or what went wrong.
     """
-    moordyn = wheel()
+    import moordyn
+
     options = {"tScheme": "rk2", "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, "WaveKin": 3}
     options |= {"dtWave": GRID_STEP, "waveKin_rampT": 0.0}
     pulls, where = [], []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -14,9 +15,9 @@ RESULTS = Path(__file__).parent / "results"
 Rows = list[tuple[str, ...]]
 
 
-def stored(name: str, default: Any = None) -> Any:
-    """Results of a study; the default where there are none yet."""
-    file = RESULTS / f"{name}.json"
+def stored(name: str | Path, default: Any = None) -> Any:
+    """Results of a study, in `results/` or in a file of the user's; the default where there are none yet."""
+    file = RESULTS / f"{name}.json" if isinstance(name, str) else name
     return json.loads(file.read_text()) if default is None or file.exists() else default
 
 
@@ -26,7 +27,7 @@ def store(name: str | Path, found: Any) -> None:
     from dropper_jax.base.json_values import jsonable
 
     file = RESULTS / f"{name}.json" if isinstance(name, str) else name
-    atomic_write(file, json.dumps(jsonable(found), indent=1) + "\n")
+    atomic_write(file, json.dumps(jsonable(found), indent=1, ensure_ascii=False) + "\n")
 
 
 def describe() -> dict[str, object]:
@@ -70,3 +71,24 @@ def columns(rows: Iterable[dict[str, Any]], *pairs: tuple[str, str | Callable[[d
 def joined(values: Sequence[float], form: str, between: str = ", ") -> str:
     """Numbers in one cell."""
     return between.join(form.format(value) for value in values)
+
+
+def options(doc: str, **known: Any) -> argparse.Namespace:
+    """Options of a command by name and default, described by the module's text.
+
+    False: a flag. A list: some of its members. A tuple: one of its members, the first unless given, of which None is
+    none. A type: a value of it, None unless given.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, given in known.items():
+        settings: dict[str, Any] = {"type": type(given), "default": given}
+        if given is False:
+            settings = {"action": "store_true"}
+        elif isinstance(given, list):
+            settings = {"nargs": "*", "type": type(given[0]), "choices": given, "default": given}
+        elif isinstance(given, tuple):
+            settings = {"choices": [one for one in given if one is not None], "default": given[0]}
+        elif isinstance(given, type):
+            settings = {"type": given}
+        parser.add_argument(f"--{name}", **settings)
+    return parser.parse_args()

@@ -8,33 +8,24 @@ Needs the extra `moordyn`; takes about an hour on one core. Writes results/table
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401 - before JAX
 
-os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+# isort: split
 
-import argparse
-import json
-import sys
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from moordyn_runs import theirs
 from paper_cases import TABLE_7, case
-from study import describe
+from study import describe, options, store, stored, versions
 from table7_conventions import CONVENTIONS
 from table7_edulis import edulis
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.moordyn.writing.outputs import channel_values
 from dropper_jax.run.simulate import Solution
 
-TARGET = Path(__file__).parent / "results" / "table7.json"
 NUMBERS = (1, 2, 3, 4, 5)
 #: The paper gives no durations; its figures and texts speak of times up to 143.9 s.
 SPAN, LONGEST = 150.0, 200.0  # [s]
@@ -96,19 +87,15 @@ def in_moordyn(number: int, ratio: float) -> dict[str, Any]:
     return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **found}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("cases", "moordyn", "conventions", "edulis")
-    parser.add_argument("--only", choices=parts, help="measure this part, keep the others")
-    parser.add_argument("--missing", action="store_true", help="of the conventions, only rows that are not there yet")
-    given = parser.parse_args()
+def main() -> None:
+    given = options(__doc__, only=(None, "cases", "moordyn", "conventions", "edulis"), missing=False)
     only = given.only
-    found: dict[str, Any] = json.loads(TARGET.read_text()) if only and TARGET.exists() else {}
-    versions = {name: metadata.version(name) for name in ("moordyn", "jax", "dropper-jax", "numpy")}
-    found |= {"schema": 1, "machine": describe(), "versions": versions, "table_7": TABLE_7, "span_s": SPAN}
+    found: dict[str, Any] = stored("table7", {}) if only else {}
+    packages = versions("moordyn", "jax", "dropper-jax", "numpy")
+    found |= {"schema": 1, "machine": describe(), "versions": packages, "table_7": TABLE_7, "span_s": SPAN}
 
     def keep() -> None:
-        atomic_write(TARGET, json.dumps(jsonable(found), indent=1) + "\n")
+        store("table7", found)
 
     def wanted(part: str) -> bool:
         return only in (None, part)
@@ -143,8 +130,7 @@ def main() -> int:
     if wanted("edulis"):
         found["edulis"] = edulis()
         keep()
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

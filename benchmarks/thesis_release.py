@@ -10,15 +10,13 @@ that start from measured poses, by the default scheme and by the thesis' own. Wr
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study import describe
+from study import describe, store
 
 import dropper_jax as dj
 
-RESULTS = Path(__file__).parent / "results" / "thesis_release.json"
 STEP, DURATION, RELEASE, GAMMA = 0.0065, 65.0, 15.0, 0.51
 #: Dampings b_l [kg/s], b_q [kg/m] of the scenarios: none, and the thesis' choice.
 DAMPINGS = ((0.0, 0.0), (0.002, 0.001))
@@ -145,7 +143,7 @@ def main() -> None:
     }
     for key, (measure, cases) in parts.items():
         found[key] = [measure(case) for case in cases]
-        RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+        store("thesis_release", found)
 
 
 if __name__ == "__main__":

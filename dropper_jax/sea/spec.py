@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, read_text, refuse
@@ -213,8 +214,8 @@ class SeaSpec:
     """`[sea]`: water below z = 0. `packaged` names a packaged sea, whose values the scene may override."""
 
     depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=1025.0)
-    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
+    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")

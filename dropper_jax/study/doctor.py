@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.compile_cache import cache_folder
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.memory import available_memory
 from dropper_jax.base.one_kernel import in_force
 from dropper_jax.base.programs import BRIEFLY, supported_options
@@ -93,7 +94,7 @@ def cache() -> dict[str, Any]:
 def known_tension() -> dict[str, Any]:
     """A conical pendulum pulls with its weight over the sine of its angle below the horizontal, `m g/sin(theta)`."""
     solution = simulate("conical-pendulum", duration=1.0)
-    expected = 9.81 / math.sin(math.pi / 8)
+    expected = GRAVITY / math.sin(math.pi / 8)
     error = float(np.max(np.abs(solution.tension / expected - 1.0)))
     ok = solution.status == "ok" and error < ALLOWED
     return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {ALLOWED:.0e} allowed")

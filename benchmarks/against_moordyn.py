@@ -18,7 +18,6 @@ import one_thread  # noqa: F401 - before JAX
 
 # isort: split
 
-import json
 import os
 from typing import Any
 
@@ -27,7 +26,7 @@ from moordyn_conventions import conventions
 from moordyn_runs import Ours, theirs
 from moordyn_speed import peaks, speed
 from paper_cases import TABLE_7, case
-from study import describe, options, store, stored, versions
+from study import describe, options, say, store, stored, versions
 
 SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled
 RATIOS = (1.0, 0.1, 0.0)
@@ -51,7 +50,7 @@ def both(number: int, ratio: float) -> dict[str, Any]:
             "whole": rows.statistics(),
             "settled": rows.statistics(SETTLED),
         }
-    print(json.dumps(found), flush=True)
+    say(found)
     return found
 
 
@@ -65,7 +64,7 @@ def step_sizes(ratio: float) -> list[dict[str, Any]]:
         rows.append({"damping_ratio": ratio, "dt_s": 0.1 / every, "wall_s": run.wall_s, **settled})
     for row in rows:
         row["mean_against_smallest_step"] = row["anchor"]["mean"] / rows[-1]["anchor"]["mean"] - 1.0
-        print(json.dumps(row), flush=True)
+        say(row)
     return rows
 
 

@@ -9,13 +9,12 @@ The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, int
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from calibration_theory import linearise
-from study import store, stored
+from study import say, store, stored
 
 from dropper_jax import load_scene
 from dropper_jax.load.scene import Scene
@@ -223,7 +222,7 @@ def main() -> None:
     args = parser.parse_args()
     found = PARTS[args.part](args.seeds)
     store(f"calibration_{args.part.removesuffix('-small')}", found)
-    print(json.dumps({k: v for k, v in found.items() if k != "rows"}, indent=1))
+    say({k: v for k, v in found.items() if k != "rows"})
 
 
 if __name__ == "__main__":

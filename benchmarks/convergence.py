@@ -10,13 +10,12 @@ makes. Single largest tensions are shown, not judged.
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import jax
 import numpy as np
 from error_bars import chain
-from study import RESULTS, describe, options, store, stored
+from study import RESULTS, describe, options, say, store, stored
 
 import dropper_jax as dj
 
@@ -94,7 +93,7 @@ def study(given: Any, largest: float, duration: float, window: float) -> list[di
                 ]
                 row[f"{name} agrees"] = int(sum(agree))
         rows.append(row)
-        print(json.dumps(row), flush=True)
+        say(row)
     return rows
 
 

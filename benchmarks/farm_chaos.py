@@ -9,12 +9,11 @@ Writes `results/farm_chaos.json` after every run and
 goes on where it stopped.
 """
 
-import json
 import time
 
 import numpy as np
 from farm_design import problem
-from study import options, store, stored
+from study import options, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
@@ -144,7 +143,7 @@ def main():
                 put()
     put(done=True)
     for row in kept["table"]:
-        print(json.dumps(row))
+        say(row)
 
 
 if __name__ == "__main__":

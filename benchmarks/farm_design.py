@@ -6,12 +6,11 @@ Writes `results/farm_gradient.json`: derivatives beside central differences of r
 runs, memory, time to compile. Goes on where it stopped; `--seconds` is when to stop.
 """
 
-import json
 import resource
 import time
 
 import numpy as np
-from study import options, store, stored
+from study import options, say, store, stored
 
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
@@ -112,7 +111,7 @@ def main():
     first = (
         before["first"] if same else found
     )  # later calls take compiled programs of earlier ones, where these are kept
-    print(json.dumps(found), flush=True)
+    say(found)
 
     def put():
         own = {"loops": args.loops, "duration": args.duration, "first": first, "last": found}
@@ -138,7 +137,7 @@ def main():
             if off < 1e-4:
                 break
         rows[variable.name] = best
-        print(json.dumps(best), flush=True)
+        say(best)
         put()
 
 

@@ -14,12 +14,11 @@ longline, of which there are two for every loop.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from study import store
+from study import say, store
 
 from dropper_jax.sea.wakes import GROWTH, START, Elements, Wakes, solve_wakes
 
@@ -136,4 +135,4 @@ if __name__ == "__main__":
         "constants": {"GROWTH": GROWTH, "START": START},
     }
     store("farm_wakes", found)
-    print(json.dumps(found, indent=1))
+    say(found)

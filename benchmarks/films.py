@@ -13,7 +13,6 @@ tracked twice: with boards (lens and plane) and without anything. `tables.py` wr
 
 from __future__ import annotations
 
-import json
 import tempfile
 import warnings
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from study import options, store
+from study import options, say, store
 
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
@@ -238,9 +237,9 @@ def main() -> None:
             path, boards, truth = make(what, Path(folder))
             for given in (boards, []):
                 rows.append(judged(what, path, given, truth))
-                print(json.dumps(rows[-1]), flush=True)
+                say(rows[-1])
     marks = [spoiled(FILMS[name]) for name in ("loop, slanting camera", "chain, slanting camera")]
-    print(json.dumps(marks))
+    say(marks)
     if len(chosen) == len(FILMS):
         store("films", {"films": rows, "marks": marks})
 

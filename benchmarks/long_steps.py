@@ -12,14 +12,13 @@ is left out. Each run is checked twice: as a whole, and by stretches as if it we
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from study import RESULTS, options, store, stored
+from study import RESULTS, options, say, store, stored
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
@@ -173,10 +172,10 @@ def main() -> None:
         except SceneError as error:
             known[name] = {"scene": name, "left_out": str(error)}
         known[name] |= {"links": links[name], "seconds": round(time.process_time() - begun, 1)}
-        print(json.dumps(known[name]), flush=True)
+        say(known[name])
         _write(args.out, known)
     _write(args.out, known)  # without scenes: counted again
-    print(json.dumps(summary(list(known.values())), indent=1))
+    say(summary(list(known.values())))
 
 
 def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:

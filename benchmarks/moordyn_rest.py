@@ -10,18 +10,16 @@ where they rest here, lines by MoorDyn's own search; it runs for 120 s.
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study import store, stored, versions
+from study import say, store, stored, versions
 
 from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
@@ -176,7 +174,7 @@ def main() -> None:
     for name in names:
         for links in (1, FINE):
             rows.append(compare(name, links))
-            print(json.dumps(jsonable(rows[-1])), flush=True)
+            say(rows[-1])
             if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
                 break  # a difference that goes with finer links is that of the codes' drag on a bent line
         rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))

@@ -10,7 +10,6 @@ phase, answer to 10 % more amplitude, submergence.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from functools import partial
@@ -19,7 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from study import describe, store
+from study import describe, say, store
 
 import dropper_jax as dj
 from dropper_jax.analysis.spectrum import amplitude_spectrum
@@ -91,7 +90,7 @@ def effects_table() -> None:
     rows = []
     for name, scene, steps, scheme in (*cases, *THESIS_ROWS):
         rows.append({"name": name, "runs": [summary(dj.simulate(scene, dt=dt, **scheme)) for dt in steps]})
-        print(json.dumps(rows[-1]), flush=True)
+        say(rows[-1])
     found = {"schema": 2, "link": LINK, "machine": describe(), "rows": rows}
     store("north_sea", found)
 

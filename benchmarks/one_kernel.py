@@ -5,11 +5,9 @@ python benchmarks/one_kernel.py [--pairs 5] [--cases NAME ...] [--out benchmarks
 
 from __future__ import annotations
 
-import json
-
 import jax
 from same_speed import CASES, HERE, Side, pairs
-from study import RESULTS, describe, options, store
+from study import RESULTS, describe, options, say, store
 
 
 def row(name: str, count: int) -> dict[str, object]:
@@ -36,7 +34,7 @@ def main() -> None:
     rows = []
     for name in args.cases:
         rows.append(row(name, args.pairs))
-        print(json.dumps(rows[-1]), flush=True)
+        say(rows[-1])
     store(args.out, {"machine": describe(), "jax": jax.__version__, "rows": rows})
 
 

@@ -8,12 +8,11 @@ Writes results/posterior.json.
 
 from __future__ import annotations
 
-import json
 import time
 from typing import Any
 
 import numpy as np
-from study import RESULTS, describe, options, store
+from study import RESULTS, describe, options, say, store
 
 import dropper_jax as dj
 from fitting.calibration.estimating import estimate
@@ -45,7 +44,7 @@ def main() -> None:
         far = np.array([(found.quantile(p) - solution.values) / fitted.std_error for p in LEVELS])
         rows.append({"sampler": name, **found.to_json(), **seconds, "quantiles_in_errors": far.tolist()})
         rows[-1]["warnings"] = found.warnings
-        print(json.dumps(rows[-1], indent=1), flush=True)
+        say(rows[-1])
     found = {
         "scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "values": solution.values.tolist(),
         "std_error": fitted.std_error.tolist(), "gap_weight": solution.gap_weight, "levels": LEVELS, "rows": rows,

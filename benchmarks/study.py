@@ -30,6 +30,11 @@ def store(name: str | Path, found: Any) -> None:
     atomic_write(file, json.dumps(jsonable(found), indent=1, ensure_ascii=False) + "\n")
 
 
+def say(found: Any) -> None:
+    """Print what was just found, on one line."""
+    print(json.dumps(found, default=str), flush=True)
+
+
 def describe() -> dict[str, object]:
     """Processor, cores and Python of this machine."""
     return {

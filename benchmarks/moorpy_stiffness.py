@@ -14,13 +14,15 @@ line that sags to the bed, which break the mirror symmetry of the floats.
 
 from __future__ import annotations
 
+import json
 import sys
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study import store, stored
 
+FILE = Path(__file__).parent / "results" / "moorpy_stiffness.json"
 DENSITY, GRAVITY = 1025.0, 9.81
 #: Displacement of MoorPy's differences [m].
 MOVE = 0.01
@@ -150,9 +152,11 @@ def difference(found: np.ndarray, known: np.ndarray) -> float:
 def main() -> None:
     if "--reference" in sys.argv:
         found = {name: reference(make()) for name, make in SYSTEMS.items()}
-        store("moorpy_stiffness", {"source": f"MoorPy {metadata.version('moorpy')}", "systems": found})
+        FILE.write_text(
+            json.dumps({"source": f"MoorPy {metadata.version('moorpy')}", "systems": found}, indent=1) + "\n"
+        )
         return
-    known = stored("moorpy_stiffness")
+    known = json.loads(FILE.read_text())
     print(f"| system | against {known['source']} | of the diagonal |")
     print("| --- | --- | --- |")
     for name, make in SYSTEMS.items():

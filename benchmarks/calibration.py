@@ -3,28 +3,28 @@
 The truth is the lab dropper of scenario A with b_l = 0.002 and b_q = 0.001, integrated by energy_momentum at
 1/9600 s (the fit runs rattle_4 at 1/120 s), seen at 60 Hz for 48 s with 0.005 rad of noise. Fits start at (0.02, 0.02).
 
-    python benchmarks/calibration.py twin|coverage|dry|dry-small|bias|speed|gradient [--seeds N]
+    python benchmarks/calibration.py twin|coverage|dry|dry-small|bias|gradient [--seeds N]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from calibration_theory import linearise
+from study import say, store, stored
 
 from dropper_jax import load_scene
-from dropper_jax.base.files import atomic_write
 from dropper_jax.load.scene import Scene
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.calibration.result import FitResult
+from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.problem import Solution
+from fitting.estimate.shooting import fit_shooting, joined_step
+from fitting.estimate.windows import Windows, cut, first_starts
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-RESULTS = Path(__file__).parent / "results"
 SCENE, DURATION, NOISE = "dropper-release-a", 48.0, 0.005
 FREE = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 DRY = "effects.joint_friction.dry"
@@ -140,7 +140,7 @@ def run_coverage(seeds: int) -> dict:
     twin = Twin()
     fits = {"windows": [twin.fit(seed, "windows") for seed in range(seeds)]}
     fits["shooting"] = [twin.fit(seed, "shooting", fits["windows"][seed]) for seed in range(seeds)]
-    save("twin", {method: statistics(twin, results[:20]) for method, results in fits.items()})
+    store("calibration_twin", {method: statistics(twin, results[:20]) for method, results in fits.items()})
     return {method: statistics(twin, results) for method, results in fits.items()}
 
 
@@ -162,21 +162,16 @@ def run_dry(seeds: int, which: str) -> dict:
             fits[method].append(twin.fit(seed, method, begin))
             mine[method] = statistics(twin, fits[method])
             mine[f"{method}_over_bound"] = (np.array(mine[method]["median_relative_std_error"]) / bound).tolist()
-            found = {**_stored("dry"), which: mine}
-            save("dry", found)
+            found = {**stored("calibration_dry", {}), which: mine}
+            store("calibration_dry", found)
     return found
-
-
-def _stored(part: str) -> dict:
-    file = RESULTS / f"calibration_{part}.json"
-    return json.loads(file.read_text()) if file.exists() else {}
 
 
 def run_bias(seeds: int) -> dict:
     """Is the mean error of the twin's fits chance or bias? Linear theory on the same draws of noise, and on more."""
     twin = Twin()
     theory = linearise(twin, NOISE)
-    fits = _stored("coverage")
+    fits = stored("calibration_coverage")
     found = {
         "parameters": list(twin.free),
         "cramer_rao_relative": (theory.std_error / twin.truth).tolist(),
@@ -213,13 +208,6 @@ def run_gradient(seeds: int) -> dict:
     return {"largest_in_standard_errors": max(max(row["apart"]) for row in rows), "rows": rows}
 
 
-def run_speed(seeds: int) -> dict:
-    """Cold start, work per iteration in forward runs, and SciPy's finite-difference least squares on the same data."""
-    from calibration_speed import compare_speed
-
-    return compare_speed(Twin())
-
-
 PARTS = {
     "twin": lambda n: run_twin(n or 20),
     "coverage": lambda n: run_coverage(n or 60),
@@ -227,14 +215,7 @@ PARTS = {
     "dry-small": lambda n: run_dry(n or 20, "3 links"),
     "bias": lambda n: run_bias(n or DRAWS),
     "gradient": lambda n: run_gradient(n or 4),
-    "speed": lambda n: run_speed(n or 1),
 }
-
-
-def save(part: str, found: dict) -> None:
-    """Write the results of one part."""
-    RESULTS.mkdir(exist_ok=True)
-    atomic_write(RESULTS / f"calibration_{part}.json", json.dumps(found, indent=1) + "\n")
 
 
 def main() -> None:
@@ -243,8 +224,94 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=0, help="how many noise seeds (default: the part's own)")
     args = parser.parse_args()
     found = PARTS[args.part](args.seeds)
-    save(args.part.removesuffix("-small"), found)
-    print(json.dumps({k: v for k, v in found.items() if k != "rows"}, indent=1))
+    store(f"calibration_{args.part.removesuffix('-small')}", found)
+    say({k: v for k, v in found.items() if k != "rows"})
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Linear theory of the `windows` estimator on one twin.
+
+    Attributes:
+        slope: P' (rows, k) [1/parameter].
+        covariance: C (k, k).
+        windows: of the noise-free angles.
+        own: error (k,) in standard errors that the simulator's step makes without noise.
+        joined: covariance (k, k) of windows joined with next to no gap, one run that is never interrupted.
+        found: the fit without noise, joined.
+    """
+
+    twin: Any
+    noise: float
+    slope: np.ndarray
+    covariance: np.ndarray
+    windows: Windows
+    own: np.ndarray
+    joined: np.ndarray
+    found: Solution
+
+    @property
+    def joined_own(self) -> np.ndarray:
+        """Error (k,) in standard errors of the fit without noise to joined windows: the steps of fit and truth."""
+        return (self.found.values - self.twin.truth) / self.joined_std_error
+
+    @property
+    def joined_std_error(self) -> np.ndarray:
+        """Cramer and Rao's bound (k,) of joined windows."""
+        return np.sqrt(np.diag(self.joined))
+
+    @property
+    def std_error(self) -> np.ndarray:
+        """Cramer and Rao's bound (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def z(self, seed: int) -> np.ndarray:
+        """Error over standard error (k,) that this draw of noise makes, to first order."""
+        return self.covariance @ (self.slope.T @ self._draw(seed).ravel()) / self.std_error
+
+    def joined_z(self, seed: int) -> np.ndarray:
+        """The same (k,) for joined windows: what the draw adds to their step from the noise-free fit."""
+        noisy, still = (self._joined_step(size * self._draw(seed)) for size in (1.0, 0.0))
+        return (noisy - still) / self.joined_std_error
+
+    def _draw(self, seed: int) -> np.ndarray:
+        noisy = _windows(self.twin, self.noise, seed, self.windows.length, self.windows.dt)
+        return (noisy.theta - self.windows.theta) * self.windows.weight
+
+    def _joined_step(self, draw: np.ndarray) -> np.ndarray:
+        free = np.full(len(self.own), np.inf)
+        at = replace(self.found, evaluation=self.found.evaluation._replace(residual=-draw))
+        return joined_step(at, -free, free).dp
+
+
+def linearise(twin: Any, noise: float) -> Linear:
+    """The theory of a twin of calibration.py with white noise [rad]."""
+    prepared = twin.prepare(0)
+    simulator, m2 = prepared.simulator, prepared.simulator.freedoms
+    windows = _windows(twin, 0.0, 0, prepared.windows.length, prepared.windows.dt, weight=noise)
+    clean = _trace(twin, 0.0, 0)
+    guess = first_starts(simulator.model_at(twin.truth), [clean], windows, prepared.sigma)
+    problem = replace(prepared.problem(frozen=np.ones(len(twin.truth), bool)), windows=windows)
+    found = fit_windows(problem, twin.truth, guess)
+    evaluation = found.evaluation
+    jacobian = evaluation.jacobian.reshape(windows.count, -1, m2 + len(twin.truth))
+    z, p = jacobian[..., :m2], jacobian[..., m2:]
+    turn = np.swapaxes(z, 1, 2)
+    slope = (p - z @ np.linalg.solve(turn @ z, turn @ p)).reshape(-1, len(twin.truth))
+    covariance = np.linalg.inv(slope.T @ slope)
+    own = -covariance @ (slope.T @ evaluation.residual.ravel()) / np.sqrt(np.diag(covariance))
+    joined = fit_shooting(replace(found, problem=replace(problem, frozen=None)), continuity="tight")
+    return Linear(twin, noise, slope, covariance, windows, own, np.linalg.inv(joined.information), joined)
+
+
+def _trace(twin: Any, noise: float, seed: int) -> Any:
+    trace = observe(twin.motion, Camera(angle_noise=noise), seed)
+    return trace.in_model_convention(trace.convention)
+
+
+def _windows(twin: Any, noise: float, seed: int, length: float, dt: float, weight: float | None = None) -> Windows:
+    trace = _trace(twin, noise, seed)
+    return cut([trace], length, dt, [np.full(trace.links, noise if weight is None else weight)])
 
 
 if __name__ == "__main__":

@@ -21,16 +21,14 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-import machine
 import numpy as np
 from channel_truths import CABLE, CHAIN, LONGLINES, cable_scene, cable_truth, chain_scene, chain_truth, longline, shaken
 from scipy.interpolate import CubicSpline
+from study import describe, say, store, stored
 
 import dropper_jax as dj
 from fitting.channels.errors import errors_of
@@ -40,8 +38,6 @@ from fitting.channels.pose import pose
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.result import ChannelFit
 from fitting.channels.settling import first_point, settle_noise
-
-RESULTS = Path(__file__).parent / "results" / "channels.json"
 
 
 class Tally:
@@ -184,7 +180,7 @@ def _say(found: Any, truth: Mapping[str, float]) -> None:
     names = [p.name for p in found.parameters]
     off = {n: round((found[n] - v) / found.errors.std_error[names.index(n)], 2) for n, v in truth.items() if n in names}
     row = {"status": found.outcome, "seconds": round(found.seconds, 1), "off": off, "warnings": found.warnings}
-    print(json.dumps(row), flush=True)
+    say(row)
 
 
 def cable(draws: int) -> dict[str, Any]:
@@ -263,7 +259,7 @@ def runs(draws: int) -> dict[str, Any]:
         tally.rows[path].append((b.mean, b.std_error, b.low, b.high))
         tally.failed += found.status != "ok"
         spreads.append(b.spread / mean)
-        print(json.dumps({"status": found.outcome, "off": round((b.mean - mean) / b.std_error, 2)}), flush=True)
+        say({"status": found.outcome, "off": round((b.mean - mean) / b.std_error, 2)})
     return tally.table(spread_between_runs={"truth": spread, "median": float(np.median(spreads))})
 
 
@@ -324,11 +320,11 @@ def main() -> None:
     parser.add_argument("cases", nargs="*", choices=(*CASES, []), default=[])
     parser.add_argument("--draws", type=int, default=100)
     given = parser.parse_args()
-    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    kept = stored("channels", {})
     for name in given.cases or CASES:
         kept[name] = CASES[name](given.draws)
-        RESULTS.write_text(json.dumps({**kept, "machine": machine.describe()}, indent=1) + "\n")
-        print(name, json.dumps(kept[name], indent=1), flush=True)
+        store("channels", {**kept, "machine": describe()})
+        say({name: kept[name]})
 
 
 if __name__ == "__main__":

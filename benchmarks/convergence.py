@@ -10,21 +10,17 @@ makes. Single largest tensions are shown, not judged.
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from error_bars import chain
-from machine import describe
+from study import RESULTS, describe, options, say, store, stored
 
 import dropper_jax as dj
 
 dj.one_kernel()
 
-RESULTS = Path(__file__).parent / "results"
 #: Scene, its largest step [s], simulated time [s], window of maxima [s].
 SCENES: dict[str, tuple[Any, float, float, float]] = {
     "paper-case-1": ("paper-case-1", 0.02, 60.0, 8.33),
@@ -97,22 +93,17 @@ def study(given: Any, largest: float, duration: float, window: float) -> list[di
                 ]
                 row[f"{name} agrees"] = int(sum(agree))
         rows.append(row)
-        print(json.dumps(row), flush=True)
+        say(row)
     return rows
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
-    parser.add_argument("--out", type=Path, default=RESULTS / "convergence.json")
-    args = parser.parse_args()
-    found = json.loads(args.out.read_text())["scenes"] if args.out.exists() else {}
+    args = options(__doc__, scenes=list(SCENES), out=RESULTS / "convergence.json")
+    found = stored(args.out, {"scenes": {}})["scenes"]
     for name in args.scenes:
         print(name, flush=True)
         found[name] = study(*SCENES[name])
-        args.out.write_text(
-            json.dumps({"machine": describe(), "jax": jax.__version__, "scenes": found}, indent=1) + "\n"
-        )
+        store(args.out, {"machine": describe(), "jax": jax.__version__, "scenes": found})
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ whose programs are kept in the folder DROPPER_COMPILE_CACHE. `--picture` draws w
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from pathlib import Path
@@ -17,15 +16,14 @@ from typing import Any
 
 import matplotlib.style
 import numpy as np
-from machine import describe
+from study import describe, store, stored
 
 import dropper_jax as dj
 from dropper_jax.plots import style
 from fitting import fit
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-HERE = Path(__file__).parent
-RESULTS, PICTURE = HERE / "results" / "descent.json", HERE.parent / "docs" / "pictures" / "descent.png"
+PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "descent.png"
 SCENE, DURATION, NOISE, TIMES_OFF = "dropper-release-a", 16.0, 0.005, 10.0
 METHODS: dict[str, dict[str, Any]] = {
     "Gauss-Newton": {},
@@ -91,5 +89,5 @@ def draw(found: dict[str, Any]) -> None:
 
 if __name__ == "__main__":
     if "--picture" not in sys.argv:
-        RESULTS.write_text(json.dumps(measure(), indent=1) + "\n")
-    draw(json.loads(RESULTS.read_text()))
+        store("descent", measure())
+    draw(stored("descent"))

@@ -7,16 +7,12 @@ Takes about a minute. Writes results/edulis_anchors.json, of which `python bench
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
+from study import store
 
 from dropper_jax import load_scene
-from dropper_jax.base.files import atomic_write
 from dropper_jax.study.tide import tidal_cycle
 
-TARGET = Path(__file__).parent / "results" / "edulis_anchors.json"
 NAMES = ("west-danforth", "east-danforth", "west-gravity", "east-gravity")
 HEADINGS = range(0, 91, 15)  # [deg] of the tide against the backbone
 
@@ -32,7 +28,7 @@ def main() -> None:
         moved = max(row["moved_m"] for row in found["rows"])
         rows.append({"heading_deg": heading, "largest_load_n": loads, "utilisation": used, "moved_m": moved})
         print(rows[-1], flush=True)
-    atomic_write(TARGET, json.dumps({"schema": 1, "rows": rows}, indent=1) + "\n")
+    store("edulis_anchors", {"schema": 1, "rows": rows})
 
 
 if __name__ == "__main__":

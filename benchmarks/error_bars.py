@@ -10,10 +10,10 @@ of the median.
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
+from study import options
 
 import dropper_jax as dj
 from dropper_jax.load.scene import Scene
@@ -94,12 +94,11 @@ def truth(scene: Scene, dt: float, at: float) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
+    args = options(__doc__, scenes=list(SCENES))
     held, ratios, called = [], [], []
     print("| scene | step [s] | load | value [N] | stated | true | stated/true | |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    for name in parser.parse_args().scenes:
+    for name in args.scenes:
         given, steps = SCENES[name]
         scene = load_scene(given)
         scene = scene.with_values({"run.duration": min(scene.run.duration, 20.0)})

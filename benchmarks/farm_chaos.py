@@ -9,15 +9,12 @@ Writes `results/farm_chaos.json` after every run and
 goes on where it stopped.
 """
 
-import argparse
-import json
 import time
-from pathlib import Path
 
 import numpy as np
 from farm_design import problem
+from study import options, say, store, stored
 
-from dropper_jax.base.files import atomic_write
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
 from fitting.optimise.rest import Rest, near_rest, rest
@@ -25,7 +22,6 @@ from fitting.optimise.storm import RAMP, peaks
 from fitting.optimise.storms import full_storm
 from fitting.optimise.variables import with_design
 
-FILE = Path(__file__).parent / "results" / "farm_chaos.json"
 #: Share by which a variable is moved, and how many variables are.
 SHARE, STRONGEST = 0.03, 5
 DURATION = 60.0
@@ -99,18 +95,14 @@ def foretold(kept, names, x):
 
 
 def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--loops", type=int, default=60)
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--seconds", type=float, default=1e9)
-    args = parser.parse_args()
+    args = options(__doc__, loops=60, seeds=10, seconds=1e9)
     begun = time.perf_counter()
     values = {"duration": DURATION, "seeds": args.seeds, "skip": RAMP, "ramp": RAMP}
     site, variables, x = problem(args.loops, values)
     names = [v.name for v in variables]
     runs = Runs(site, variables, x)
     own = {"loops": args.loops, "seeds": args.seeds}
-    kept = json.loads(FILE.read_text()) if FILE.exists() else {}
+    kept = stored("farm_chaos", {})
     if {key: kept.get(key) for key in own} != own:
         kept = {**own, "share": SHARE, "base": {}, "start": {"window": {}, "own_law": {}}, "moved": {}}
 
@@ -122,7 +114,7 @@ def main():
         put.last = time.process_time()
         if done or kept["moved"]:
             kept["table"] = foretold(kept, names, x)
-        atomic_write(FILE, json.dumps(kept, indent=1))
+        store("farm_chaos", kept)
 
     put.last = 0.0
     for case in site.cases:
@@ -151,7 +143,7 @@ def main():
                 put()
     put(done=True)
     for row in kept["table"]:
-        print(json.dumps(row))
+        say(row)
 
 
 if __name__ == "__main__":

@@ -6,15 +6,12 @@ Writes `results/farm_gradient.json`: derivatives beside central differences of r
 runs, memory, time to compile. Goes on where it stopped; `--seconds` is when to stop.
 """
 
-import argparse
-import json
 import resource
 import time
-from pathlib import Path
 
 import numpy as np
+from study import options, say, store, stored
 
-from dropper_jax.base.files import atomic_write
 from fitting.optimise.models import Still, sea_of, still, still_model
 from fitting.optimise.quantities import part_load
 from fitting.optimise.rest import Rest, near_rest, rest
@@ -22,7 +19,6 @@ from fitting.optimise.storm import RAMP, peaks
 from fitting.optimise.variables import read_variables, with_design
 from fitting.site import read_site
 
-FILE = Path(__file__).parent / "results" / "farm_gradient.json"
 #: Variables and their ranges: lengths, sizes, places, masses, coefficients.
 RANGES = {
     "leg": (55.0, 80.0),
@@ -73,11 +69,7 @@ def problem(loops, run=RUN):
 
 
 def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--loops", type=int, default=60)
-    parser.add_argument("--duration", type=float, default=60.0)
-    parser.add_argument("--seconds", type=float, default=1e9)
-    args = parser.parse_args()
+    args = options(__doc__, loops=60, duration=60.0, seconds=1e9)
     begun = last = time.perf_counter()
 
     def lap():
@@ -113,24 +105,17 @@ def main():
     found["cost_in_runs"] = round(found["gradient_s"] / found["run_s"], 2)
     found["memory_GB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 2)
     found |= {"hard_peak": float(value.hard[0]), "soft_peak": float(value.soft[0])}
-    before = json.loads(FILE.read_text()) if FILE.exists() else {}
+    before = stored("farm_gradient", {})
     same = before.get("loops") == args.loops and before.get("duration") == args.duration
     rows = {row["variable"]: row for row in before.get("rows", [])} if same else {}
     first = (
         before["first"] if same else found
     )  # later calls take compiled programs of earlier ones, where these are kept
-    print(json.dumps(found), flush=True)
-
-    def many():
-        return {"rows": list(rows.values())}
+    say(found)
 
     def put():
-        atomic_write(
-            FILE,
-            json.dumps(
-                {"loops": args.loops, "duration": args.duration, "first": first, "last": found, **many()}, indent=1
-            ),
-        )
+        own = {"loops": args.loops, "duration": args.duration, "first": first, "last": found}
+        store("farm_gradient", {**own, "rows": list(rows.values())})
 
     put()
     for k, variable in enumerate(variables):
@@ -152,7 +137,7 @@ def main():
             if off < 1e-4:
                 break
         rows[variable.name] = best
-        print(json.dumps(best), flush=True)
+        say(best)
         put()
 
 

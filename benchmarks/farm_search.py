@@ -10,22 +10,18 @@ programs are compiled. Writes `results/farm_search.json`.
 """
 
 import argparse
-import json
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from study import store, stored
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import PRICE, ROUNDING, Search, sought, violation
 from fitting.optimise.storms import full_storm
 from fitting.optimise.variables import with_design
 from fitting.site import read_site
-
-FILE = Path(__file__).parent / "results" / "farm_search.json"
 
 
 def problem():
@@ -122,7 +118,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--limit", type=float, default=None, help="processor time [s]; that of the gradient's search")
     args = parser.parse_args()
-    kept = json.loads(FILE.read_text()) if FILE.exists() else {}
+    kept = stored("farm_search", {})
     design = problem()
     design.settings = replace(design.settings, rounds=6)
     judge = Judge(design, args.limit or kept.get("gradient", {}).get("cpu_s", np.inf))
@@ -144,9 +140,9 @@ def main():
     best = min((row[2] for row in judge.rows), default=start.objective)
     name = args.way if args.way == "gradient" else f"{args.way}-{args.seed}"
     own = {"cpu_s": judge.spent, "designs": judge.runs, "start": start.objective, "best": best}
-    kept = json.loads(FILE.read_text()) if FILE.exists() else {}
+    kept = stored("farm_search", {})
     kept[name] = own | {"reduction": 1.0 - best / start.objective, "rows": judge.rows}
-    atomic_write(FILE, json.dumps(kept, indent=1))
+    store("farm_search", kept)
     print(name, {key: value for key, value in kept[name].items() if key != "rows"})
 
 

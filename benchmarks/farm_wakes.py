@@ -14,16 +14,14 @@ longline, of which there are two for every loop.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import say, store
 
 from dropper_jax.sea.wakes import GROWTH, START, Elements, Wakes, solve_wakes
 
-RESULTS = Path(__file__).parent / "results" / "farm_wakes.json"
 #: Farm: extents along and across the current [m], blocks along and across, longlines of a block, their pitch [m].
 LONG, WIDE, ALONG, ACROSS, LINES, PITCH = 2450.0, 650.0, 10, 2, 11.5, 20.0
 #: Length of a longline [m], depth of loops, width of ropes, depth of the water [m], C_D, current [m/s].
@@ -136,5 +134,5 @@ if __name__ == "__main__":
         "measured": {"reduction": MEASURED, "ropes_per_m_at": [crossed(rows, level) for level in MEASURED]},
         "constants": {"GROWTH": GROWTH, "START": START},
     }
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
-    print(json.dumps(found, indent=1))
+    store("farm_wakes", found)
+    say(found)

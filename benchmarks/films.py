@@ -13,8 +13,6 @@ tracked twice: with boards (lens and plane) and without anything. `tables.py` wr
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import warnings
 from dataclasses import dataclass, replace
@@ -23,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from study import options, say, store
 
 from fitting.traces.synthetic import Motion
 from fitting.tracking import track
@@ -31,7 +30,6 @@ from fitting.tracking.ordering import AmbiguousOrderError
 from fitting.tracking.render import Cover, View, chessboards, film
 from fitting.tracking.video import opencv, write_video
 
-RESULTS = Path(__file__).parent / "results" / "films.json"
 FPS, GRAVITY, STABILISER = 60.0, 9.81, 60.0
 #: Samples per frame of the motion that the renderer interpolates.
 FINE = 8
@@ -231,20 +229,19 @@ def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--films", nargs="+", choices=FILMS, default=list(FILMS))
-    chosen = [FILMS[name] for name in parser.parse_args().films]
+    args = options(__doc__, films=list(FILMS))
+    chosen = [FILMS[name] for name in args.films]
     rows = []
     for what in chosen:
         with tempfile.TemporaryDirectory() as folder:
             path, boards, truth = make(what, Path(folder))
             for given in (boards, []):
                 rows.append(judged(what, path, given, truth))
-                print(json.dumps(rows[-1]), flush=True)
+                say(rows[-1])
     marks = [spoiled(FILMS[name]) for name in ("loop, slanting camera", "chain, slanting camera")]
-    print(json.dumps(marks))
+    say(marks)
     if len(chosen) == len(FILMS):
-        RESULTS.write_text(json.dumps({"films": rows, "marks": marks}, indent=1) + "\n")
+        store("films", {"films": rows, "marks": marks})
 
 
 if __name__ == "__main__":

@@ -11,14 +11,12 @@ the true one among them. A row per truth; writes results/laws.json, which holds 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import RESULTS, options, store, stored
 
 import dropper_jax as dj
 from fitting.calibration.comparison import compare
@@ -27,7 +25,6 @@ from fitting.calibration.laws import LADDER, PARTS
 from fitting.calibration.preparation import prepare
 from fitting.traces.trace import Convention, Trace
 
-RESULTS = Path(__file__).parent / "results" / "laws.json"
 RATE, NOISE, FINE, WINDOW = 60.0, 5e-4, 32, 1.4
 #: Watched for [s]: one link shows laws by one amplitude alone, as it falls.
 DURATION = {1: 24.0, 2: 12.0, 3: 12.0, 7: 12.0}
@@ -78,18 +75,13 @@ def watched(run: Any, noise: str, rng: np.random.Generator, size: float = NOISE)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--links", type=int, nargs="+", default=[1, 2, 3, 7])
-    parser.add_argument("--laws", nargs="+", default=[law for law, parts in LADDER.items() if 1 <= len(parts) <= 2])
-    parser.add_argument("--draws", type=int, default=2)
-    parser.add_argument("--noise", nargs="+", default=["white", "filtered"])
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    parser.add_argument("--table", action="store_true", help="only count the rows that are there")
-    args = parser.parse_args()
+    some = [law for law, parts in LADDER.items() if 1 <= len(parts) <= 2]
+    noise = ["white", "filtered"]
+    args = options(__doc__, links=[1, 2, 3, 7], laws=some, draws=2, noise=noise, out=RESULTS / "laws.json", table=False)
     if args.table:
-        print(table(json.loads(args.out.read_text())))
+        print(table(stored(args.out)))
         return
-    rows = json.loads(args.out.read_text()) if args.out.exists() else []
+    rows = stored(args.out, [])
     done = {(row["links"], row["law"], row["draw"], row["noise"], row["weak"]) for row in rows}
     for links in args.links:
         for law in args.laws:
@@ -114,7 +106,7 @@ def main() -> None:
                         if tuple(name.values()) not in done:
                             rows.append({**name, **one(links, law, watched(run, noise, rng, size)), "values": values})
                             rows[-1]["sigma"] = size
-                            args.out.write_text(json.dumps(rows, indent=1) + "\n")
+                            store(args.out, rows)
                         cost = next(row["cost_of_a_part"] for row in rows if all(row[key] == name[key] for key in name))
     print(table(rows))
 

@@ -1,6 +1,6 @@
 """Random longlines at rest: how many static poses are found, whether they balance and stay, and where runs end.
 
-    python benchmarks/layouts.py [--count 300] [--first 0] [--only SEED ...] [--check 30] [--out results/layouts.json]
+    python benchmarks/layouts.py [--count 300] [--first 0] [--only SEED,SEED] [--check 30] [--out results/layouts.json]
 
 Layout i is drawn from seed i: a topology, a bed (flat, sloping, with hills), ropes and chains from floating to heavy,
 lengths from taut to slack, floats and spar buoys from too small to much too large, depths of 5 to 60 m, currents of 0
@@ -16,8 +16,6 @@ to 2 m/s. Prints a row for each that is not found, and the share that is.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import replace
@@ -27,11 +25,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from layout_draws import DURATION, STEP, TOPOLOGIES, Scene, layout
+from study import options, store
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.statics import rest
 
 #: Largest unbalanced force, and most negative stiffness, of a pose that counts as found; largest misfit of a check.
@@ -118,21 +115,10 @@ def checked(seed: int) -> Scene:
     return {"moved": moved, "pulled": pulled, "failed": int(np.sum(path.failed)), "same": min(moved, pulled) <= SAME}
 
 
-def write(path: Path | None, rows: list[Scene]) -> None:
-    """The rows so far."""
-    if path is not None:
-        atomic_write(path, json.dumps(jsonable({"rows": rows}), indent=1) + "\n")
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--only", type=int, nargs="*", help="seeds")
-    parser.add_argument("--check", type=int, default=0, help="how many poses to compare with damped runs")
-    parser.add_argument("--out", type=Path)
-    args = parser.parse_args()
-    seeds = args.only or range(args.first, args.first + args.count)
+    args = options(__doc__, count=300, first=0, only="", check=0, out=Path)
+    seeds = [int(seed) for seed in args.only.split(",") if seed] or range(args.first, args.first + args.count)
+    write = lambda: args.out and store(args.out, {"rows": rows})  # noqa: E731
     print("| layout | residual | stiffness | s | why |\n| --- | --- | --- | --- | --- |", flush=True)
     rows = []
     # layouts of one topology and one kind of bed share their programs
@@ -141,14 +127,14 @@ def main() -> int:
         if not row["ok"] or args.only:
             numbers = " | ".join(f"{row.get(key, np.nan):.1e}" for key in ("residual", "stiffness", "seconds"))
             print(f"| {row['name']} | {numbers} | {row['why']} |", flush=True)
-        write(args.out, rows)
+        write()
     good = [row for row in rows if row["ok"]]
     print(f"found: {len(good)} of {len(rows)}, {len(good) / len(rows):.1%}")
     # evenly over topologies and beds, one after another as they stand
     for row in good[:: max(len(good) // args.check, 1)][: args.check] if args.check else ():
         row |= checked(row["seed"])
         print(f"| {row['name']} | moved {row['moved']:.1e} | pulled {row['pulled']:.1e} | {row['same']} |", flush=True)
-        write(args.out, rows)
+        write()
     return int(len(good) < 0.99 * len(rows))
 
 

@@ -12,24 +12,22 @@ is left out. Each run is checked twice: as a whole, and by stretches as if it we
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from study import RESULTS, options, say, store, stored
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.run import step_check
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import whole_lines
 
-RESULTS = Path(__file__).parent / "results" / "long_steps.json"
 FACTORS = (0.5, 1, 3, 10, 30)
 #: Steps and observed periods of a run at least, and parts of the packaged step that the truth takes.
 STEPS, PERIODS, FINER = 200, 5, 3
@@ -164,11 +162,8 @@ def summary(scenes: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", nargs="*", default=scene_names())
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
-    known = {row["scene"]: row for row in json.loads(args.out.read_text())["scenes"]} if args.out.exists() else {}
+    args = options(__doc__, scenes=list(scene_names()), out=RESULTS / "long_steps.json")
+    known = {row["scene"]: row for row in stored(args.out, {"scenes": []})["scenes"]}
     links = {name: sum(line.links for line in dj.load_scene(name).lines) for name in scene_names()}
     for name in sorted(args.scenes, key=links.__getitem__):
         begun = time.process_time()
@@ -177,16 +172,16 @@ def main() -> None:
         except SceneError as error:
             known[name] = {"scene": name, "left_out": str(error)}
         known[name] |= {"links": links[name], "seconds": round(time.process_time() - begun, 1)}
-        print(json.dumps(known[name]), flush=True)
+        say(known[name])
         _write(args.out, known)
     _write(args.out, known)  # without scenes: counted again
-    print(json.dumps(summary(list(known.values())), indent=1))
+    say(summary(list(known.values())))
 
 
 def _write(out: Path, known: dict[str, dict[str, Any]]) -> None:
     missing = [name for name in scene_names() if name not in known]
     scenes = [known[name] for name in sorted(known)]
-    out.write_text(json.dumps({**summary(scenes), "not_run": missing, "scenes": scenes}, indent=1) + "\n")
+    store(out, {**summary(scenes), "not_run": missing, "scenes": scenes})
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ exit code is 1 where a run failed, or `MOST_MAPS` or `MOST_MEMORY` was passed.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import platform
 import resource
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from study import options
 
 import dropper_jax as dj
 from dropper_jax.base.programs import memory_maps
@@ -68,9 +68,8 @@ def resident() -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kinds", type=int, default=80)
-    count = parser.parse_args().kinds
+    args = options(__doc__, kinds=80)
+    count = args.kinds
     print(f"Python {platform.python_version()}, JAX {jax.__version__}")
     print("| kinds | maps | resident MB | peak MB | processor s | ok |")
     print("| --- | --- | --- | --- | --- | --- |", flush=True)

@@ -9,22 +9,20 @@ what comes before the held-out windows.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from study import store, stored
 
 from dropper_jax import load_scene
-from dropper_jax.base.files import atomic_write
 from fitting.calibration.comparison import compare
 from fitting.calibration.fit import estimate, prepare, summarise
 from fitting.calibration.heldout import score_held_out
 from fitting.traces.trace import convention, read_trace
 
-RESULTS = Path(__file__).parent / "results"
 DOWN = convention("down", 1, "rad")
 #: Windows of the law comparison [s]: many enough for a standard error of the score.
 LAW_WINDOW = 2.6
@@ -110,7 +108,9 @@ def run(name: str, case: Case, folder: Path) -> dict:
     if case.long:
         long = score_held_out(replace(prepared, held_out=(case.long,), lyapunov=0.0), result.values, case.long)
         found["long_prediction"] = {"span_s": list(case.long), "rms_rad": long.rms}
-    save(name, {**found, LAWS: earlier(name)})  # the laws take longest: the fit is there if they are interrupted
+    results = f"measured_{name}_pendulum"
+    # the laws take longest: the fit is there if they are interrupted
+    store(results, {**found, LAWS: stored(results, {LAWS: []})[LAWS]})
     # the laws are compared on windows before the held-out part: choosing one must not use it either
     shorter = prepare(trace, scene_of(case), list(case.free), until=case.until, window=LAW_WINDOW, dt=0.004, asked=DOWN)
     laws = compare(shorter)
@@ -118,25 +118,13 @@ def run(name: str, case: Case, folder: Path) -> dict:
     return found
 
 
-def save(name: str, found: dict) -> None:
-    """Write the results of one rig."""
-    atomic_write(RESULTS / f"measured_{name}_pendulum.json", json.dumps(found, indent=1) + "\n")
-
-
-def earlier(name: str) -> list:
-    """The comparison of laws of the run before."""
-    path = RESULTS / f"measured_{name}_pendulum.json"
-    return json.loads(path.read_text())[LAWS] if path.exists() else []
-
-
 def main() -> None:
     named = os.environ.get("DROPPER_MEASURED_DATA")
     if not named or not Path(named).is_dir():
         sys.exit("error: DROPPER_MEASURED_DATA names no folder; allowed: the folder with the measured CSV files")
-    RESULTS.mkdir(exist_ok=True)
     for name in sys.argv[1:] or CASES:
         found = run(name, CASES[name], Path(named))
-        save(name, found)
+        store(f"measured_{name}_pendulum", found)
         print(name, "held out", np.round(found["held_out_rad"], 5), "ratio", round(found["ratio_of_means"], 3))
         for law in found[LAWS]:
             print(

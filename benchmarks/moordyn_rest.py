@@ -10,27 +10,22 @@ where they rest here, lines by MoorDyn's own search; it runs for 120 s.
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from moordyn_runs import wheel
+from study import say, store, stored, versions
 
 from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.load.packaged import scene_names
 from dropper_jax.moordyn.writing.differences import moved_points
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.study.peers.moordyn_run import inside, quiet
 
-RESULT = Path(__file__).parent / "results" / "moordyn_rest.json"
 #: Time that MoorDyn runs [s], and the speed [m/s] below which its nodes count as at rest.
 SPAN, AT_REST = 120.0, 1e-3
 #: MoorDyn's step over the shortest time that a pulse takes along a link, and the largest step [s].
@@ -115,7 +110,8 @@ def largest_step(scene: Scene) -> float:
 
 def there(folder: Path, file: str, held: list[float]) -> tuple[list[tuple[int, float, float]], float, float]:
     """Links and end tensions [N] of every line of MoorDyn's after SPAN, its largest speed [m/s] and height [m]."""
-    moordyn = wheel()
+    import moordyn
+
     still = [0.0] * len(held)
     with inside(str(folder)), quiet():
         system = moordyn.Create(file)
@@ -172,20 +168,18 @@ def compare(name: str, links: int = 1) -> dict[str, Any]:
     return found
 
 
-def main() -> int:
+def main() -> None:
     names = sys.argv[1:] or scene_names()
-    rows = [row for row in json.loads(RESULT.read_text())["rows"] if row["scene"] not in names] if sys.argv[1:] else []
-    versions = {package: metadata.version(package) for package in ("moordyn", "dropper-jax")}
+    rows = [row for row in stored("moordyn_rest")["rows"] if row["scene"] not in names] if sys.argv[1:] else []
     for name in names:
         for links in (1, FINE):
             rows.append(compare(name, links))
-            print(json.dumps(jsonable(rows[-1])), flush=True)
+            say(rows[-1])
             if rows[-1]["status"] != "ok" or rows[-1]["deck_difference"] < CLOSE:
                 break  # a difference that goes with finer links is that of the codes' drag on a bent line
         rows.sort(key=lambda row: (row["scene"], row.get("links", 1)))
-        atomic_write(RESULT, json.dumps(jsonable({"schema": 1, "versions": versions, "rows": rows}), indent=1) + "\n")
-    return 0
+        store("moordyn_rest", {"schema": 1, "versions": versions("moordyn", "dropper-jax"), "rows": rows})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -90,29 +90,46 @@ class Rows:
         return found
 
 
+def _rows(
+    model: Model, carry: Any, advance: Callable[[Any], Any], seen: Callable[[Any], Any], every: Any, saves: int
+) -> Any:
+    """Rows of `every` steps each, of the first line: tensions of its ends, its far end's place, whether all is well.
+
+    Args:
+        advance: what is carried a step on, and mean, mean square, least and largest tension (2,) of both ends in it.
+        seen: the state and whether all is well, of what is carried.
+    """
+    zero = jnp.zeros(2, model.dtype)
+
+    def one(_: jax.Array, inner: Any) -> Any:
+        carry, total, square, least, most = inner
+        carry, (mean, squares, low, high) = advance(carry)
+        return carry, total + mean, square + squares, jnp.minimum(least, low), jnp.maximum(most, high)
+
+    def save(carry: Any, _: None) -> Any:
+        start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
+        carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
+        s, alive = seen(carry)
+        place = model.geometry.everywhere(s.r, model.ends(s.t).places)[model.geometry.last[0]]
+        return carry, (total / every, square / every, least, most, place, alive)
+
+    return jax.lax.scan(save, carry, None, length=saves)
+
+
 @partial(jax.jit, static_argnames=("stepper", "saves", "links"))
 def _march(stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: int, links: int) -> Any:
-    """`links` are those of the first line, whose ends and far end are watched."""
+    """Steps of dt [s]; how many were taken again, and rows."""
 
-    def save(carry: tuple[State, jax.Array, jax.Array], _: None) -> Any:
-        def one(_: jax.Array, inner: Any) -> Any:
-            s, alive, again, total, square, least, most = inner
-            s, report = step(stepper, model, s, dt, alive)
-            ends = s.tension[jnp.array([0, links - 1])]
-            alive = alive & (report.residual <= stepper.limit(model))
-            again = again + (report.level > FULL_STEP)
-            return s, alive, again, total + ends, square + ends**2, jnp.minimum(least, ends), jnp.maximum(most, ends)
-
-        zero = jnp.zeros(2, model.dtype)
-        start = (*carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
-        s, alive, again, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
-        nodes = model.geometry.everywhere(s.r, model.ends(s.t).places)
-        place = nodes[model.geometry.last[0]]
-        return (s, alive, again), (total / every, square / every, least, most, place, alive)
+    def advance(carry: Any) -> Any:
+        s, alive, again = carry
+        s, report = step(stepper, model, s, dt, alive)
+        ends = s.tension[jnp.array([0, links - 1])]
+        alive = alive & (report.residual <= stepper.limit(model))
+        return (s, alive, again + (report.level > FULL_STEP)), (ends, ends**2, ends, ends)
 
     carry = (begin(stepper, model, s).state, jnp.array(True), jnp.zeros((), jnp.int32))
-    (_, _, again), rows = jax.lax.scan(save, carry, None, length=saves)
-    return again, rows
+    (_, _, again), rows = _rows(model, carry, advance, lambda carry: carry[:2], every, saves)
+    return (again, saves * every), rows
 
 
 @partial(jax.jit, static_argnames=("stepper", "saves", "links"))
@@ -129,24 +146,16 @@ def _follow(
     """As `_march`, in steps that follow the snaps: `every` intervals of dt [s] per row, the longest steps."""
     ends = jnp.array([0, links - 1])
 
-    def save(carry: tuple[Any, jax.Array], _: None) -> Any:
-        def one(_: jax.Array, inner: Any) -> Any:
-            adaptive, steps, total, square, least, most = inner
-            adaptive, (_, within) = advance_adaptively(stepper, model, adaptive, dt, tolerance, 1)
-            mean, squares, low, high = (a[0, ends] for a in within[:4])
-            low, high = jnp.minimum(least, low), jnp.maximum(most, high)
-            return adaptive, steps + within.steps[0], total + mean, square + squares, low, high
+    def advance(carry: Any) -> Any:
+        adaptive, steps = carry
+        adaptive, (_, within) = advance_adaptively(stepper, model, adaptive, dt, tolerance, 1)
+        return (adaptive, steps + within.steps[0]), tuple(a[0, ends] for a in within[:4])
 
-        zero = jnp.zeros(2, model.dtype)
-        start = (*carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
-        adaptive, steps, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
-        s = adaptive.progress.state
-        place = model.geometry.everywhere(s.r, model.ends(s.t).places)[model.geometry.last[0]]
-        alive = adaptive.progress.first_bad < 0
-        return (adaptive, steps), (total / every, square / every, least, most, place, alive)
+    def seen(carry: Any) -> Any:
+        return carry[0].progress.state, carry[0].progress.first_bad < 0
 
     carry = (adaptive_start(begin(stepper, model, s), dt), jnp.zeros((), jnp.int32))
-    (adaptive, steps), rows = jax.lax.scan(save, carry, None, length=saves)
+    (adaptive, steps), rows = _rows(model, carry, advance, seen, every, saves)
     return (adaptive.refused, steps), rows
 
 
@@ -184,24 +193,14 @@ class Ours:
             self.compiled[program, saves] = lowered.compile()
         for _ in range(repeats):
             begun, used = time.perf_counter(), time.process_time()
-            again, rows = jax.block_until_ready(self.compiled[program, saves](*given))
+            (again, steps), rows = jax.block_until_ready(self.compiled[program, saves](*given))
             wall, cpu = min(wall, time.perf_counter() - begun), min(cpu, time.process_time() - used)
         mean, square, least, most, place, alive = (np.asarray(a) for a in rows)
         t = SAMPLE * np.arange(1, saves + 1)
         status = "ok" if bool(alive[-1]) else f"not_converged at {t[np.argmin(alive)]:.4g} s"
-        again, steps = (again, saves * every) if tolerance is None else again
         return Rows(
             t, mean, square, least, most, place, wall, cpu, float(again) / float(steps), status, steps=int(steps)
         )
-
-
-def wheel() -> Any:
-    """The package `moordyn`; a script of that name in this folder must not stand in its way."""
-    here = Path(__file__).parent
-    sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != here]
-    import moordyn
-
-    return moordyn
 
 
 def _signed(moordyn: Any, line: Any, end: int, inner: int) -> float:
@@ -228,6 +227,33 @@ def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, 
     (folder / "water_grid.txt").write_text(f"grid\nx, y, z\n-\n{axes}\n")
 
 
+@contextmanager
+def moordyn_system(
+    scene: Scene, dt: float, duration: float, scheme: str = "rk2", across: tuple[int, int] | None = None, **more: Any
+) -> Iterator[tuple[Any, Any]]:
+    """The package and its system on the file written of a scene; what it raises ends the run.
+
+    Args:
+        across: least and largest y [m] of the grid of waves (WaveKin 3); None: its exact kinematics (WaveKin 7).
+        more: options of MoorDyn.
+    """
+    import moordyn
+
+    options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, **more}
+    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
+        if across is not None:
+            options |= {"WaveKin": 3, "dtWave": GRID_STEP}
+            _write_grid(scene, Path(folder), duration, across)
+        write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
+        system = moordyn.Create("mooring.txt")
+        try:
+            yield moordyn, system
+        except RuntimeError:
+            pass
+        finally:
+            moordyn.Close(system)
+
+
 def theirs(
     scene: Scene,
     dt: float,
@@ -251,41 +277,29 @@ def theirs(
             deviation of a gently driven chain, 1 ms: 1e-4).
         call: time between calls [s], at most `look`; None: `look`.
     """
-    moordyn = wheel()
-    options = {"tScheme": scheme, "disableOutput": 1, "disableOutTime": 1, "dtOut": duration}
     looks = max(1, round(SAMPLE / look))
     inner, rows, wall, cpu = looks * max(1, round(SAMPLE / looks / (call or look))), [], 0.0, 0.0
-    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
-        if grid:
-            options.update({"WaveKin": 3, "dtWave": GRID_STEP})
-            _write_grid(scene, Path(folder), duration, across)
-        write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
-        system = moordyn.Create("mooring.txt")
-        try:
-            first = [] if drive is None else list(drive(0.0))
-            moordyn.Init(system, first, [0.0] * len(first))
-            line = moordyn.GetLine(system, 1)
-            count, now = moordyn.GetLineN(line), 0
-            for _ in range(round(duration / SAMPLE)):
-                ends = []
-                for _ in range(inner):
-                    t = now * SAMPLE / inner
-                    x = [] if drive is None else list(drive(t))
-                    v = [] if drive is None else list((drive(t + SAMPLE / inner) - drive(t)) / (SAMPLE / inner))
-                    begun, used = time.perf_counter(), time.process_time()
-                    moordyn.Step(system, x, v, t, SAMPLE / inner)
-                    wall, cpu = wall + time.perf_counter() - begun, cpu + time.process_time() - used
-                    now += 1
-                    if now % (inner // looks):
-                        continue
-                    ends.append([_signed(moordyn, line, i, j) for i, j in ((0, 1), (count, count - 1))])
-                rows.append((np.array(ends), moordyn.GetLineNodePos(line, count)))
-                if not np.all(np.isfinite(ends)):
-                    break
-        except RuntimeError:
-            pass
-        finally:
-            moordyn.Close(system)
+    with moordyn_system(scene, dt, duration, scheme, across if grid else None) as (moordyn, system):
+        first = [] if drive is None else list(drive(0.0))
+        moordyn.Init(system, first, [0.0] * len(first))
+        line = moordyn.GetLine(system, 1)
+        count, now = moordyn.GetLineN(line), 0
+        for _ in range(round(duration / SAMPLE)):
+            ends = []
+            for _ in range(inner):
+                t = now * SAMPLE / inner
+                x = [] if drive is None else list(drive(t))
+                v = [] if drive is None else list((drive(t + SAMPLE / inner) - drive(t)) / (SAMPLE / inner))
+                begun, used = time.perf_counter(), time.process_time()
+                moordyn.Step(system, x, v, t, SAMPLE / inner)
+                wall, cpu = wall + time.perf_counter() - begun, cpu + time.process_time() - used
+                now += 1
+                if now % (inner // looks):
+                    continue
+                ends.append([_signed(moordyn, line, i, j) for i, j in ((0, 1), (count, count - 1))])
+            rows.append((np.array(ends), moordyn.GetLineNodePos(line, count)))
+            if not np.all(np.isfinite(ends)):
+                break
     wanted = round(duration / SAMPLE)
     status = (
         "ok" if len(rows) == wanted and np.all(np.isfinite(rows[-1][0])) else f"unstable at {len(rows) * SAMPLE:.4g} s"
@@ -326,28 +340,17 @@ def theirs_many(
     Returns:
         times (k,), sizes of tensions (k, ends) [N], places (k, places, 3) [m], and `ok` or what went wrong.
     """
-    moordyn = wheel()
-    options = {"tScheme": "rk2", "disableOutput": 1, "disableOutTime": 1, "dtOut": duration, "WaveKin": 3}
-    options |= {"dtWave": GRID_STEP, "waveKin_rampT": 0.0}
     pulls, where = [], []
-    with tempfile.TemporaryDirectory() as folder, inside(folder), quiet():
-        _write_grid(scene, Path(folder), duration, across)
-        write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
-        system = moordyn.Create("mooring.txt")
-        try:
-            moordyn.Init(system, [], [])
-            lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *places)}
-            last = {i: moordyn.GetLineN(line) for i, line in lines.items()}
-            for step_number in range(round(duration / look)):
-                moordyn.Step(system, [], [], step_number * look, look)
-                pulls.append([np.linalg.norm(moordyn.GetLineNodeTen(lines[i], last[i] * far)) for i, far in ends])
-                where.append([moordyn.GetLineNodePos(lines[i], last[i] * far) for i, far in places])
-                if not np.all(np.isfinite(pulls[-1])):
-                    break
-        except RuntimeError:
-            pass
-        finally:
-            moordyn.Close(system)
+    with moordyn_system(scene, dt, duration, across=across, waveKin_rampT=0.0) as (moordyn, system):
+        moordyn.Init(system, [], [])
+        lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *places)}
+        last = {i: moordyn.GetLineN(line) for i, line in lines.items()}
+        for step_number in range(round(duration / look)):
+            moordyn.Step(system, [], [], step_number * look, look)
+            pulls.append([np.linalg.norm(moordyn.GetLineNodeTen(lines[i], last[i] * far)) for i, far in ends])
+            where.append([moordyn.GetLineNodePos(lines[i], last[i] * far) for i, far in places])
+            if not np.all(np.isfinite(pulls[-1])):
+                break
     t = look * np.arange(1, len(pulls) + 1)
     good = len(pulls) == round(duration / look) and np.all(np.isfinite(pulls[-1]))
     status = "ok" if good else f"unstable at {len(pulls) * look:.4g} s"

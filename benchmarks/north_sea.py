@@ -10,22 +10,19 @@ phase, answer to 10 % more amplitude, submergence.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from machine import describe
+from study import describe, say, store
 
 import dropper_jax as dj
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 
-RESULTS = Path(__file__).parent / "results" / "north_sea.json"
 LINK = 10
 DRAG = {"morison_drag": {"cdn": 2.0}}
 #: Name, changes of the scene, and the effects on top of weight and linear damping.
@@ -93,9 +90,9 @@ def effects_table() -> None:
     rows = []
     for name, scene, steps, scheme in (*cases, *THESIS_ROWS):
         rows.append({"name": name, "runs": [summary(dj.simulate(scene, dt=dt, **scheme)) for dt in steps]})
-        print(json.dumps(rows[-1]), flush=True)
+        say(rows[-1])
     found = {"schema": 2, "link": LINK, "machine": describe(), "rows": rows}
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+    store("north_sea", found)
 
 
 def microseconds(scene: dj.Scene, steps: int = 500) -> float:

@@ -5,13 +5,9 @@ python benchmarks/one_kernel.py [--pairs 5] [--cases NAME ...] [--out benchmarks
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
-
 import jax
-from machine import describe
 from same_speed import CASES, HERE, Side, pairs
+from study import RESULTS, describe, options, say, store
 
 
 def row(name: str, count: int) -> dict[str, object]:
@@ -34,16 +30,12 @@ def row(name: str, count: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=5)
-    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
-    parser.add_argument("--out", type=Path, default=HERE / "benchmarks" / "results" / "one_kernel.json")
-    args = parser.parse_args()
+    args = options(__doc__, pairs=5, cases=list(CASES), out=RESULTS / "one_kernel.json")
     rows = []
     for name in args.cases:
         rows.append(row(name, args.pairs))
-        print(json.dumps(rows[-1]), flush=True)
-    args.out.write_text(json.dumps({"machine": describe(), "jax": jax.__version__, "rows": rows}, indent=1) + "\n")
+        say(rows[-1])
+    store(args.out, {"machine": describe(), "jax": jax.__version__, "rows": rows})
 
 
 if __name__ == "__main__":

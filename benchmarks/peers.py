@@ -2,34 +2,23 @@
 
     python benchmarks/peers.py            (needs the extra `peers`; about 3 minutes)
 
-Writes results/peers.json and results/peers-*.png beside this file and prints whether the goals are met: at equal or
+Writes results/peers.json and results/peers-dropper-17-links.png and prints whether the goals are met: at equal or
 smaller error, our best integrator at least 15 times faster per simulated second than MuJoCo (C library), 3.5 times
 faster than diffrax as it is, and not more than a tenth slower than diffrax with our tensions, its runs one kernel too.
 """
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401 - before JAX
 
-os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["XLA_FLAGS"] = (
-    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000000 "
-    "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-)
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+# isort: split
 
-import json
-import sys
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from machine import describe
+from study import RESULTS, describe, store, versions
 
 from dropper_jax import Scene, load_scene
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.plots import style
 from dropper_jax.run.build import build
 from dropper_jax.study.peers import peer_rows
@@ -38,7 +27,6 @@ from dropper_jax.study.reference import reference
 from dropper_jax.study.schemes import Scheme, runnable
 from dropper_jax.study.work_precision import measure
 
-RESULTS = Path(__file__).parent / "results"
 REPEATS = 7  # the least of these counts, for everybody: other load on the machine only ever adds
 SPAN = 2.0  # [s]
 GRID = 2.0**-4  # [s]
@@ -165,16 +153,12 @@ def picture(result: dict[str, Any], path: Path) -> Path:
     return style.save(figure, path)
 
 
-def main() -> int:
-    RESULTS.mkdir(exist_ok=True)
+def main() -> None:
     results = [compare(dropper_17()), compare(load_scene("dropper-release-a-undamped"))]
-    versions = {name: metadata.version(name) for name in ("mujoco", "diffrax", "jax", "dropper-jax")}
-    found = {"schema": 1, "machine": describe(), "versions": versions, "scenes": results}
-    atomic_write(RESULTS / "peers.json", json.dumps(jsonable(found), indent=1) + "\n")
-    for result in results:
-        picture(result, RESULTS / f"peers-{result['scene']}.png")
-    return 0
+    packages = versions("mujoco", "diffrax", "jax", "dropper-jax")
+    store("peers", {"schema": 1, "machine": describe(), "versions": packages, "scenes": results})
+    picture(results[0], RESULTS / "peers-dropper-17-links.png")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -10,19 +10,16 @@ spar, which tells how much of the difference is drag.
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import store
 
 import dropper_jax as dj
-from dropper_jax.load.packaged import packaged_scene
-from dropper_jax.load.pitching import pitching
+from dropper_jax.load.packaged import packaged_scene, pitching
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
 
-RESULT = Path(__file__).parent / "results" / "pitching.json"
 CASES = ("paper-case-1", "paper-case-2", "paper-case-3")
 #: Heights of the centre of gravity above the base [m]; the last one is that of a homogeneous spar.
 CENTRES = (0.5, 0.75, 1.0, 1.25, 1.5, 8.865 / 2)
@@ -114,7 +111,7 @@ def main() -> None:
         for form, name in (("upright", CASES[0]), ("pitching", f"{CASES[0]}-pitching"))
     ]
     found = {"from_s": SKIP, "to_s": 200.0, "cases": rows, "centres": swept, "without_drag": free}
-    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+    store("pitching", found)
 
 
 if __name__ == "__main__":

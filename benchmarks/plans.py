@@ -9,19 +9,16 @@ fitted by `shooting`; the scatter of the fitted values is the error that was to 
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import RESULTS, options, store, stored
 
 from fitting.calibration.fit import fit
 from fitting.calibration.plan import plan
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-RESULTS = Path(__file__).parent / "results" / "plans.json"
 GAP_WEIGHT = 1e-3
 #: Predicted errors that differ by this ratio should be found in this order.
 APART = 1.5
@@ -63,11 +60,8 @@ PAIRS: tuple[tuple[str, tuple[str, ...], tuple[Any, ...], tuple[Any, ...]], ...]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--twins", type=int, default=20)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
-    rows = json.loads(args.out.read_text()) if args.out.exists() else []
+    args = options(__doc__, twins=20, out=RESULTS / "plans.json")
+    rows = stored(args.out, [])
     done = {row["pair"] for row in rows}
     for name, free, *both in PAIRS:
         if name in done:
@@ -83,7 +77,7 @@ def main() -> None:
         row |= {"foretold": foretold, "seen": seen}
         row["order"] = None if max(foretold, 1 / foretold) < APART else bool((foretold > 1) == (seen > 1))
         rows.append(row)
-        args.out.write_text(json.dumps(rows, indent=1) + "\n")
+        store(args.out, rows)
         ratios = [f"{one['ratio'][p]:.2f}" for one in found for p in names(one)]
         print(f"{name}: {', '.join(ratios)}; {foretold:.2f} foretold, {seen:.2f} seen", flush=True)
 

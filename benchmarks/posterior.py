@@ -8,14 +8,11 @@ Writes results/posterior.json.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
+from study import RESULTS, describe, options, say, store
 
 import dropper_jax as dj
 from fitting.calibration.estimating import estimate
@@ -25,16 +22,12 @@ from fitting.estimate.posterior import importance
 from fitting.estimate.uncertainty import uncertainty
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
-RESULTS = Path(__file__).parent / "results" / "posterior.json"
 SCENE, DURATION, NOISE, OFF = "dropper-release-a", 16.0, 0.005, 1.5
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=120, help="of each of four chains")
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
+    args = options(__doc__, draws=120, out=RESULTS / "posterior.json")
     scene = dj.load_scene(SCENE)
     names = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
     truth = [scene.value(name) for name in names]
@@ -51,13 +44,13 @@ def main() -> None:
         far = np.array([(found.quantile(p) - solution.values) / fitted.std_error for p in LEVELS])
         rows.append({"sampler": name, **found.to_json(), **seconds, "quantiles_in_errors": far.tolist()})
         rows[-1]["warnings"] = found.warnings
-        print(json.dumps(rows[-1], indent=1), flush=True)
+        say(rows[-1])
     found = {
         "scene": SCENE, "duration_s": DURATION, "noise_rad": NOISE, "truth": truth, "values": solution.values.tolist(),
         "std_error": fitted.std_error.tolist(), "gap_weight": solution.gap_weight, "levels": LEVELS, "rows": rows,
         "machine": describe(),
     }  # fmt: skip
-    args.out.write_text(json.dumps(found, indent=1) + "\n")
+    store(args.out, found)
 
 
 def timed(work: Any) -> tuple[Any, dict[str, float]]:

@@ -11,14 +11,12 @@ results/random_droppers.json.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import RESULTS, options, store, stored
 
 from dropper_jax import load_scene
 from dropper_jax.base.errors import SceneError
@@ -26,7 +24,6 @@ from dropper_jax.load.scene import Scene
 from fitting.traces.synthetic import Camera, Motion, observe, simulate_truth
 from fitting.traces.trace import Trace
 
-RESULTS = Path(__file__).parent / "results" / "random_droppers.json"
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 GRAVITY = 9.81
 #: Peak rate [rad/s] that every third draw exceeds, and how many rigs are tried at most.
@@ -236,12 +233,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", default="0:60", help="FROM:TO, or single ones with commas")
-    parser.add_argument("--kind", choices=tuple(KINDS), default="plain")
-    parser.add_argument("--window", type=float)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
+    args = options(__doc__, seeds="0:60", kind=tuple(KINDS), window=float, out=RESULTS / "random_droppers.json")
     low, colon, high = args.seeds.partition(":")
     seeds = range(int(low), int(high)) if colon else [int(s) for s in args.seeds.split(",")]
     rows = []
@@ -257,8 +249,8 @@ def main() -> None:
         }
         off = (np.array(row["values"]) - d.truth) / np.array(row["std_error"]) if "values" in row else None
         print(seed, row["status"], row.get("residual", np.nan) / d.noise, off, short, flush=True)
-        known = json.loads(args.out.read_text()) if args.out.exists() else {}
-        args.out.write_text(json.dumps({**known, KINDS[args.kind]: rows}, indent=1) + "\n")
+        known = stored(args.out, {})
+        store(args.out, {**known, KINDS[args.kind]: rows})
     print(table(rows))
 
 

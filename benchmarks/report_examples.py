@@ -7,19 +7,14 @@ Writes `results/report_examples.json` (some minutes on a core); `tables.py` make
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
-from machine import describe
+from study import describe, store
 
 import dropper_jax as dj
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.report.build import report_run, report_runs
 from dropper_jax.report.settings import Settings
 
-RESULTS = Path(__file__).parent / "results" / "report_examples.json"
 RATIOS, STEPS = (1.0, 0.1, 0.0), (0.05, 0.02)
 DURATION, SKIP, BREAKING_LOAD = 100.0, 50.0, 450e3
 STORM = {"kind": "spectrum", "spectrum": "jonswap", "hs": 2.0, "tp": 7.0, "count": 100, "direction": 0.0}
@@ -72,7 +67,7 @@ def storm() -> dict[str, Any]:
 def main() -> None:
     rows = [damping_and_step(ratio, dt) for ratio in RATIOS for dt in STEPS]
     found = {"machine": describe(), "damping": rows, "storm": storm()}
-    atomic_write(RESULTS, json.dumps(jsonable(found), indent=1) + "\n")
+    store("report_examples", found)
 
 
 if __name__ == "__main__":

@@ -7,15 +7,11 @@ Writes `results/scene_sensitivity.json` (some minutes on a core); `tables.py` ma
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from study import store
 
 import dropper_jax as dj
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from fitting.sensitivity import local, study
 
-RESULTS = Path(__file__).parent / "results" / "scene_sensitivity.json"
 SCENE, OF, DURATION = "paper-case-4", "tension.1.mean", 0.1
 PATHS = (
     "sea.current.speed",
@@ -51,7 +47,7 @@ def main() -> None:
         )
     ]
     values = {"scene": SCENE, "of": OF, "value": found.value, "modes_differ": found.mismatch, "rows": rows}
-    atomic_write(RESULTS, json.dumps(jsonable(values), indent=1) + "\n")
+    store("scene_sensitivity", values)
 
 
 if __name__ == "__main__":

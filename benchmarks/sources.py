@@ -7,21 +7,17 @@ Takes about a minute. Writes results/sources.json, of which `python benchmarks/t
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
+from study import store
 
 import dropper_jax as dj
 from dropper_jax import load_scene
-from dropper_jax.base.files import atomic_write
 from dropper_jax.study.tide import tidal_cycle
 
-HERE = Path(__file__).parent
-TARGET = HERE / "results" / "sources.json"
 #: Nominal diameter [m] of the backbone in the paper's Table 1.
 NOMINAL = 0.068
 LINES = ("ground", "leg", "backbone", "sock")
@@ -35,7 +31,7 @@ def main() -> None:
         "paper": [*paper(), nominal_diameters()],
         "figures": list(figures()),
     }
-    atomic_write(TARGET, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    store("sources", found)
     for row in (*found["thesis"], *found["paper"]):
         print(" | ".join(row))
 

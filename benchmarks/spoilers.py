@@ -12,17 +12,15 @@ results/spoilers.json.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from closed_chain import Chain
 from scipy.interpolate import CubicSpline
+from study import RESULTS, options, store
 
 from fitting.calibration.advice import wide
 from fitting.calibration.estimating import estimate, with_sound_windows
@@ -36,7 +34,6 @@ from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
 from fitting.traces.trace import Convention, Trace
 
-RESULTS = Path(__file__).parent / "results" / "spoilers.json"
 LENGTH, MASS = np.array([0.15, 0.14, 0.16, 0.15]), np.array([0.05, 0.06, 0.05, 0.05])
 END, LINEAR, QUADRATIC = np.array([0.38, 0.0]), 4e-3, 4e-3
 RATE, REST, BEGIN, DURATION, NOISE = 60.0, 1.5, 2.0, 12.0, 0.004
@@ -250,18 +247,13 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--only", nargs="+", default=list(SPOILERS), choices=list(SPOILERS))
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
+    args = options(__doc__, draws=20, first=0, only=list(SPOILERS), out=RESULTS / "spoilers.json")
     shared: list[Simulator] = []
     rows: list[dict[str, Any]] = []
     for number in range(args.first, args.first + args.draws):
         for kind in args.only:
             rows.append(one(kind, number, shared))
-            args.out.write_text(json.dumps(rows, indent=1) + "\n")
+            store(args.out, rows)
 
 
 if __name__ == "__main__":

@@ -7,19 +7,16 @@ Prints steps per second, the gain over a Python loop over single compiled runs, 
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import resource
 import sys
 import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from machine import describe
+from study import RESULTS, describe, options, store
 
 import dropper_jax as dj
 from fitting.cli.sweep import use_cores
@@ -65,11 +62,7 @@ def loop(runs: int, duration: float) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=1000)
-    parser.add_argument("--duration", type=float, default=50.0, help="simulated time [s]")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "sweep.json")
-    args = parser.parse_args()
+    args = options(__doc__, cases=1000, duration=50.0, out=RESULTS / "sweep.json")
     use_cores(None)
     with tempfile.TemporaryDirectory() as folder:
         rows = [measure(cases, args.duration, folder) for cases in (max(args.cases // 4, 1), args.cases)]
@@ -85,8 +78,7 @@ def main() -> None:
     for row in rows:
         print(", ".join(f"{key} {value:.4g}" for key, value in row.items()))
     print(f"single runs {single:.3f} million steps/s, sweep {found['times_faster_than_single_runs']:.1f} times that")
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(json.dumps(found, indent=1) + "\n")
+    store(args.out, found)
 
 
 if __name__ == "__main__":

@@ -9,16 +9,13 @@ tail, and b_l and b_q fitted to it.
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from closed_chain import Chain
-from machine import describe
+from study import RESULTS, describe, options, store
 
 import dropper_jax as dj
 from fitting.calibration.fit import fit
@@ -78,10 +75,7 @@ def fitted(trace: Trace, pair: np.ndarray) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--duration", type=float, default=50.0, help="of the traces [s]")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / "sweep_truths.json")
-    args = parser.parse_args()
+    args = options(__doc__, duration=50.0, out=RESULTS / "sweep_truths.json")
     use_cores(None)
     found: dict[str, Any] = {"machine": describe(), "noise_rad": NOISE, "duration_s": args.duration, "rows": []}
     traces = []
@@ -94,13 +88,13 @@ def main() -> None:
             seconds = {"sweep_cpu_s": time.process_time() - start_s}
             found["rows"].append({"b_l": pair[0], "b_q": pair[1], **rank(scores, case), **seconds})
             print(pair, {name: found["rows"][-1][name]["angle"]["rank"] for name in PARTS}, seconds)
-    args.out.write_text(json.dumps(found, indent=1) + "\n")
+    store(args.out, found)
     for trace, row in zip(traces, found["rows"], strict=True):
         start_s = time.process_time()
         row["fit"] = fitted(trace, np.array([row["b_l"], row["b_q"]]))
         row["fit_cpu_s"] = time.process_time() - start_s
         print(trace.name, row["fit"], row["fit_cpu_s"])
-        args.out.write_text(json.dumps(found, indent=1) + "\n")
+        store(args.out, found)
 
 
 if __name__ == "__main__":

@@ -8,33 +8,26 @@ Needs the extra `moordyn`; takes about an hour on one core. Writes results/table
 
 from __future__ import annotations
 
-import os
+import one_thread  # noqa: F401 - before JAX
 
-os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+# isort: split
 
-import argparse
-import json
-import sys
-from importlib import metadata
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from machine import describe
 from moordyn_runs import theirs
 from paper_cases import TABLE_7, case
-from table7_conventions import CONVENTIONS
+from study import describe, options, store, stored, versions
 from table7_edulis import edulis
 
 import dropper_jax as dj
+from dropper_jax import Scene
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 from dropper_jax.moordyn.writing.outputs import channel_values
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
-TARGET = Path(__file__).parent / "results" / "table7.json"
 NUMBERS = (1, 2, 3, 4, 5)
 #: The paper gives no durations; its figures and texts speak of times up to 143.9 s.
 SPAN, LONGEST = 150.0, 200.0  # [s]
@@ -44,6 +37,9 @@ LENGTHS = (50.0, 80.0, 100.0, SPAN, LONGEST)
 SETTLED, BATCHES = 50.0, 8
 #: MoorDyn's step [s] for each internal damping ratio.
 STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
+ALL, WAVES, IRREGULAR = (1, 2, 3, 4, 5), (1, 2, 3, 5), (3, 5)
+#: Draught of the buoy at rest in case 4 [m].
+DRAUGHT = 3.27
 
 
 def loads(values: np.ndarray) -> dict[str, float]:
@@ -96,19 +92,15 @@ def in_moordyn(number: int, ratio: float) -> dict[str, Any]:
     return {"case": number, "damping_ratio": ratio, "dt_s": STEPS[ratio], **found}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("cases", "moordyn", "conventions", "edulis")
-    parser.add_argument("--only", choices=parts, help="measure this part, keep the others")
-    parser.add_argument("--missing", action="store_true", help="of the conventions, only rows that are not there yet")
-    given = parser.parse_args()
+def main() -> None:
+    given = options(__doc__, only=(None, "cases", "moordyn", "conventions", "edulis"), missing=False)
     only = given.only
-    found: dict[str, Any] = json.loads(TARGET.read_text()) if only and TARGET.exists() else {}
-    versions = {name: metadata.version(name) for name in ("moordyn", "jax", "dropper-jax", "numpy")}
-    found |= {"schema": 1, "machine": describe(), "versions": versions, "table_7": TABLE_7, "span_s": SPAN}
+    found: dict[str, Any] = stored("table7", {}) if only else {}
+    packages = versions("moordyn", "jax", "dropper-jax", "numpy")
+    found |= {"schema": 1, "machine": describe(), "versions": packages, "table_7": TABLE_7, "span_s": SPAN}
 
     def keep() -> None:
-        atomic_write(TARGET, json.dumps(jsonable(found), indent=1) + "\n")
+        store("table7", found)
 
     def wanted(part: str) -> bool:
         return only in (None, part)
@@ -143,8 +135,79 @@ def main() -> int:
     if wanted("edulis"):
         found["edulis"] = edulis()
         keep()
-    return 0
+
+
+@dataclass(frozen=True)
+class Convention:
+    """A change of one thing.
+
+    Attributes:
+        values: values by path, given the case's scene.
+    """
+
+    name: str
+    cases: tuple[int, ...]
+    values: Callable[[Scene], Mapping[str, Any]]
+
+    def changed(self, scene: Scene) -> Scene:
+        return scene.with_values(dict(self.values(scene)))
+
+
+def _fixed(name: str, cases: tuple[int, ...], **values: Any) -> Convention:
+    """The same values for every case; `__` stands for a dot."""
+    paths = {path.replace("__", "."): value for path, value in values.items()}
+    return Convention(name, cases, lambda scene: paths)
+
+
+def _friction(scene: Scene) -> dict[str, Any]:
+    has = "seabed_friction" in scene.effects
+    return {"effects.seabed_friction.kinetic": 0.0 if has else 0.5}
+
+
+def _phases(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Scene], dict[str, Any]]:
+    def values(scene: Scene) -> dict[str, Any]:
+        phase = np.asarray(scene.sea.waves.phase if scene.sea.waves.phase is not None else 0.0, float)
+        found = change(phase)
+        return {"sea.waves.phase": found.tolist()}
+
+    return values
+
+
+def _slim(scene: Scene) -> float:
+    """Draught at rest over the buoy's diameter: its side is taken as wet to there at all times."""
+    return DRAUGHT / scene.buoys[0].diameter
+
+
+def _half(scene: Scene) -> float:
+    return 0.5 * scene.buoys[0].height
+
+
+def _lower(scene: Scene) -> dict[str, Any]:
+    x, y, _ = next(point for point in scene.points if point.name == "buoy").position
+    return {"point.buoy.position": [float(x), float(y), -2.0 * 4.43]}
+
+
+CONVENTIONS = (
+    _fixed("start at rest, not from Table 6", ALL, start__kind="static"),
+    Convention("bed friction 0.5 added; case 2: taken away", ALL, _friction),
+    _fixed("damper goes on in slack links (`damped_rope`)", ALL, line_type__chain__law="damped_rope"),
+    _fixed("the same, damping ratio 1", ALL, line_type__chain__law="damped_rope", line_type__chain__damping_ratio=1.0),
+    Convention("chain at the buoy's half height", ALL, lambda s: {"buoy.0.attachment": _half(s)}),
+    Convention("-4.43 m is the buoy's middle, chain at its base", ALL, _lower),
+    Convention("buoy: drag along on pi D w", ALL, lambda s: {"buoy.0.cdt": s.buoys[0].cdt * 4 * _slim(s)}),
+    Convention("buoy: drag along on D w", ALL, lambda s: {"buoy.0.cdt": s.buoys[0].cdt * 4 * _slim(s) / np.pi}),
+    _fixed("buoy: added mass along of the wet volume", ALL, buoy__0__end_added_mass="volume"),
+    Convention("wave phases 180 degrees later", WAVES, _phases(lambda p: p + np.pi)),
+    Convention("wave phases 90 degrees later", WAVES, _phases(lambda p: p + np.pi / 2)),
+    Convention("wave phases of Table A1 with the other sign", IRREGULAR, _phases(lambda p: -p)),
+    Convention("chain: axial drag on D, not on pi D", ALL, lambda s: {"line_type.chain.cdt": 0.2 / np.pi}),
+    _fixed("24 segments", ALL, line__chain__links=24),
+    _fixed("damping ratio 1", ALL, line_type__chain__damping_ratio=1.0),
+    _fixed("bed 10 times softer, damper too", ALL, effects__seabed__stiffness=3e5, effects__seabed__damping=3e4),
+    _fixed("water above z = 0 moves as at z = 0", WAVES, sea__stretching="constant"),
+    _fixed("waves take the current's Doppler shift", (5,), sea__wave_current="doppler"),
+)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

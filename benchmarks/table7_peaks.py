@@ -9,20 +9,14 @@ Takes about half an hour on one core. Writes results/table7_peaks.json; `python 
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
 from paper_cases import TABLE_7, case
+from study import describe, options, store, stored
 
 import dropper_jax as dj
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.json_values import jsonable
 
-TARGET = Path(__file__).parent / "results" / "table7_peaks.json"
 #: Length of the record [s]; in a current alone all is steady long before.
 SPAN, STEADY = 150.0, 30.0
 #: Schemes, and their two steps [s]; irregular waves and the bare start need shorter ones. Moved starts take the first.
@@ -52,11 +46,8 @@ def loads(number: int, scheme: str, dt: float, moved: float = 0.0) -> dict[str, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", default="1,2,3,4,5")
-    parser.add_argument("--starts", type=int, default=10)
-    args = parser.parse_args()
-    found = json.loads(TARGET.read_text()) if TARGET.exists() else {"rows": []}
+    args = options(__doc__, cases="1,2,3,4,5", starts=10)
+    found = stored("table7_peaks", {"rows": []})
     found |= {"schema": 1, "machine": describe(), "table_7": TABLE_7, "span_s": SPAN}
     draws = np.random.default_rng(7).uniform(-MOVED, MOVED, args.starts)
     for number in map(int, args.cases.split(",")):
@@ -69,7 +60,7 @@ def main() -> None:
             row = loads(number, scheme, dt, moved)
             found["rows"].append(row)
             print(number, scheme, dt, f"{moved:.1e}", row["status"], row["anchor"], row["fairlead"], flush=True)
-            atomic_write(TARGET, json.dumps(jsonable(found), indent=1) + "\n")
+            store("table7_peaks", found)
 
 
 if __name__ == "__main__":

@@ -9,16 +9,13 @@ that start from measured poses, by the default scheme and by the thesis' own. Wr
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from machine import describe
+from study import describe, say, store
 
 import dropper_jax as dj
 
-RESULTS = Path(__file__).parent / "results" / "thesis_release.json"
 STEP, DURATION, RELEASE, GAMMA = 0.0065, 65.0, 15.0, 0.51
 #: Dampings b_l [kg/s], b_q [kg/m] of the scenarios: none, and the thesis' choice.
 DAMPINGS = ((0.0, 0.0), (0.002, 0.001))
@@ -61,7 +58,7 @@ def scenario(letter: str) -> dict[str, Any]:
         for b in DAMPINGS:
             row = end(run(name, b, integrator="thesis_angles", gamma=GAMMA))
             found[start]["thesis_angles"].append({"b_l": b[0], "b_q": b[1], **row})
-    print(json.dumps(found), flush=True)
+    say(found)
     return found
 
 
@@ -69,7 +66,7 @@ def damping_row(b: tuple[float, float]) -> dict[str, Any]:
     """Scenario A with a damping, by the thesis' scheme."""
     ended = end(run("dropper-release-a-ramp", b, integrator="thesis_angles", gamma=GAMMA))
     row = {"b_l": b[0], "b_q": b[1], "table_e_1": b in TABLE_E_1, **ended}
-    print(json.dumps(row), flush=True)
+    say(row)
     return row
 
 
@@ -132,7 +129,7 @@ def independent(dt: float) -> dict[str, Any]:
     rest = dj.simulate("dropper-release-a-ramp", duration=dt, dt=dt)
     start = np.stack([rest.polar[0], np.zeros(7), rest.tension[0]])
     row = {"dt_s": dt, **{key: PlaneScheme(dt, key == "printed").run(start) for key in ("corrected", "printed")}}
-    print(json.dumps(row), flush=True)
+    say(row)
     return row
 
 
@@ -145,7 +142,7 @@ def main() -> None:
     }
     for key, (measure, cases) in parts.items():
         found[key] = [measure(case) for case in cases]
-        RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+        store("thesis_release", found)
 
 
 if __name__ == "__main__":

@@ -17,8 +17,8 @@ from dropper_jax.run.build import build as build
 from dropper_jax.run.build import equilibrium as equilibrium
 from dropper_jax.run.build import linearised as linearised
 from dropper_jax.run.coupled import Coupled as Coupled
+from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
-from dropper_jax.run.solution import Solution as Solution
 from dropper_jax.run.start import from_angles as from_angles
 from dropper_jax.run.start import initial_state as initial_state
 from dropper_jax.statics.modes import natural_periods as natural_periods

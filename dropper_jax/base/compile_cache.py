@@ -29,9 +29,9 @@ try:
 except ImportError:
     compilation_cache = None
 
-#: The variable that says where: a folder, `off`, or nothing (none; the command line then takes the user's own).
+#: The variable that names the folder: `on` for the user's own, `off` or nothing for none.
 VARIABLE = "DROPPER_COMPILE_CACHE"
-OFF = "off"
+OFF, ON = "off", "on"
 #: Bytes in a folder beyond which programs go.
 LARGEST = 1_000_000_000
 #: Seconds after which a file that was never moved into place is left over from a process that was stopped.
@@ -45,8 +45,19 @@ DIGEST = hashlib.sha256().digest_size
 
 def open_cache() -> Path | None:
     """Begin to keep programs where `DROPPER_COMPILE_CACHE` says; the folder, or None where there is none to be had."""
-    folder = os.environ.get(VARIABLE, OFF)
-    return None if folder in ("", OFF) else compile_cache(folder)
+    folder = cache_folder()
+    return None if folder is None else compile_cache(folder)
+
+
+def cache_folder() -> Path | None:
+    """The folder of compiled programs that the environment names; None where there is none."""
+    named = os.environ.get(VARIABLE, OFF)
+    if named == ON:
+        from platformdirs import user_cache_path  # noqa: PLC0415 - the command line alone asks for it
+
+        folder = user_cache_path("dropper-jax", appauthor=False, opinion=False)
+        return folder if folder.is_absolute() else None  # a user without a home
+    return None if named in ("", OFF) else Path(named)
 
 
 def compile_cache(folder: str | Path) -> Path | None:

@@ -1,74 +1,50 @@
-"""A lock on a folder that one process at a time fills; the system lets go of it when its owner ends."""
+"""A lock on a folder that one process at a time fills; the system releases it when its owner ends."""
 
 from __future__ import annotations
 
 import json
 import os
 import socket
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
 
 from dropper_jax.base.errors import SceneError
 
-try:
-    import fcntl
-except ImportError:  # Windows: no lock
-    fcntl = None
-
 
 class Lock:
-    """Held from when it is made until `release`; `.NAME.lock` beside the folder names its owner.
+    """Locked from when it is made until `release`; `.NAME.lock` next to the folder names its owner.
 
     Raises:
-        SceneError: another process holds it, with its number and machine.
+        SceneError: another process has it, with its number and machine.
     """
 
     def __init__(self, folder: Path) -> None:
+        from filelock import FileLock, Timeout  # noqa: PLC0415 - 30 ms that only writing needs
+
         self.path = folder.with_name(f".{folder.name}.lock")
-        self._file: BinaryIO | None = None
-        if fcntl is None:
-            return
+        self._lock = FileLock(self.path)
         try:
-            while True:
-                file = open(self.path, "a+b")  # noqa: SIM115 - as long as the lock is held
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    owner = _owner(file)
-                    file.close()
-                    raise SceneError(f"{folder}: is being filled by {owner}; allowed: when that has ended") from None
-                if _is_there(self.path, file):
-                    break
-                file.close()  # its owner removed it just now
+            self._lock.acquire(blocking=False)
+        except Timeout:
+            raise SceneError(
+                f"{folder}: is being filled by {_owner(self.path)}; allowed: when that has ended"
+            ) from None
         except OSError as error:
-            reason = f"cannot be written: {error.strerror or error}"
-            raise SceneError(f"{folder}: {reason}") from None
-        self._file = file
-        file.truncate(0)
-        file.write(json.dumps({"process": os.getpid(), "machine": socket.gethostname()}).encode())
-        file.flush()
+            raise SceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        with suppress(OSError):  # Windows locks what the file holds as well
+            self.path.write_text(json.dumps({"process": os.getpid(), "machine": socket.gethostname()}))
 
     def release(self) -> None:
-        """Let go, and remove the file."""
-        if self._file is not None:
+        """Remove the file and unlock."""
+        with suppress(OSError):
             self.path.unlink(missing_ok=True)
-            self._file.close()
-            self._file = None
+        self._lock.release()
 
 
-def _is_there(path: Path, file: BinaryIO) -> bool:
-    """Whether the open file is still the one of that name."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
-    except OSError:
-        return False
-
-
-def _owner(file: BinaryIO) -> str:
+def _owner(path: Path) -> str:
     """The owner in words."""
     try:
-        file.seek(0)
-        found = json.loads(file.read())
+        found = json.loads(path.read_bytes())
         return f"process {int(found['process'])} on {str(found['machine'])[:60]}"
     except (OSError, ValueError, KeyError, TypeError):
         return "another process"

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
-import sys
-from contextlib import suppress
-from pathlib import Path
 
 from dropper_jax.base.one_kernel import one_kernel
 
-#: `off` in one of these leaves it be; the second else names the folder.
+#: `off` in one of these disables it; the second else names the folder, the user's own if `on`.
 ONE_KERNEL, COMPILE_CACHE, KEEP_TRACES = "DROPPER_ONE_KERNEL", "DROPPER_COMPILE_CACHE", "DROPPER_KEEP_TRACES"
 OFF, ON = "off", "on"
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
@@ -26,18 +23,5 @@ def prepare() -> None:
     os.environ.setdefault(XLA_LOG, FATAL)
     if os.environ.get(ONE_KERNEL) != OFF:
         one_kernel()
-    with suppress(RuntimeError):  # a user without a home
-        os.environ.setdefault(COMPILE_CACHE, str(users_folder()))
+    os.environ.setdefault(COMPILE_CACHE, ON)
     os.environ.setdefault(KEEP_TRACES, ON)
-
-
-def users_folder() -> Path:
-    """Where this system's programs keep what can be made again."""
-    home = Path.home()
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = home / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    return base / "dropper-jax"

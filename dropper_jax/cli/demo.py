@@ -20,7 +20,7 @@ from dropper_jax.cli.output import print_line, progress
 from dropper_jax.cli.run import PICTURES, draw, report, text
 
 if TYPE_CHECKING:
-    from dropper_jax.run.solution import Solution
+    from dropper_jax.run.simulate import Solution
 
 help = "release the lab dropper and calibrate its damping from synthetic traces; pictures, animation, report"
 

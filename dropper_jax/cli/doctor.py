@@ -37,10 +37,9 @@ def text(found: dict[str, Any]) -> str:
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
         pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
     system, cache, options = found["system"], found["cache"], found["compiler_options"]
-    memory = "unknown" if system["memory_bytes"] is None else f"{in_words(system['memory_bytes'])} left"
     kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
     pairs += [
-        ("system", f"{system['platform']}, {system['cores']} cores, memory {memory}"),
+        ("system", f"{system['platform']}, {system['cores']} cores, memory {in_words(system['memory_bytes'])} left"),
         ("devices", ", ".join(found["devices"])),
         ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
         ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),

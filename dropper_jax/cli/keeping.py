@@ -14,7 +14,7 @@ from dropper_jax.cli.faults import undisturbed
 from dropper_jax.cli.output import print_line
 
 if TYPE_CHECKING:
-    from dropper_jax.run.solution import Solution
+    from dropper_jax.run.simulate import Solution
 
 
 @contextmanager

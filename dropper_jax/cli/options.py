@@ -16,7 +16,7 @@ from dropper_jax.load.named import find_scene
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.run.solution import Solution
+    from dropper_jax.run.simulate import Solution
 
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
@@ -95,7 +95,7 @@ def read_run(file: str) -> Solution:
         raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
 
     from dropper_jax.effects import register_installed
-    from dropper_jax.run.solution import load_run
+    from dropper_jax.run.simulate import load_run
 
     register_installed()
     if left:

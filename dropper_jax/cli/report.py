@@ -13,7 +13,7 @@ from dropper_jax.cli.output import print_line, print_result
 from dropper_jax.report.settings import Settings
 
 if TYPE_CHECKING:
-    from dropper_jax.run.solution import Solution
+    from dropper_jax.run.simulate import Solution
 
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
 

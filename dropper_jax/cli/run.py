@@ -24,7 +24,7 @@ from dropper_jax.cli.outputs import weights_table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
-    from dropper_jax.run.solution import Solution
+    from dropper_jax.run.simulate import Solution
 
 help = "simulate a scene"
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, safe_norm
@@ -122,7 +123,7 @@ class JointFriction(Law):
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The torque of a link's weight [N m]."""
-        return jnp.mean(line.mass * line.length) * 9.81
+        return jnp.mean(line.mass * line.length) * GRAVITY
 
 
 def _size(z: jax.Array) -> jax.Array:

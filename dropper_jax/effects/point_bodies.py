@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.place import place
@@ -33,7 +34,7 @@ class PointBodies(Effect):
     volume: jax.Array = parameter("displaced volume", unit="m^3", shape="table", low=0.0)
     drag_area: jax.Array = parameter("drag coefficient times area", unit="m^2", shape="table", low=0.0)
     added_mass: jax.Array = parameter("added mass coefficient Ca", unit="-", shape="table", low=0.0)
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
     wet: bool = option("whether there is water", type=bool, default=False)
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import cross, dot, upright
 from dropper_jax.base.place import place
@@ -48,7 +49,7 @@ class RigidBodies(Tie):
     spin: jax.Array = parameter("angular velocity at the start, in the body's axes", unit="rad/s", shape="vectors")
     #: The mass matrix where it is at hand: in the equations of a step, which need it in many places.
     matrix: jax.Array | None = None
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     first: int = option("number of the first corner among the points", type=int, default=0)
     points: tuple[int, ...] = option("numbers of the points that are seats", type=tuple, default=())
     owner: tuple[int, ...] = option("body of each seat", type=tuple, default=())
@@ -123,7 +124,7 @@ class RigidBodies(Tie):
         return self._per_row(GAP * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
 
     def pull_size(self, model: ModelView) -> jax.Array:
-        return self._per_row(9.81 * self.mass)
+        return self._per_row(GRAVITY * self.mass)
 
     def _per_row(self, per_body: jax.Array) -> jax.Array:
         """A value of each body at its gaps (rows,)."""

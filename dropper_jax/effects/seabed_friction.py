@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
@@ -142,7 +143,7 @@ class SeabedFriction(Law):
 
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The size of force rows [N]: contact forces round as those do."""
-        return jnp.mean(line.mass) * jnp.maximum(9.81, jnp.mean(line.length) / h**2)
+        return jnp.mean(line.mass) * jnp.maximum(GRAVITY, jnp.mean(line.length) / h**2)
 
 
 def _size(p: jax.Array) -> jax.Array:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.base.place import place
@@ -56,7 +57,7 @@ class SparBuoys(Effect):
     cdt: jax.Array = parameter("drag coefficient of the base", unit="-", shape="table", low=0.0)
     can: jax.Array = parameter("added mass coefficient across", unit="-", shape="table", low=0.0)
     cat: jax.Array = parameter("added mass coefficient of the base", unit="-", shape="table", low=0.0)
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
     end_added_mass: str = option("of the base", choices=("hemisphere", "volume"), default="hemisphere")
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
 from dropper_jax.model import Effect, Kinematics, Line
@@ -23,7 +24,7 @@ class Weight(Effect):
 
     name: ClassVar[str] = "weight"
     constant: ClassVar[bool] = True
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     wet_weight: jax.Array | None = parameter("weight in water per link", unit="N", shape="link", optional=True)
 
     def per_link(self, line: Line) -> jax.Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.scene import SceneData
 
 #: Starting speed [m/s] that is taken for rest.
@@ -38,7 +39,7 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     """Whether the tension that a start at `speed` sends, speed times `sqrt(EA m)`, counts beside friction `mu w`."""
     friction = scene.effects["seabed_friction"]
     mu = friction["kinetic"] if friction["static"] is None else friction["static"]
-    gravity = scene.effects.get("weight", {}).get("gravity", 9.81)
+    gravity = scene.effects.get("weight", {}).get("gravity", GRAVITY)
     for line in scene.lines:
         if line.start not in moved and line.end not in moved:
             continue

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_read import parsed_toml
-from dropper_jax.load.farm import farm_table, is_farm
-from dropper_jax.load.pitching import pitching
 
 #: Effects that an undamped scene is without.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -21,6 +20,15 @@ RAMPS = {"dropper-release-a": 0.094, "dropper-release-b": 0.065, "dropper-releas
 RAMP = 3.0, 15.0
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
+FARM_NAME = re.compile(r"dropper-farm(?:-(\d+))?")
+MOST_DROPPERS = 200
+#: Centre of gravity of a pitching spar above its base [m], which the paper does not give: a homogeneous spar of its
+#: size capsizes.
+CENTRE = 1.0
+#: Height of the ballast above the base [m]; the hull's mass is spread over its height.
+BALLAST = 0.25
+#: Slices of a spar.
+SLICES = 12
 
 
 def parse_toml(data: bytes, label: str) -> dict[str, Any]:
@@ -119,3 +127,67 @@ VARIANTS = {
     "-table-6": (re.compile("paper-case-.*"), _table_6),
     "-pitching": (re.compile("paper-case-[1-3]"), lambda table, file: pitching(table)),
 }
+
+
+def is_farm(name: str) -> bool:
+    """Whether a scene name is that of a farm, `dropper-farm` or `dropper-farm-K`."""
+    return FARM_NAME.fullmatch(name) is not None
+
+
+def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain values of `dropper-farm-K` from those of `dropper-farm`.
+
+    Raises:
+        SceneError: K out of range.
+    """
+    digits = FARM_NAME.fullmatch(name).group(1)
+    if digits is None:
+        return dict(table)
+    droppers = int(digits)
+    if not 1 <= droppers <= MOST_DROPPERS:
+        raise SceneError(
+            f"scene: {name!r} has {droppers} droppers; allowed: dropper-farm-1 to dropper-farm-{MOST_DROPPERS}"
+        )
+    return {**table, "name": name, "parameters": {**table["parameters"], "droppers": droppers}}
+
+
+def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
+    """The scene with each `[[buoy]]` as a `[[body]]`, its line at the same place.
+
+    Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia: `m_h (H^2/12 + (H/2 - z_G)^2) +
+    m_b (z_G - z_b)^2` across, `m D^2/8` about the axis.
+    """
+    places = {point["name"]: point["position"] for point in table["point"]}
+    bodies = [_body(buoy, places[buoy["point"]], centre) for buoy in table["buoy"]]
+    gone = {buoy["point"] for buoy in table["buoy"]}
+    note = (
+        f" The spar pitches: a rigid body with its centre of gravity {centre:g} m above the base, which the paper does "
+        "not give (assumed)."
+    )
+    rest = {key: value for key, value in table.items() if key != "buoy"}
+    points = [point for point in table["point"] if point["name"] not in gone]
+    return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
+
+
+def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, Any]:
+    mass, height, diameter = buoy["mass"], buoy["height"], buoy["diameter"]
+    hull = mass * (centre - BALLAST) / (0.5 * height - BALLAST)
+    across = hull * (height**2 / 12.0 + (0.5 * height - centre) ** 2) + (mass - hull) * (centre - BALLAST) ** 2
+    attachment = buoy.get("attachment", 0.0)
+    cylinder = {
+        "from": [0.0, 0.0, 0.0],
+        "to": [0.0, 0.0, height],
+        "diameter": diameter,
+        "slices": SLICES,
+        "ends": "from",
+        **{key: buoy[key] for key in ("cdn", "cdt", "can", "cat") if key in buoy},
+    }
+    return {
+        "name": buoy["name"],
+        "position": [point[0], point[1], point[2] - attachment],
+        "mass": mass,
+        "centre_of_mass": [0.0, 0.0, centre],
+        "inertia": [across, across, mass * diameter**2 / 8.0],
+        "cylinders": [cylinder],
+        "attachments": {buoy["point"]: [0.0, 0.0, attachment]},
+    }

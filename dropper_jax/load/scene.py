@@ -7,14 +7,21 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from dropper_jax.base.errors import LocatedValues, SceneError
-from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, plain, read_fields, read_list, read_table, read_text, refuse
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.bodies import attached_points, check_bodies, check_vessels
-from dropper_jax.load.checks_growth import check_growth
-from dropper_jax.load.checks_line import check_line
-from dropper_jax.load.checks_system import check_bed, check_names, check_system, check_system_effects
+from dropper_jax.load.checks_system import (
+    check_bed,
+    check_ends,
+    check_names,
+    check_span,
+    check_system,
+    check_system_effects,
+)
 from dropper_jax.load.checks_water import check_water
 from dropper_jax.load.from_library import with_library, with_library_points
 from dropper_jax.load.given_pose import check_pose, closed_start, given_pose
@@ -222,3 +229,51 @@ def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
     return {
         name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
     }
+
+
+def check_growth(scene: SceneData) -> None:
+    """Growth needs water and the diameter of the bare rope, and the volume must follow from the diameter."""
+    for i, line in enumerate(scene.lines):
+        season = scene.season is not None and scene.season.on(line.name, line.piece_of)
+        if line.growth is None and not season:
+            continue
+        path = f"line.{i}"
+        if line.growth is not None and season:
+            raise SceneError(f"{path}.growth: given, and [growth] names {line.name!r} too; allowed: one of them")
+        said = "growth" if season else f"{path}.growth"
+        if scene.sea is None:
+            raise SceneError(f"{said}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+        if line.diameter is None:
+            raise SceneError(f"{path}.diameter: missing; {said} needs that of the bare rope, > 0 m")
+        if line.centre_of_mass is not None:
+            raise SceneError(f"{said}: is for point masses at the nodes, but the line has compound links; leave it out")
+        if scene.effects.get("buoyancy", {}).get("wet_weight") is not None:
+            raise SceneError(
+                f"effects.buoyancy.wet_weight: is that of the bare line, but {said} changes it; leave it out"
+            )
+
+
+def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> None:
+    check_ends((line,), points)
+    start, end = point_named(points, line.start), point_named(points, line.end)
+    if start.kind != "fixed":
+        names = [point.name for point in points]
+        raise refuse(f"point.{names.index(start.name)}.kind", start.kind, "cannot begin a rigid line", "fixed")
+    if end.kind == "fixed":
+        _check_reach(line, "line.0", start, end)
+
+
+def _check_reach(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> None:
+    """Links between two held ends must be able to close: no side of the polygon exceeds the sum of the others."""
+    if line.links < 2:
+        raise refuse(f"{path}.links", line.links, "leaves nothing free between two held ends", "a whole number >= 2")
+    if not line.rigid:
+        return
+    distance = check_span(line, path, start, end)
+    longest = float(np.max(line.length))
+    others = line.total - longest + distance
+    if longest >= others:
+        raise SceneError(
+            f"{path}.length: a link of {longest:g} m cannot be closed by the others and the {distance:g} m between "
+            f"the ends; allowed: less than {others:g} m"
+        )

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from dropper_jax.base.constants import DEGREE
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.shapes import SIDES, Bodies
 
 COLOUR, EDGE = style.CYCLE[4], "#A87400"
-DEGREE = 180.0 / np.pi
 
 
 def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis: int = 0, grow: bool = False) -> None:

@@ -15,7 +15,7 @@ from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots.shapes import Bodies, bodies_of
 from dropper_jax.run.build import build_model
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 from dropper_jax.scene.nodes import point_nodes
 
@@ -34,7 +34,7 @@ class Float(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """Arrays of a solution as in `dropper_jax.run.solution.Solution`, k samples; all but the tension are finite.
+    """Arrays of a solution as in `dropper_jax.run.simulate.Solution`, k samples; all but the tension are finite.
 
     Attributes:
         lines: nodes and links of each line.

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
 #: Okabe and Ito: told apart by colour-blind readers too.
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#6B6B6B")

@@ -21,7 +21,7 @@ from dropper_jax.plots.bodies import draw_bodies
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.plots.units import force_unit
 from dropper_jax.run.build import build_model
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 
 WATER, SURFACE = system.WATER, system.SURFACE

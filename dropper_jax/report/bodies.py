@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import DEGREE
 from dropper_jax.report.record import Record
 from dropper_jax.report.sections import table
 
-DEGREE = 180.0 / np.pi
 #: Motions in the order of `body_position` and `body_attitude`.
 PLACES, TURNS = ("surge", "sway", "heave"), ("roll", "pitch", "yaw")
 

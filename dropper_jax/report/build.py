@@ -11,26 +11,24 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
 from dropper_jax.load.surroundings import bed_height, surface_over
-from dropper_jax.report.bed import bed_contact
-from dropper_jax.report.bending import line_bending
 from dropper_jax.report.bodies import body_motions
 from dropper_jax.report.crop import crops
 from dropper_jax.report.distance import line_distances
 from dropper_jax.report.extremes import storm_extreme
 from dropper_jax.report.fatigue import line_fatigue
-from dropper_jax.report.motion import accelerations, watch_circles
+from dropper_jax.report.motion import accelerations, node_arc, watch_circles
 from dropper_jax.report.parts import parts
 from dropper_jax.report.record import Record, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
 from dropper_jax.report.tension import anchors, line_tensions
-from dropper_jax.report.water import submergence
-from dropper_jax.run.bends import bends
+from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.run.weights import line_weights
-from dropper_jax.scene import whole_lines
+from dropper_jax.scene import BuoySpec, whole_lines
+from dropper_jax.scene.nodes import point_nodes
 
 SCHEMA = 1
 #: What a section finds.
@@ -203,3 +201,88 @@ def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings)
     }
     why = {item.get("skipped") for item in found.values()}
     return {"skipped": why.pop()} if len(why) == 1 and None not in why else found
+
+
+def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: length on the bed [m] over time and share of time of each node.
+
+    A node lies on the bed where it is at most `contact` above it, a link where both its ends do: the length is whole
+    links, so that a line that rises from an anchor on the bed has none.
+
+    Args:
+        bed: height (k, nodes) [m] of the bed under every node.
+    """
+    on = record.positions[..., 2] - bed <= settings.contact
+    found = []
+    for where in record.whole:
+        spec = where.spec
+        own = on[:, where.nodes]
+        length = (own[:, :-1] & own[:, 1:]) @ np.asarray(spec.length, float)
+        found.append(
+            {
+                "line": where.name,
+                "arc_length_m": node_arc(spec.length),
+                "length_m": {"min": float(length.min()), "mean": float(length.mean()), "max": float(length.max())},
+                "share_of_line": float(length.mean() / spec.total),
+                "share_of_time": own.mean(axis=0),
+                "share_with_contact": float(np.mean(length > 0)),
+            }
+        )
+    return found
+
+
+def line_bending(record: Record) -> list[dict[str, Any]]:
+    """Per line the largest moment [N m], its place [m] and time [s], the smallest radius [m], and the largest and mean
+    moment of each node [N m] over the length from the line's first point [m]."""
+    scene = record.scene
+    kappa = curvature(scene, record.positions)
+    moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
+    summary = bending_summary(scene, record.t, kappa, moment)
+    found = []
+    for line, where in zip(scene.lines, record.lines, strict=True):
+        own = moment[:, where.nodes]
+        along = {"length_m": np.concatenate([[0.0], np.cumsum(line.length)]), "max_n_m": own.max(axis=0)}
+        found.append({"line": line.name, **summary[line.name], **along, "mean_n_m": own.mean(axis=0)})
+    return found
+
+
+def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
+    """Per line, share of time under the actual surface and depth [m] of its nodes; per buoy the draught.
+
+    Args:
+        eta: elevation (k, nodes) [m] over every node.
+    """
+    depth = eta - record.positions[..., 2]
+    lines = []
+    for where in record.whole:
+        spec = where.spec
+        own = depth[:, where.nodes]
+        lines.append(
+            {
+                "line": where.name,
+                "arc_length_m": node_arc(spec.length),
+                "share_under_water": (own > 0).mean(axis=0),
+                "mean_depth_m": own.mean(axis=0),
+                "least_depth_m": own.min(axis=0),
+                "largest_depth_m": own.max(axis=0),
+            }
+        )
+    return {"lines": lines, "buoys": [_buoy(record, buoy, depth) for buoy in record.scene.buoys]}
+
+
+def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
+    base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
+    return {
+        "buoy": buoy.name,
+        "draught_m": {"min": float(base.min()), "mean": float(base.mean()), "max": float(base.max())},
+        "height_m": buoy.height,
+        "share_under_water": float(np.mean(base >= buoy.height)),
+        "share_out_of_water": float(np.mean(base <= 0)),
+        "longest_under_water_s": _longest(base >= buoy.height, record.t),
+    }
+
+
+def _longest(under: np.ndarray, t: np.ndarray) -> float:
+    """Longest uninterrupted time [s] between the samples where it is so."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], under, [False]]).astype(int)))
+    return float(max((t[b - 1] - t[a] for a, b in zip(edges[::2], edges[1::2], strict=True)), default=0.0))

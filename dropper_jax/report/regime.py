@@ -10,7 +10,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.model import Graph, Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.rows import every_so_often
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 
 #: Kinematic viscosity of sea water at 10 degrees [m^2/s].

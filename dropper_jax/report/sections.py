@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import literal
 
-DEGREE = 180.0 / math.pi
 #: Lines in one table, the largest of more; report.json has all.
 MOST_ROWS = 30
 #: Smaller numbers are rounding.

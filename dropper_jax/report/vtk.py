@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
 TYPES = {"f": ("Float64", "<f8"), "i": ("Int32", "<i4")}
 

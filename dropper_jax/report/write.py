@@ -12,7 +12,7 @@ from dropper_jax.report.figures import draw_extremes, draw_run
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.text import markdown
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
 #: Name of what is written last.
 REPORT = "report.md"

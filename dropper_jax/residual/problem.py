@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import Effect, Kinematics, Model, Pieces, State
 from dropper_jax.residual.unknowns import Unknowns
 
-GRAVITY_SCALE = 9.81  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
+GRAVITY_SCALE = GRAVITY  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
 
 
 class CondensedParts(NamedTuple):

@@ -6,6 +6,7 @@ import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
 from dropper_jax.axial.force_table import stacked
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
@@ -87,7 +88,7 @@ def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
 
 def _gravity(scene: SceneData) -> float:
     water = None if scene.sea is None else scene.sea.gravity
-    return scene.effects.get("weight", {}).get("gravity", water if water is not None else 9.81)
+    return scene.effects.get("weight", {}).get("gravity", water if water is not None else GRAVITY)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:

@@ -12,12 +12,14 @@ import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.bodies import body_warnings
 from dropper_jax.load.checks_motion import motion_warnings
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
-from dropper_jax.residual import Implicit
+from dropper_jax.model.slots import Force
+from dropper_jax.residual import Implicit, node_blocks
 from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
 from dropper_jax.run.carry import Last, done
@@ -25,8 +27,7 @@ from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import without_push
 from dropper_jax.run.rows import BLOCK, InMemory, let_go
-from dropper_jax.run.solution import Solution
-from dropper_jax.run.stiffness import stiffness_remarks
+from dropper_jax.run.samples import Kind
 from dropper_jax.run.twists import twist_remarks
 from dropper_jax.run.versions import versions
 from dropper_jax.run.weights import floating_warnings
@@ -35,6 +36,14 @@ from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import DRIFT_LIMIT, Trajectory
 from dropper_jax.stepping.observe import Observed, observe
 from dropper_jax.stepping.stepper import TOO_FAR, Stepper
+
+#: Saved times looked at.
+INSTANTS = 64
+#: Share of the bound of stability from which steps are held by it: the error of the step keeps them below it.
+HELD = 0.6
+#: Rates of what couples neighbours over those of a node alone: a row of equal dampers between nodes has eigenvalues up
+#: to twice its diagonal.
+COUPLED = 2.0
 
 
 class Since(NamedTuple):
@@ -52,6 +61,7 @@ def _observe(
 
 
 def assembled(
+    kind: type[Kind],
     scene: Scene,
     stepper: Stepper,
     model: Model,
@@ -60,7 +70,7 @@ def assembled(
     run: Trajectory,
     extra: dict[str, Any],
     rows: InMemory,
-) -> Solution:
+) -> Kind:
     dt, every = scene.run.dt, scene.run.save_every
     start, before = first.row, done(first.carry)
     good = _good_saves(run)
@@ -94,7 +104,7 @@ def assembled(
         "save_every": every,
         **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
     }
-    found = Solution(
+    found = kind(
         scene=scene,
         settings=settings,
         t=t,
@@ -164,7 +174,7 @@ def _seen(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Seen:
     return found
 
 
-def followed(solution: Solution, within: Within, refused: int) -> Solution:
+def followed(solution: Kind, within: Within, refused: int) -> Kind:
     """The solution of steps that follow the snaps: what is known between saved times, steps taken and refused."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
@@ -183,14 +193,14 @@ def followed(solution: Solution, within: Within, refused: int) -> Solution:
 
 
 def controlled(
-    solution: Solution,
+    solution: Kind,
     stepper: Stepper,
     model: Model,
     run: Trajectory,
     h: np.ndarray,
     carry: Controlled,
     first: Controlled,
-) -> Solution:
+) -> Kind:
     """The solution of steps held by their error: how many were taken and refused, where they failed, what held them."""
     good = len(solution.t) - 1
     taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
@@ -257,3 +267,41 @@ def _named(own: dict[str, Frozen]) -> dict[str, np.ndarray]:
         leaves = jax.tree.leaves(tree)
         found |= {name if len(leaves) == 1 else f"{name}.{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
     return found
+
+
+def damping_rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> dict[str, jax.Array]:
+    """Rate (k,) [1/s] at which each effect that damps would stop the node it stops first, at instants (k, ...)."""
+    found = {}
+    for effect in model.having(Force):
+        if not effect.constant:
+            rates = jax.vmap(lambda r, v, t, e=effect: _rate(model, e, r, v, t))(r, v, t)
+            found[effect.name] = (COUPLED if effect.reach else 1.0) * rates
+    return found
+
+
+def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    k = model.instant(r, v, t)
+    blocks = node_blocks(lambda x: effect.force(k.with_velocity(v + x)), model.free_nodes, v.dtype)
+    even = -0.5 * (blocks + jnp.swapaxes(blocks, 1, 2)) / model.node_mass[:, None, None]
+    return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
+
+
+_rates = kept(brief=True)(damping_rates)
+
+
+def stiffness_remarks(
+    scheme: ProjectedRungeKutta, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
+) -> tuple[str, ...]:
+    """A remark where damping holds most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
+    if not len(t):
+        return ()
+    rows = np.unique(np.linspace(0, len(t) - 1, INSTANTS).round().astype(int))
+    rates = _rates(model, *(jnp.asarray(a[rows], model.dtype) for a in (r, v, t)))
+    sizes = {name: float(np.median(h[rows] * np.asarray(rate))) for name, rate in rates.items()}
+    name = max(sizes, key=sizes.get, default=None)
+    if name is None or sizes[name] < HELD * scheme.stable:
+        return ()
+    return (
+        f"effects.{name}: h b/m is {sizes[name]:.2g} in the mean, and {scheme.name} is stable to about "
+        f"{scheme.stable:g}: damping, not the error, holds its steps; take energy_momentum",
+    )

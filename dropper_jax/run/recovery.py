@@ -17,8 +17,7 @@ from dropper_jax.run.assembled import assembled, followed
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.resolution import judged
 from dropper_jax.run.rows import ABOUT, OnDisk, whole_rows
-from dropper_jax.run.simulate import first_of
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution, first_of
 from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.integrate import Trajectory, begin
@@ -88,5 +87,5 @@ def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> So
     beside = None if scene.run.step_tolerance is None else Within(*(0.0,) * len(Within._fields))
     rows = OnDisk.left(folder, (Trajectory(*(0.0,) * 8, s.parted, s.own), beside))
     run, within = rows.joined(scene.run.saves)
-    solution = assembled(scene, stepper, model, first, since, run, dict(settings), rows)
+    solution = assembled(Solution, scene, stepper, model, first, since, run, dict(settings), rows)
     return judged(solution if within is None else followed(solution, within, 0))

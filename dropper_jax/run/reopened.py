@@ -51,7 +51,7 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
         size = sum(item.file_size for item in archive.infolist())
     file.seek(0)
     left = available_memory()
-    if left is not None and size > SHARE * left:
+    if size > SHARE * left:
         raise SceneError(
             f"{path}: holds {in_words(size)} of arrays, {in_words(left)} of memory are left; allowed: a file that fits"
         )

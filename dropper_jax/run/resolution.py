@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import Kind, Samples
@@ -100,7 +101,9 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
 
 def _negligible(solution: Samples) -> float:
     lines = solution.scene.lines
-    return NEGLIGIBLE * 9.81 * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
+    return (
+        NEGLIGIBLE * GRAVITY * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
+    )
 
 
 def _dissipates(solution: Samples) -> bool:

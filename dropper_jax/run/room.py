@@ -38,7 +38,7 @@ def check_room(model: Model, start: State, run: RunSpec, scratch: Path | None) -
     else:
         left, need, where = shutil.disk_usage(scratch).free, COPIES_ON_DISK * size, "disk"
         way = "a larger run.save_every, or a shorter run.duration"
-    if left is not None and need > SHARE * left:
+    if need > SHARE * left:
         raise SceneError(
             f"run.duration: {run.duration:g} s are {run.saves} saved states, which need {in_words(need)} of {where}, "
             f"and {in_words(left)} are left; allowed: {way}"

@@ -15,8 +15,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature
-from dropper_jax.run.extents import body_extents, extent, largest_size
-from dropper_jax.run.rows import let_go
+from dropper_jax.run.rows import BLOCK, let_go
 from dropper_jax.run.twists import torque
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
@@ -40,11 +39,13 @@ ARRAYS = (
 WITHIN = ("tension_min", "tension_max", "tension_square")
 #: Arrays of runs with rigid bodies.
 BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
+#: Of a body: its reference point [m] and its attitude [rad].
+MOTIONS = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
 
 
 @dataclasses.dataclass
 class Samples:
-    """What a run gives; every array and number is described at `run.solution.Solution`, which saves it and goes on."""
+    """What a run gives; every array and number is described at `run.simulate.Solution`, which saves it and goes on."""
 
     scene: Scene
     settings: dict[str, Any]
@@ -269,3 +270,25 @@ def _plain(value: np.ndarray) -> Plain:
 def finished(run: Samples) -> bool:
     """Whether a run reached its end with a motion whose errors can be estimated, not one that gained without bound."""
     return run.status == "ok" or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
+
+
+def extent(values: np.ndarray) -> dict[str, float]:
+    """min, mean and max of values (k, n), and the mean of the last row."""
+    found = {"min": np.min(values), "mean": np.mean(values), "max": np.max(values), "final": np.mean(values[-1])}
+    return {key: float(value) for key, value in found.items()}
+
+
+def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[str, float]]:
+    """The same of each of a body's `MOTIONS`, by places (k, 3) [m] and roll, pitch and yaw (k, 3) [rad]."""
+    values = np.concatenate([position, attitude], axis=1)
+    return {key: extent(values[:, i : i + 1]) for i, key in enumerate(MOTIONS)}
+
+
+def largest_size(vectors: np.ndarray) -> float:
+    """Largest length of vectors (k, n, 3), which may be mapped from a file; a run that failed may hold anything."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = []
+        for first in range(0, len(vectors), BLOCK):
+            found.append(np.max(np.linalg.norm(vectors[first : first + BLOCK], axis=-1)))
+            let_go([vectors])
+        return float(np.max(found))

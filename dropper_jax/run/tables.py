@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.base.files import atomic_write
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
 
 def write_angles(solution: Solution, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:

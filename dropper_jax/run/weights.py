@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
-#: Gravity [m/s^2] of scenes without a sea.
-GRAVITY = 9.81
 #: Words in names of lines and types that are not meant to float.
 HEAVY = ("chain", "mussel", "dropper", "loop", "sock", "crop")
 #: Diameter [m] from which a line is more than a rope: fibre ropes of aquaculture, some of which float, are thinner.

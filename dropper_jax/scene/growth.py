@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.read import Plain, plain, read_fields, refuse
 
@@ -25,8 +26,8 @@ def grown(
     bare_diameter: np.ndarray,
     thickness: np.ndarray,
     density: np.ndarray,
-    water: float = 1025.0,
-    gravity: float = 9.81,
+    water: float = SEA_WATER,
+    gravity: float = GRAVITY,
 ) -> Grown:
     """A layer of `thickness` [m] and `density` [kg/m^3] on links of the bare rope, all (n,).
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.programs import kept
 
 #: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, one is spare.
@@ -23,7 +24,7 @@ CURRENT_ITERATIONS = 60
 POINTS, FADE = 64, 20.0
 
 
-def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81) -> jax.Array:
+def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Wave number [rad/m] of omega [rad/s] at depth [m], Fenton's explicit approximation, within 0.052 %.
 
     `k d = (a + b^2 sech^2 b)/(tanh b + b sech^2 b)`, `a = w^2 d/g`, `b = a/sqrt(tanh a)` (Fenton 1988, which the paper
@@ -36,7 +37,7 @@ def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81
 
 
 @kept(brief=True)
-def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81) -> jax.Array:
+def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity
     kd = fenton(omega, depth, gravity) * depth
@@ -46,12 +47,12 @@ def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float =
     return kd / depth
 
 
-def frequency(k: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81) -> jax.Array:
+def frequency(k: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Intrinsic frequency `sqrt(g k tanh(k d))` [rad/s]."""
     return jnp.sqrt(gravity * k * jnp.tanh(k * depth))
 
 
-def group_velocity(k: jax.Array, depth: jax.Array, gravity: jax.Array | float = 9.81) -> jax.Array:
+def group_velocity(k: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Group velocity in still water `(s/2k) (1 + 2kd/sinh 2kd)` [m/s]."""
     return 0.5 * frequency(k, depth, gravity) / k * (1.0 + ratio_sinh(2.0 * k * depth))
 

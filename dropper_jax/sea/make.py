@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.sea.bound import bound_waves
 from dropper_jax.sea.current import Current
@@ -206,7 +207,7 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
 def waves_on(
     drawn: Components,
     depth: jax.Array | float,
-    gravity: jax.Array | float = 9.81,
+    gravity: jax.Array | float = GRAVITY,
     *,
     current: Current | None = None,
     conserve_action: bool = False,

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from collections.abc import Mapping
+from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any, ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, refuse
+from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.base.references import referenced
 from dropper_jax.sea.current import KINDS
-from dropper_jax.sea.packaged import read_packaged
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
@@ -211,8 +214,8 @@ class SeaSpec:
     """`[sea]`: water below z = 0. `packaged` names a packaged sea, whose values the scene may override."""
 
     depth: float = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=1025.0)
-    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=9.81)
+    density: float = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
+    gravity: float = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
@@ -272,3 +275,24 @@ def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         same = both and value.get("kind", old.get("kind")) == old.get("kind")
         merged[key] = {**old, **value} if same else value
     return merged
+
+
+def _folder() -> Traversable:
+    return resources.files("dropper_jax") / "data" / "seas"
+
+
+def sea_names() -> tuple[str, ...]:
+    """Names of the packaged seas."""
+    return tuple(sorted(item.name.removesuffix(".toml") for item in _folder().iterdir() if item.name.endswith(".toml")))
+
+
+def read_packaged(name: Plain, path: str) -> dict[str, Any]:
+    """The table of a packaged sea; a component file that it names lies beside it."""
+    name, known = read_text(name, path), sea_names()
+    if name not in known:
+        raise SceneError(f"{path}: {name!r} is not a packaged sea; {nearest(name, known)}")
+    table = tomllib.loads((_folder() / f"{name}.toml").read_text())
+    table.pop("description")
+    if "file" in table.get("waves", {}):
+        table["waves"]["file"] = str(_folder() / table["waves"]["file"])
+    return table

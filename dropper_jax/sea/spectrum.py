@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.sea.dispersion import ratio_sinh, wave_number
 
 SHAPES = ("jonswap", "pierson_moskowitz", "tma")
@@ -85,7 +86,7 @@ def components(
     direction: jax.Array | float = 0.0,
     *,
     depth: jax.Array | float,
-    gravity: jax.Array | float = 9.81,
+    gravity: jax.Array | float = GRAVITY,
     spectrum: str = "jonswap",
     gamma: float = 3.3,
     count: int = 200,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.sea.current import Current
 from dropper_jax.sea.tide import Level
@@ -19,8 +20,8 @@ class Sea:
     """Water of constant depth below z = 0, the mean surface, with waves and current where given."""
 
     depth: jax.Array = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: jax.Array = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=1025.0)
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=9.81)
+    density: jax.Array = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
+    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=GRAVITY)
     waves: Any = None
     current: Current | None = None
     level: Level | None = None

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, beside
 from dropper_jax.integrators.reduced import moving, on_links
 from dropper_jax.model import Model, State
@@ -32,8 +33,6 @@ SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
 LEAST, MOST = 1e-4, 1e10
 #: First step over `(L/a)^(1/2) tolerance^(1/q)`: so short that two knots are enough to interpolate it.
 FIRST = 0.1
-#: Acceleration [m/s^2] that sizes steps of lines at rest.
-GRAVITY = 9.81
 
 
 class Controlled(NamedTuple):

@@ -8,11 +8,13 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
+from dropper_jax.report.record import record
 from dropper_jax.run.build import build
-from dropper_jax.study.advice import advice
+from dropper_jax.run.samples import finished
+from dropper_jax.run.simulate import simulate
 from dropper_jax.study.convergence import convergence
 from dropper_jax.study.euler import euler_claims
-from dropper_jax.study.load_convergence import load_convergence
+from dropper_jax.study.load_errors import line_loads
 from dropper_jax.study.numerical_damping import numerical_damping
 from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.reference import Reference, reference, trusted_span
@@ -23,6 +25,12 @@ from dropper_jax.study.work_precision import measure, orders
 DTS = tuple(2.0**-k for k in range(5, 12))
 #: Longest span compared [s].
 LONGEST = 20.0
+#: Errors [rad] that advice is given for.
+TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+#: Largest relative error of each load that advice is given for.
+WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
+#: Longest time over which loads are compared [s].
+LONGEST_RUN = 60.0
 
 
 def accuracy(
@@ -92,3 +100,83 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
         "euler": claims,
         "convergence": convergence(model, s, target.grid, len(target.t), list(dts)),
     }
+
+
+def advice(rows: list[dict[str, Any]], targets: tuple[float, ...] = TARGETS) -> list[dict[str, Any]]:
+    """For each RMS angle error [rad] the cheapest measured run that meets it, with its margin (target over error)."""
+    return [_cheapest_run(rows, target) for target in targets]
+
+
+def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
+    good = [r for r in rows if r["status"] == "ok" and not r.get("peer") and r["rms_angle_error_rad"] <= target]
+    if not good:
+        return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is good enough"}
+    best = min(good, key=lambda r: r["wall_s_per_simulated_s"])
+    margin = target / max(best["rms_angle_error_rad"], 1e-300)
+    ms = 1e3 * best["wall_s_per_simulated_s"]
+    held = best.get("error_tolerance")
+    step = f"dt {best['dt']:.4g} s" if held is None else f"error_tolerance {held:.2g}"
+    return {
+        "target_rad": target,
+        "found": True,
+        "scheme": best["label"],
+        "integrator": best["integrator"],
+        "gamma": best["gamma"],
+        "solver": best["solver"],
+        "dtype": best["dtype"],
+        "dt": best["dt"],
+        **({} if held is None else {"error_tolerance": held}),
+        "ms_per_simulated_s": ms,
+        "rms_angle_error_rad": best["rms_angle_error_rad"],
+        "margin": margin,
+        "text": f"for {target:g} rad use {best['label']} at {step}: {ms:.3g} ms per simulated second "
+        f"(error {best['rms_angle_error_rad']:.2g} rad, margin {margin:.2g})",
+    }
+
+
+def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, say: Progress = silent) -> dict[str, Any]:
+    """Errors of the loads of each line at steps `dts` [s], against half of the shortest, by the scene's own scheme.
+
+    Returns:
+        `rows`: {dt, status, us_per_step, errors: by load the largest relative error over the lines, or None};
+        `reference_dt`, `loads` of the reference by line; `advice`: {load, within, dt, text}, dt the largest step from
+        where all smaller ones are within, or None. Where the motion is chaotic, errors end at the chance between two
+        runs and fall no further.
+    """
+    scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_RUN)})
+    steps = sorted(dts, reverse=True)
+    reference_dt = 0.5 * steps[-1]
+    say(0.0, f"loads, {reference_dt:.4g} s")
+    finest = simulate(scene, dt=reference_dt)
+    if not finished(finest):
+        return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": finest.failure}
+    right = line_loads(record(finest, skip))
+    rows = []
+    for i, dt in enumerate(steps):
+        say((i + 1) / (len(steps) + 1), f"loads, {dt:.4g} s")
+        found = simulate(scene, dt=dt)
+        good = finished(found) and len(found.t) > 3
+        loads = line_loads(record(found, skip), right) if good else None
+        errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
+        rows.append({"dt": dt, "status": found.status, "us_per_step": found.us_per_step, "errors": errors})
+    advice = [_advice(rows, name, within) for name, within in WANTED.items()]
+    loads = [{"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}} for row in right]
+    return {"rows": rows, "reference_dt": reference_dt, "loads": loads, "advice": advice}
+
+
+def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:
+    """Largest relative error over the lines; of a deviation relative to the mean where that is larger."""
+    scale = [max(abs(row[name][0]), 1e-3 * abs(row["mean"][0]), 1e-300) for row in right]
+    return max(abs(a[name][0] - b[name][0]) / s for a, b, s in zip(loads, right, scale, strict=True))
+
+
+def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, Any]:
+    best = None
+    for row in reversed(rows):  # from the shortest step up: one lucky step above a bad one does not count
+        error = row["errors"][name]
+        if error is None or error > within or row["status"] != "ok":
+            break
+        best = row["dt"]
+    what = f"{name.replace('_', ' ')} within {within:.0%}"
+    text = f"{what}: at no step tried" if best is None else f"{what}: steps of {best:.4g} s or less"
+    return {"load": name, "within": within, "dt": best, "text": text}

@@ -16,13 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.compile_cache import OFF, VARIABLE
+from dropper_jax.base.compile_cache import cache_folder
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.memory import available_memory
 from dropper_jax.base.one_kernel import in_force
 from dropper_jax.base.programs import BRIEFLY, supported_options
 from dropper_jax.run.simulate import simulate
 
-NEEDED = ("jax", "jaxlib", "numpy", "scipy", "matplotlib", "optax")
+NEEDED = ("jax", "jaxlib", "numpy", "scipy", "matplotlib", "optax", "filelock", "platformdirs", "psutil", "tomlkit")
 #: Packages of the extras, by extra.
 EXTRAS = {
     "io": ("xarray", "h5netcdf", "h5py"),
@@ -83,17 +84,17 @@ def _version(name: str) -> str | None:
 
 def cache() -> dict[str, Any]:
     """Where compiled programs are kept, and how many there are."""
-    folder = os.environ.get(VARIABLE, OFF)
-    if folder in ("", OFF):
+    folder = cache_folder()
+    if folder is None:
         return {"folder": None, "programs": 0, "bytes": 0}
     files = [os.path.join(where, name) for where, _, names in os.walk(folder) for name in names]
-    return {"folder": folder, "programs": len(files), "bytes": sum(os.path.getsize(file) for file in files)}
+    return {"folder": str(folder), "programs": len(files), "bytes": sum(os.path.getsize(file) for file in files)}
 
 
 def known_tension() -> dict[str, Any]:
     """A conical pendulum pulls with its weight over the sine of its angle below the horizontal, `m g/sin(theta)`."""
     solution = simulate("conical-pendulum", duration=1.0)
-    expected = 9.81 / math.sin(math.pi / 8)
+    expected = GRAVITY / math.sin(math.pi / 8)
     error = float(np.max(np.abs(solution.tension / expected - 1.0)))
     ok = solution.status == "ok" and error < ALLOWED
     return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {ALLOWED:.0e} allowed")

@@ -7,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
@@ -68,6 +69,6 @@ def _gain(scene: Scene, scheme: Scheme, dt: float, duration: float) -> tuple[str
     steps = round(duration / dt)
     run = grid_run(stepper, model, s, steps * dt, steps, 1)
     lost = energy_loss(model, s, run, np.array([duration]))[-1]
-    lowest = jnp.sum(model.line.mass * 9.81 * -jnp.cumsum(model.line.length))
+    lowest = jnp.sum(model.line.mass * GRAVITY * -jnp.cumsum(model.line.length))
     start = model.potential_energy(model.kinematics(s.r, s.v, s.t))
     return status_of(run, stepper), -float(lost) / float(start - lowest)

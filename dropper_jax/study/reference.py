@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 from dropper_jax.study.errors import link_vectors, rms_angle
 from dropper_jax.study.lyapunov import first_perturbation, perturbation_size
 from dropper_jax.study.march import grid_run
-from dropper_jax.study.tension import instant_tension
 
 #: A perturbation may grow this much before errors stop saying something about the scheme: rounding (1e-16 per step)
 #: then stays below 1e-12 rad, and an error of 0.01 rad is still far from saturating.
@@ -154,3 +154,21 @@ def _extrapolated(stepper: Stepper, model: Model, s: State, grid: float, every: 
     h1, h2, h4 = (grid_run(stepper, model, s, grid, every * m, saves).r for m in (1, 2, 4))
     once, again = h2 + (h2 - h1) / 3, h4 + (h4 - h2) / 3
     return again + (again - once) / 15
+
+
+def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Tensions (k, n) [N] of states r, v (k, nodes, 3) at times t (k,).
+
+    Rigid links: the T for which no link's length accelerates, `d . d'' + |d'|^2 = 0` with `M a = F + G' T`;
+    elastic ones: their law. NaN for models with set-valued laws, whose forces a state does not determine.
+    """
+    if model.laws:
+        return np.full((len(t), model.line.links), np.nan)
+    return np.asarray(jax.jit(jax.vmap(_tension, in_axes=(None, 0, 0, 0)))(model, r, v, jnp.asarray(t, model.dtype)))
+
+
+def _tension(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    k = model.instant(r, v, t)
+    if model.line.axial.elastic:  # no need of accelerations
+        return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+    return instant(k, model.end_acceleration(t) if model.moving else None)[1]

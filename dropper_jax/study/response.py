@@ -13,8 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.simulate import simulate
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution, simulate
 
 #: Part of a run, its end, over which the response is taken.
 TAKEN = 1.0 / 3.0

@@ -32,7 +32,7 @@ from dropper_jax.plots.series import Curve, Panel, history
 from dropper_jax.plots.units import force_unit
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.loads import point_load
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 from dropper_jax.study import pictures
 from dropper_jax.study.convergence import convergence
 

@@ -16,10 +16,11 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.run import Run, readable
+from dropper_jax.plots.shapes import Bodies
 from dropper_jax.run.build import build_model
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
+from dropper_jax.scene.body import rotation
 from dropper_jax.sea import Sea
-from dropper_jax.view.bodies import body_data
 from dropper_jax.view.frames import elevation as _elevation
 from dropper_jax.view.frames import shown
 
@@ -178,4 +179,27 @@ def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
         "time": _pack(times),
         "elevation": base64.b64encode(np.rint(eta / step).astype("<i2").tobytes()).decode(),
         "step": step,
+    }
+
+
+def body_data(bodies: Bodies | None, kept: np.ndarray) -> dict[str, Any] | None:
+    """Plain values of the bodies at the frames that are kept; None without any.
+
+    `poses` has for each frame and body its reference point [m] and its axes, row by row: 12 numbers, float32.
+    """
+    if bodies is None or not bodies.shapes:
+        return None
+    count = len(bodies.names)
+    poses = np.empty((len(kept), count, 12), "<f4")
+    poses[..., :3] = bodies.position[kept]
+    for k, frame in enumerate(kept):
+        for i in range(count):
+            poses[k, i, 3:] = rotation(bodies.attitude[frame, i]).ravel()
+    rings = [np.round(shape.rings(), 5) for shape in bodies.shapes]
+    return {
+        "names": list(bodies.names),
+        "poses": base64.b64encode(np.ascontiguousarray(poses).tobytes()).decode(),
+        "shapes": [
+            {"body": shape.body, "rings": ring.tolist()} for shape, ring in zip(bodies.shapes, rings, strict=True)
+        ],
     }

@@ -12,12 +12,14 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_table, read_text, refuse
+from dropper_jax.load.checks_water import SHALLOW, mean_period, steepest_sea
 from dropper_jax.load.named import find_scene
 from dropper_jax.load.packaged import is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import plain_values
 from dropper_jax.scene import whole_lines
-from fitting.site.breaking import check_breaking
+from dropper_jax.sea.make import make_sea
+from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from fitting.site.case import breaks, growth_of
 from fitting.site.parts import Anchor, Part, matched, refuse_overlap, short
 from fitting.site.sections import (
@@ -271,3 +273,36 @@ def _check_currents(site: Site) -> None:
     if "table" in kinds and any("velocities" not in (s.current or {}) for s in site.storms):
         why = "the scene's current is a table of heights; a speed does not say how it scales"
         raise SceneError(f"cases.currents: {why}; allowed: tables as [sea.current] with heights and velocities")
+
+
+def check_breaking(site: Any) -> None:
+    """Refuse a sea state beyond breaking at any level of the tide, by depth or by steepness.
+
+    `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as
+    `dropper sea` has it).
+
+    Raises:
+        SceneError: the sea state, its height, and the limit.
+    """
+    spec = site.scene.sea
+    levels = [float(level) for level in site.lists.levels]
+    for level in levels:
+        if spec.depth + level <= 0.0:
+            raise SceneError(f"cases.levels: {level:g} m lies below the bed; allowed: above {-spec.depth:g} m")
+    lowest = min(levels)
+    for i, state in enumerate(site.sea_states):
+        if state.hs == 0.0:
+            continue
+        waves = WaveSpec.read(state.waves(0.0, 0), f"sea_state.{i}")
+        sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves))
+        tz = mean_period(sea)
+        limits = {
+            f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m": SHALLOW
+            * (spec.depth + lowest),
+            f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
+        }
+        why, limit = min(limits.items(), key=lambda item: item[1])
+        if state.hs > limit:
+            raise SceneError(
+                f"sea_state.{i}.hs: {state.name!r} of {state.hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
+            )

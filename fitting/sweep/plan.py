@@ -176,7 +176,7 @@ def _check_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> No
     """Refuse a grid or list whose table has no room in memory."""
     cases = max(counts.values()) if listed else math.prod(counts.values())
     need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
-    if left is not None and need > SHARE * left:
+    if need > SHARE * left:
         what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
         raise SceneError(
             f"vary: {what}, whose table needs {in_words(need)} of memory, and {in_words(left)} are left; allowed: fewer"

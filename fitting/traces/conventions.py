@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from dropper_jax import statics
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces.planar import wrap
@@ -24,7 +25,6 @@ FASTEST = 15.0
 UNIT_STEP = 0.05
 #: Samples needed in a period of the shortest link as a pendulum.
 SAMPLES_PER_PERIOD = 6
-GRAVITY = 9.81
 
 
 def settle_convention(trace: Trace, model: Model, asked: Convention) -> tuple[Trace, list[str]]:

@@ -22,7 +22,7 @@ from dropper_jax.load.packaged import scene_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run import simulate
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution
 
 SCENE = "dropper-release-a"
 GOOD = """

@@ -20,7 +20,7 @@ import dropper_jax as dj
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from dropper_jax.run.recovery import recover
-from dropper_jax.run.solution import load_run
+from dropper_jax.run.simulate import load_run
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 from fitting.traces.trace import write_trace
 

@@ -22,7 +22,7 @@ from dropper_jax.cli import main
 from dropper_jax.run import pieces, rows
 from dropper_jax.run.recovery import recover
 from dropper_jax.run.rows import OnDisk
-from dropper_jax.run.solution import load_run
+from dropper_jax.run.simulate import load_run
 
 ROOT = Path(dj.__file__).parents[1]
 RUN = [sys.executable, "-m", "dropper_jax", "run", "conical-pendulum", "--quiet"]

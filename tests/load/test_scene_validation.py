@@ -23,7 +23,7 @@ from dropper_jax.load.paths import put
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build_model, equilibrium
-from dropper_jax.run.solution import load_run
+from dropper_jax.run.simulate import load_run
 
 LOOP = {
     "description": "a loop of four links",

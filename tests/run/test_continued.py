@@ -9,7 +9,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
-from dropper_jax.run.solution import load_run
+from dropper_jax.run.simulate import load_run
 
 ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinetic")
 PENDULUM = "conical-pendulum-damped"

@@ -15,7 +15,7 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.labelled import select_line
-from dropper_jax.run.solution import load_run
+from dropper_jax.run.simulate import load_run
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")

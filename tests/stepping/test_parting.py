@@ -18,7 +18,7 @@ from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
-from dropper_jax.stepping.parting import step_and_part
+from dropper_jax.stepping.step import step_and_part
 from fitting.sensitivity import study, windows
 from fitting.sweep import open_sweep, sweep
 

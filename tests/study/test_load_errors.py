@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.source import load_scene
+from dropper_jax.study.accuracy import load_convergence
 from dropper_jax.study.finer_links import twice_the_links
-from dropper_jax.study.load_convergence import load_convergence
 
 PERIOD = 0.2
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import nearest
 from dropper_jax.moordyn.reading.sections import Deck, Row
 
@@ -30,8 +31,8 @@ OTHER_NAMES = {
 #: Numbers that a scene has a place for, with MoorDyn's defaults.
 NUMBERS = {
     "dtm": None,
-    "g": 9.81,
-    "rho": 1025.0,
+    "g": GRAVITY,
+    "rho": SEA_WATER,
     "wtrdpth": None,
     "kbot": 3.0e6,
     "cbot": 3.0e5,

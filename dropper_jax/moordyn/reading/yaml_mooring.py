@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.moordyn.reading.reader import DURATION, STEP, read_moordyn
@@ -57,8 +58,8 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
     known = ("water_depth", "rho", "water_density", "points", "lines", "line_types")
     _ignored(notes, "mooring." if mooring is not table else "", mooring, known)
     deep = _depth(path, mooring, site, depth)
-    density = _first(path, (mooring, "rho"), (mooring, "water_density"), (site, "rho_water"), default=1025.0)
-    gravity = _first(path, (site, "g"), default=9.81)
+    density = _first(path, (mooring, "rho"), (mooring, "water_density"), (site, "rho_water"), default=SEA_WATER)
+    gravity = _first(path, (site, "g"), default=GRAVITY)
     types = _named(path, mooring, "line_types", lambda row, at: _type(path, row, at, notes))
     points = _named(path, mooring, "points", lambda row, at: _point(path, row, at, notes))
     lines = _named(path, mooring, "lines", lambda row, at: _line(path, row, at, types, points, notes))

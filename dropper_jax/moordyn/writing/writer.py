@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -20,10 +21,13 @@ from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.moordyn.writing.bodies import body_numbers, body_tables, check_bodies
 from dropper_jax.moordyn.writing.differences import differences, moved_points
 from dropper_jax.moordyn.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
-from dropper_jax.moordyn.writing.water import current_text, waves_text
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components
+from dropper_jax.sea.spec import CurrentSpec
+
+#: Heights of the table that stands for a profile given by a formula.
+HEIGHTS = 61
 
 
 def write_moordyn(
@@ -218,7 +222,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
     values: dict[str, Any] = {
         "dtM": run.dt if dt is None else dt,
         "dtOut": run.dt * run.save_every,
-        "g": scene.effects.get("weight", {}).get("gravity", 9.81 if sea is None else sea.gravity),
+        "g": scene.effects.get("weight", {}).get("gravity", GRAVITY if sea is None else sea.gravity),
         "rho": 0.0 if sea is None else sea.density,
         "WtrDpth": depth if depth is not None else _below(scene),
     }
@@ -282,3 +286,21 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
         head = [f"{len(x)} {len(y)}", *(" ".join(_value(v) for v in axis) for axis in (x, y))]
         found[f"{path.stem}-seafloor.txt"] = "\n".join([*head, *rows]) + "\n"
     return found
+
+
+def waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, direction: np.ndarray) -> str:
+    """Text of the frequency file for components of ours (c,) [m], [rad/s], [rad], [rad]."""
+    turn = 0.5 * np.pi - phase
+    table = np.stack([omega, amplitude * np.cos(turn), amplitude * np.sin(turn), direction * np.ones_like(omega)], 1)
+    return "\n".join(["0.0 0.0 0.0 0.0", *(" ".join(repr(float(x)) for x in row) for row in table)]) + "\n"
+
+
+def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray], depth: float) -> str:
+    """Text of the current file: a table as it stands, or a formula at heights that grow dense towards the bed."""
+    heights = spec.heights
+    if heights is None:
+        heights = depth * (np.linspace(0.0, 1.0, HEIGHTS) ** 2 - 1.0)
+    lines = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
+    for z, u in zip(heights, profile(np.asarray(heights, float)), strict=True):
+        lines.append(" ".join(repr(float(x)) for x in (z, *u)))
+    return "\n".join(lines) + "\n"

@@ -1,7 +1,10 @@
 """The line as an ordinary differential equation for diffrax, in two formulations.
 
-`angles`: minimal coordinates of a planar line, one angle per link, dense mass matrix bordered by the two rows that
-close the loop (index reduced). What one writes first.
+`angles`: minimal coordinates of a planar line, one angle per link, `d = L (cos a, 0, sin a)`, dense mass matrix
+bordered by the two rows that close the loop (index reduced). What one writes first:
+
+    [M  -C'] [a'']   [-h - g]          M_ij = mu_ij L_i L_j cos(a_i - a_j),  mu_ij = mass beyond links i and j
+    [C   0 ] [ l ] = [ turn ]          C: how the held end moves with the angles; rows only where an end is held
 
 `tridiagonal`: our own equations, state (r, v). The tensions follow from "no link's length accelerates", one scalar
 tridiagonal system per evaluation, so that no algebraic equation is left (index reduction; link lengths drift by the
@@ -25,7 +28,7 @@ from jax.lax.linalg import tridiagonal_solve
 from dropper_jax.base.tridiagonal import one_kernel_of
 from dropper_jax.integrators.reduced import moving
 from dropper_jax.model import Model, State
-from dropper_jax.study.peers import diffrax_angles
+from dropper_jax.study.errors import link_vectors
 from dropper_jax.study.peers.rows import peer_row, timed
 from dropper_jax.study.reference import Reference
 
@@ -76,14 +79,54 @@ def with_ours(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tup
 
 def rows(model: Model, s: State, target: Reference) -> list[dict[str, Any]]:
     """One row per formulation, solver and tolerance (relative and absolute alike)."""
-    kinds = ["tridiagonal"] + (["angles"] if diffrax_angles.refuse(model, s) is None else [])
+    kinds = ["tridiagonal"] + (["angles"] if refuse_angles(model, s) is None else [])
     cases = [*itertools.product(kinds, SOLVERS, TOLERANCES)]
     if one_kernel_of(model.line.links):
         cases += itertools.product(["cyclic"], EXPLICIT, TOLERANCES)
     return [_row(model, s, target, *case) for case in cases]
 
 
-DERIVATIVES = {"tridiagonal": derivative, "cyclic": with_ours, "angles": diffrax_angles.derivative}
+def refuse_angles(model: Model, s: State) -> str | None:
+    """Why the model cannot be written so, or None."""
+    if [e.name for e in model.effects] != ["weight"] or model.effects[0].wet_weight is not None:
+        return "only weight in air is written in angles"
+    links = link_vectors(model, np.asarray(s.r)[None], np.zeros(1))
+    flat = np.max(np.abs(links[..., 1])) == 0 and np.max(np.abs(np.asarray(s.v))) == 0
+    return None if flat else "only planar starts at rest are written in angles"
+
+
+def angles_at_start(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
+    """Angles and rates (n,) [rad], [rad/s]."""
+    links = model.links(s.r, model.ends(s.t))
+    angles = jnp.arctan2(links[:, 2], links[:, 0])
+    return angles, jnp.zeros_like(angles)
+
+
+def positions_of_angles(model: Model, angles: jax.Array) -> jax.Array:
+    """Free nodes (nodes, 3) [m]."""
+    unit = jnp.stack([jnp.cos(angles), jnp.zeros_like(angles), jnp.sin(angles)], axis=-1)
+    return (model.ends(0.0).start + jnp.cumsum(model.line.length[:, None] * unit, axis=0))[: model.free_nodes]
+
+
+def angle_derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
+    """(a', a'')."""
+    angles, rates = y
+    n, length = model.line.links, model.line.length
+    mass = jnp.where(jnp.arange(n) < model.free_nodes, model.line.mass, 0.0)
+    beyond = jnp.cumsum(mass[::-1])[::-1]
+    shared = jnp.minimum(beyond[:, None], beyond[None, :]) * length[:, None] * length[None, :]
+    turn = angles[:, None] - angles[None, :]
+    matrix = shared * jnp.cos(turn)
+    load = -(shared * jnp.sin(turn)) @ rates**2 - model.effects[0].gravity * beyond * length * jnp.cos(angles)
+    if not model.end_held:
+        return rates, jnp.linalg.solve(matrix, load)
+    close = length * jnp.stack([-jnp.sin(angles), jnp.cos(angles)])
+    bend = (length * jnp.stack([jnp.cos(angles), jnp.sin(angles)])) @ rates**2
+    whole = jnp.block([[matrix, -close.T], [close, jnp.zeros((2, 2))]])
+    return rates, jnp.linalg.solve(whole, jnp.concatenate([load, bend]))[:n]
+
+
+DERIVATIVES = {"tridiagonal": derivative, "cyclic": with_ours, "angles": angle_derivative}
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -96,14 +139,14 @@ def _solve(kind: str, solver: str, model: Model, s: State, t: jax.Array, toleran
         t0=0.0,
         t1=t[-1],
         dt0=None,
-        y0=diffrax_angles.start(model, s) if kind == "angles" else (s.r, s.v),
+        y0=angles_at_start(model, s) if kind == "angles" else (s.r, s.v),
         args=model,
         saveat=diffrax.SaveAt(ts=t),
         stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
         max_steps=MOST_STEPS,
         throw=False,
     )
-    r = jax.vmap(partial(diffrax_angles.places, model))(solution.ys[0]) if kind == "angles" else solution.ys[0]
+    r = jax.vmap(partial(positions_of_angles, model))(solution.ys[0]) if kind == "angles" else solution.ys[0]
     return r, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful
 
 

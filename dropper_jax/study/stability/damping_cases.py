@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene
 from dropper_jax.study.stability import scenes
 from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.runner import Ran, run_case
 
-G = 9.81
+G = GRAVITY
 
 
 def overdamped() -> Scene:

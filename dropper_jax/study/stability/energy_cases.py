@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.study.stability import scenes
@@ -61,7 +62,7 @@ def short_link() -> Scene:
 
 def large_release() -> Scene:
     """Pulled by 200 times its weight, straight up."""
-    force = [[5.0, 0.0, 200 * 7 * 0.03 * 9.81]]
+    force = [[5.0, 0.0, 200 * 7 * 0.03 * GRAVITY]]
     return scenes.loop("large-release", 0.3, release_nodes=[3], release_force=force)
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.run.simulate import simulate
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study.stability.case import Case, Outcome
 from dropper_jax.study.stability.systems import G
 

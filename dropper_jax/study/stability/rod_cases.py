@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq
 
+from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
@@ -69,7 +70,7 @@ def _rod(short: bool) -> Outcome:
 
 
 #: A drum on the bed: mass [kg], friction, speed [m/s], depth [m], stiffness of the bed [Pa/m].
-MASS, FRICTION, SLIDES, DEPTH, BED, RHO = 3000.0, 0.4, 2.0, 20.0, 1e6, 1025.0
+MASS, FRICTION, SLIDES, DEPTH, BED, RHO = 3000.0, 0.4, 2.0, 20.0, 1e6, SEA_WATER
 WEIGHT = G * (MASS - RHO * 0.5 * np.pi)
 
 

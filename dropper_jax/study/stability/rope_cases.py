@@ -12,8 +12,7 @@ from scipy.integrate import solve_ivp
 
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
-from dropper_jax.run.simulate import simulate
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study.stability.case import Case, Outcome, Watched
 from dropper_jax.study.stability.systems import G, weight_on_rope
 from dropper_jax.study.stability.watch import outcome, watch

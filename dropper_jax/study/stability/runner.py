@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
@@ -56,7 +57,7 @@ class Ran:
         speeds = np.concatenate([np.asarray(self.start.v)[None], self.run.v])
         heights = np.concatenate([np.asarray(self.start.r)[None], self.run.r])[:, :, 2:]
         kinetic = 0.5 * np.max(np.sum(mass * speeds**2, axis=(1, 2)))
-        return float(max(kinetic, np.ptp(9.81 * np.sum(mass * heights, axis=(1, 2)))))
+        return float(max(kinetic, np.ptp(GRAVITY * np.sum(mass * heights, axis=(1, 2)))))
 
     @property
     def relative_drift(self) -> float:

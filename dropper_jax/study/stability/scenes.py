@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import equilibrium
@@ -94,7 +95,7 @@ def driven() -> Scene:
     """
     scene = loop("driven-at-resonance", 0.3)
     depth = -equilibrium(scene).positions[1:-1, 2]
-    period = float(2 * np.pi * np.sqrt(np.sum(depth**2) / (9.81 * np.sum(depth))))
+    period = float(2 * np.pi * np.sqrt(np.sum(depth**2) / (GRAVITY * np.sum(depth))))
     motion = {"point": "right", "amplitude": [0.0, 0.02, 0.0], "period": period, "ramp": 2.0}
     return loop("driven-at-resonance", 0.3, effects={"end_motion": motion})
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from dropper_jax.base.constants import SEA_WATER
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.simulate import simulate
@@ -18,7 +19,7 @@ from dropper_jax.study.stability.case import Case, Outcome, Watched
 from dropper_jax.study.stability.systems import G, weight_on_thread
 from dropper_jax.study.stability.watch import watch
 
-RHO = 1025.0
+RHO = SEA_WATER
 
 
 def _wet(height: np.ndarray | float, diameter: float) -> Any:

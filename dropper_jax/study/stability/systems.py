@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 
-G = 9.81
+G = GRAVITY
 #: Depth of the bed under weights on threads [m].
 BED = 10.0
 #: Of a thread: its length and diameter [m], whose product is twice the area with which its end lies on the bed.

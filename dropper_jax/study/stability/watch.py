@@ -6,8 +6,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from dropper_jax.run.simulate import simulate
-from dropper_jax.run.solution import Solution
+from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.study.peers import moordyn_run
 from dropper_jax.study.stability.case import Case, Outcome, Watched
 

@@ -19,7 +19,7 @@ from fitting.estimate.profile import profile
 from fitting.estimate.refinement import LARGEST_BIAS, step_bias
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.uncertainty import bootstrap, uncertainty
-from fitting.report.one_run import one_run_picture
+from fitting.report.report import one_run_picture
 
 
 def test_damping_of_another_simulators_traces_is_found_without_bias(two, ten):

@@ -5,8 +5,8 @@ import pytest
 
 from fitting.traces.trace import Convention, Trace, read_trace, write_trace
 from fitting.tracking.angles import four_quadrant, scatter
-from fitting.tracking.exposure import exposure_share, second_differences
 from fitting.tracking.flattening import Flat, flatten
+from fitting.tracking.hindsight import exposure_share, second_differences
 from fitting.tracking.marks import find_marks
 from fitting.tracking.render import View
 

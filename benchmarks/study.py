@@ -1,0 +1,99 @@
+"""What studies share: results in `results/`, the machine they were made on, tables in Markdown."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+from collections.abc import Callable, Iterable, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results"
+Rows = list[tuple[str, ...]]
+
+
+def stored(name: str | Path, default: Any = None) -> Any:
+    """Results of a study, in `results/` or in a file of the user's; the default where there are none yet."""
+    file = RESULTS / f"{name}.json" if isinstance(name, str) else name
+    return json.loads(file.read_text()) if default is None or file.exists() else default
+
+
+def store(name: str | Path, found: Any) -> None:
+    """Keep results of a study, in `results/` or in a file of the user's; not a number is null."""
+    from dropper_jax.base.files import atomic_write
+    from dropper_jax.base.json_values import jsonable
+
+    file = RESULTS / f"{name}.json" if isinstance(name, str) else name
+    atomic_write(file, json.dumps(jsonable(found), indent=1, ensure_ascii=False) + "\n")
+
+
+def say(found: Any) -> None:
+    """Print what was just found, on one line."""
+    print(json.dumps(found, default=str), flush=True)
+
+
+def describe() -> dict[str, object]:
+    """Processor, cores and Python of this machine."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def versions(*names: str) -> dict[str, str]:
+    """Versions of packages."""
+    return {name: metadata.version(name) for name in names}
+
+
+def markdown(rows: Rows) -> str:
+    """Rows as a Markdown table, the first one the head."""
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
+
+
+def columns(rows: Iterable[dict[str, Any]], *pairs: tuple[str, str | Callable[[dict[str, Any]], str]]) -> Rows:
+    """The head, and of each row its cells: a format of the row's values, or a function of the row."""
+
+    def cell(row: dict[str, Any], made: str | Callable[[dict[str, Any]], str]) -> str:
+        return made(row) if callable(made) else made.format(**row)
+
+    return [tuple(head for head, _ in pairs), *(tuple(cell(row, made) for _, made in pairs) for row in rows)]
+
+
+def joined(values: Sequence[float], form: str, between: str = ", ") -> str:
+    """Numbers in one cell."""
+    return between.join(form.format(value) for value in values)
+
+
+def options(doc: str, **known: Any) -> argparse.Namespace:
+    """Options of a command by name and default, described by the module's text.
+
+    False: a flag. A list: some of its members. A tuple: one of its members, the first unless given, of which None is
+    none. A type: a value of it, None unless given.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, given in known.items():
+        settings: dict[str, Any] = {"type": type(given), "default": given}
+        if given is False:
+            settings = {"action": "store_true"}
+        elif isinstance(given, list):
+            settings = {"nargs": "*", "type": type(given[0]), "choices": given, "default": given}
+        elif isinstance(given, tuple):
+            settings = {"choices": [one for one in given if one is not None], "default": given[0]}
+        elif isinstance(given, type):
+            settings = {"type": given}
+        parser.add_argument(f"--{name}", **settings)
+    return parser.parse_args()

@@ -33,7 +33,7 @@ from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import refine
-from fitting.estimate.uncertainty import lag_one
+from fitting.estimate.series import lag_one
 from fitting.estimate.windows import Windows
 
 #: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.

@@ -16,10 +16,8 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
 from fitting.estimate.normal_equations import Normal, Step, eliminate, normal_blocks
-from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.simulator import Simulator
+from fitting.estimate.problem import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts
-from fitting.traces.planar import chart
 
 #: Converged when the next step would move the parameters by less than this part of their standard errors (squared).
 STEP_TOLERANCE = 1e-4
@@ -31,24 +29,6 @@ DECREASE_TOLERANCE = 1e-2
 ROUGH_TOLERANCE = 0.3**2
 #: Damping beyond which no step is worth trying.
 LARGEST_DAMPING = 1e8
-#: Largest angle [rad] and rate [rad/s] by which one step may move a start.
-LARGEST_MOVE = (0.5, 10.0)
-
-
-def move(simulator: Simulator, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
-    """Starts after a step in the chart, each window's kept within `LARGEST_MOVE`; not yet closed."""
-    bases = chart(simulator.model_at(values), starts.theta)
-    m = bases.shape[2]
-    most = np.maximum(np.abs(dz[:, :m]).max(1) / LARGEST_MOVE[0], np.abs(dz[:, m:]).max(1) / LARGEST_MOVE[1])
-    dz = dz / np.maximum(most, 1.0)[:, None]
-    shift = lambda part: np.einsum("kij,kj->ki", bases, part)  # noqa: E731
-    return Starts(starts.theta + shift(dz[:, :m]), starts.omega + shift(dz[:, m:]))
-
-
-def closed_starts(evaluation: Evaluation) -> Starts:
-    """The starts as the simulator closed them."""
-    n = evaluation.start.shape[1] // 2
-    return Starts(evaluation.start[:, :n], evaluation.start[:, n:])
 
 
 def nearly_there(moved: float, decrease: float, samples: int) -> bool:
@@ -74,9 +54,9 @@ class Separate:
 
     def little(self) -> float:
         """What the last step may leave of chi-square: well below its own deviation."""
-        return DECREASE_TOLERANCE * float(np.sqrt(self.problem.windows.samples))
+        return DECREASE_TOLERANCE * float(np.sqrt(self.problem.samples))
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Residuals) -> None:
         self.problem = problem
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
@@ -85,7 +65,7 @@ class Separate:
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
         """Variance of the noise in units of the assumed one, as many times larger as samples repeat each other."""
-        return 2 * cost / max(self.problem.windows.samples, 1) * self.problem.memory
+        return 2 * cost / max(self.problem.samples, 1) * self.problem.memory
 
     def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal | Joined:
         """Normal equations."""
@@ -106,9 +86,39 @@ class Separate:
         """A line of the history."""
         return {"cost": cost, "values": values.tolist()}
 
+    def left(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
+        """What a full step would do: the move in standard errors, squared, and the decrease of chi-square."""
+        unit = max(self.unit(evaluation, cost), 1e-12)
+        return float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
+
+    def solution(
+        self, values: np.ndarray, evaluation: Evaluation, cost: float, step: Step | Solution, **outcome: Any
+    ) -> Solution:
+        """The solution at a point, with the normal equations of a step from it."""
+        return Solution(
+            problem=self.problem,
+            values=values,
+            starts=evaluation.starts,
+            evaluation=evaluation,
+            weights=self.problem.weights(evaluation),
+            cost=cost,
+            information=step.information,
+            gradient=step.gradient,
+            eliminated=step.eliminated,
+            **outcome,
+        )
+
+
+def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluation) -> Solution:
+    """The point where a fit starts, not solved: its normal equations are zero."""
+    objective, (k, m2) = Separate(problem), (len(values), problem.freedoms)
+    cost = objective.cost(evaluation, values)
+    nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
+    return objective.solution(values, evaluation, cost, nothing, history=[objective.record(cost, values)])
+
 
 def fit_windows(
-    problem: Problem, values: np.ndarray, starts: Starts, *, iterations: int = 40, progress: Progress = silent
+    problem: Residuals, values: np.ndarray, starts: Starts, *, iterations: int = 40, progress: Progress = silent
 ) -> Solution:
     """Fit all window starts and the parameters together.
 
@@ -121,15 +131,8 @@ def fit_windows(
         The best point found; `status` says whether it converged.
     """
     values = np.asarray(values, float)
-    objective = Separate(problem)
-    evaluation = problem.evaluate(values, starts)
-    starts = closed_starts(evaluation)
-    first = [objective.record(objective.cost(evaluation, values), values)]
-    k, m2 = len(values), problem.freedoms
-    nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
-    return descend(
-        objective, values, starts, evaluation, iterations, count=1, before=nothing, history=first, progress=progress
-    )
+    begin = first_solution(problem, values, problem.evaluate(values, starts))
+    return descend(Separate(problem), begin, iterations, count=1, progress=progress)
 
 
 def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:
@@ -142,7 +145,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         The starts and their evaluation.
     """
     evaluation = problem.evaluate(values, starts)
-    starts = closed_starts(evaluation)
+    starts = evaluation.starts
     damping = np.full(len(starts.theta), Separate.damping)
     each = lambda e: np.array([problem.loss.cost(r) if np.isfinite(r).all() else np.inf for r in e.residual])  # noqa: E731
     cost = each(evaluation)
@@ -156,11 +159,11 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         dz = -np.linalg.solve(A, slope[..., None])[..., 0]
         if not (-np.einsum("ki,ki->k", dz, slope) > DECREASE_TOLERANCE).any():
             break
-        trial = problem.evaluate(values, move(problem.simulator, starts, values, dz))
+        trial = problem.evaluate(values, problem.move_starts(starts, values, dz))
         lower = each(trial) < cost
         pick = lambda new, old, lower=lower: np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)  # noqa: E731
         evaluation = Evaluation(*(pick(new, old) for new, old in zip(trial, evaluation, strict=True)))
-        starts, cost = closed_starts(evaluation), each(evaluation)
+        starts, cost = evaluation.starts, each(evaluation)
         damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)
     return starts, evaluation
 
@@ -169,35 +172,25 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
 CONTINUED = 12
 
 
-def continue_windows(point: Solution) -> Solution:
+def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
     """Go on from a solution of separate windows with its own problem, whose noise may have changed."""
-    start = point.values, point.starts, point.evaluation
-    return descend(Separate(point.problem), *start, CONTINUED, before=point, history=list(point.history))
+    return descend(Separate(point.problem), point, iterations, progress=progress)
 
 
 def descend(
-    objective: Separate,
-    values: np.ndarray,
-    starts: Starts,
-    evaluation: Evaluation,
-    iterations: int,
-    *,
-    count: int = 0,
-    before: Solution | Step,
-    history: list[dict[str, Any]],
-    progress: Progress = silent,
+    objective: Separate, begin: Solution, iterations: int, *, count: int = 0, progress: Progress = silent
 ) -> Solution:
     """Levenberg and Marquardt's method from a point that is evaluated already.
 
     Args:
+        begin: the point; its information is returned where the end has none.
         count: evaluations made before, of `iterations`.
-        before: whose information is returned where this point has none.
     """
     problem, damping = objective.problem, objective.damping
     if problem.descent is not None and not problem.held.all():
-        there = objective, values, starts, evaluation
-        return problem.descent.descend(*there, count=count, before=before, history=history, progress=progress)
-    samples, cost = problem.windows.samples, objective.cost(evaluation, values)
+        return problem.descent.descend(objective, begin, count=count, progress=progress)
+    values, evaluation, history = begin.values, begin.evaluation, list(begin.history)
+    starts, cost = begin.starts, objective.cost(evaluation, values)
     status, message = "not_converged", f"{objective.goal} in {iterations} iterations"
     system, newton = objective.system(evaluation, values), None
     if not np.isfinite(cost):
@@ -205,30 +198,29 @@ def descend(
     while np.isfinite(cost):
         unit = objective.unit(evaluation, cost)
         progress(min(count / iterations, 0.99), f"iteration {count}, chi2 per sample {unit:.4g}")
-        low, high = problem.bounds(values)
-        room, unit = (low - values, high - values), max(unit, 1e-12)
+        room = problem.step_bounds(values)
         newton, moved, near = objective.solve(system, values, 0.0, *room), np.inf, False
         if newton is not None:
-            moved, decrease = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
+            moved, decrease = objective.left(newton, evaluation, cost)
             if moved < objective.close and decrease < objective.little():
                 status, message = "ok", ""
                 break
-            near = nearly_there(moved, decrease, samples)
-        accepted = False
+            near = nearly_there(moved, decrease, problem.samples)
+        accepted, failure = False, ""
         while count < iterations and damping < LARGEST_DAMPING:
             step = objective.solve(system, values, damping, *room)
             if step is None:
                 damping *= 10
                 continue
-            trial_values = np.clip(values + step.dp, low, high)
-            trial = problem.evaluate(trial_values, move(problem.simulator, starts, values, step.dz))
+            trial_values = problem.after_step(values, step.dp)
+            trial = problem.evaluate(trial_values, problem.move_starts(starts, values, step.dz))
             trial_cost = objective.cost(trial, trial_values)
-            count += 1
+            count, failure = count + 1, problem.failure(trial) or failure
             if trial_cost < cost:
                 gain = (cost - trial_cost) / max(step.predicted, 1e-300)
                 damping = max(damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
                 values, evaluation, cost, accepted = trial_values, trial, trial_cost, True
-                starts, system = closed_starts(evaluation), objective.system(evaluation, values)
+                starts, system = evaluation.starts, objective.system(evaluation, values)
                 history.append(objective.record(cost, values))
                 break
             if near:  # a smooth cost would have fallen
@@ -238,20 +230,8 @@ def descend(
             if near or damping >= LARGEST_DAMPING:
                 status = "ok" if near else status
                 message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
+            message = failure or message if status != "ok" else message
             break
-    known = before if newton is None else newton
-    return Solution(
-        problem=problem,
-        values=values,
-        starts=starts,
-        evaluation=evaluation,
-        weights=problem.weights(evaluation),
-        cost=cost,
-        information=known.information,
-        gradient=known.gradient,
-        eliminated=known.eliminated,
-        status=status,
-        message=message,
-        iterations=count,
-        history=history,
-    )
+    known = begin if newton is None else newton
+    outcome = {"status": status, "message": message, "iterations": count, "history": history}
+    return objective.solution(values, evaluation, cost, known, **outcome)

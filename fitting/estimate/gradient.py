@@ -31,7 +31,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
-from fitting.estimate.gauss_newton import Separate, closed_starts, fit_windows, move, nearly_there
+from fitting.estimate.gauss_newton import Separate, fit_windows, nearly_there
 from fitting.estimate.normal_equations import Normal, Step, bounded_step, cholesky_root
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.windows import Starts, Windows
@@ -129,25 +129,22 @@ class GradientDescent:
             # the starts of a horizon, of spectra too, are those of its angles
             held = replace(objective.problem, frozen=np.ones(len(values), bool))
             begin = fit_windows(held, values, starts)
-            found = self.descend(objective, values, begin.starts, begin.evaluation, before=begin, history=history)
+            found = self.descend(objective, replace(begin, values=values, history=history))
             values, starts, history = found.values, found.starts, found.history
         return values, starts, history
 
     def descend(
         self,
         objective: Separate,
-        values: np.ndarray,
-        starts: Starts,
-        evaluation: Evaluation,
+        begin: Solution,
         *,
         count: int = 0,
-        before: Solution | Step,
-        history: list[dict[str, Any]],
         progress: Progress = silent,
     ) -> Solution:
         """The minimum of an objective by gradient steps, from a point that is evaluated already."""
-        problem, samples, known = objective.problem, objective.problem.windows.samples, before
-        point = Point(values, starts, evaluation, objective.cost(evaluation, values), None, objective.damping)
+        problem, samples, known = objective.problem, objective.problem.samples, begin
+        values, evaluation, history = begin.values, begin.evaluation, list(begin.history)
+        point = Point(values, begin.starts, evaluation, objective.cost(evaluation, values), None, objective.damping)
         first, near, moved, x = point.cost, False, np.inf, None
         little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
         status, message = "not_converged", f"{objective.goal} in {self.steps} steps of {self.name}; allow more"
@@ -161,8 +158,8 @@ class GradientDescent:
             low, high = problem.bounds(point.values)
             newton = objective.solve(point.system, point.values, 0.0, low - point.values, high - point.values)
             if newton is not None:
-                known, unit = newton, max(objective.unit(point.evaluation, point.cost), 1e-12)
-                moved, left = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
+                known = newton
+                moved, left = objective.left(newton, point.evaluation, point.cost)
                 near = nearly_there(moved, left, samples)
                 if moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and left < little:
                     best, status, message = (point, known), "ok", ""
@@ -189,21 +186,8 @@ class GradientDescent:
             point = found
             history.append({**objective.record(point.cost, point.values), "loss": 2 * point.cost / samples})
         point, known = best
-        return Solution(
-            problem=problem,
-            values=point.values,
-            starts=point.starts,
-            evaluation=point.evaluation,
-            weights=problem.weights(point.evaluation),
-            cost=point.cost,
-            information=known.information,
-            gradient=known.gradient,
-            eliminated=known.eliminated,
-            status=status,
-            message=message,
-            iterations=count,
-            history=history,
-        )
+        outcome = {"status": status, "message": message, "iterations": count, "history": history}
+        return objective.solution(point.values, point.evaluation, point.cost, known, **outcome)
 
     def _move(
         self, objective: Separate, point: Point, newton: Step, x: Coordinates, low: np.ndarray, high: np.ndarray
@@ -226,12 +210,12 @@ class GradientDescent:
             part = SHORTER**trial
             values = np.clip(point.values + part * direction, low, high)
             dz = step.dz + step.eliminated @ (values - point.values)
-            evaluation = problem.evaluate(values, move(problem.simulator, point.starts, point.values, dz))
+            evaluation = problem.evaluate(values, problem.move_starts(point.starts, point.values, dz))
             cost = objective.cost(evaluation, values)
             if not searched or cost <= point.cost + ENOUGH * part * slope:
                 system = objective.system(evaluation, values) if np.isfinite(cost) else None
                 damping = max(0.1 * damping, LEAST_DAMPING)
-                return Point(values, closed_starts(evaluation), evaluation, cost, system, damping), trial + 1
+                return Point(values, evaluation.starts, evaluation, cost, system, damping), trial + 1
         return None, TRIALS
 
     def _divergence(self, first: float, last: float, taken: int) -> str:
@@ -244,7 +228,7 @@ class GradientDescent:
     def _report(self, objective: Separate, point: Point, taken: int, progress: Progress) -> None:
         weight = objective.record(point.cost, point.values).get("gap_weight")
         stage = "separate windows" if weight is None else f"gap weight {weight:g}"
-        loss = 2 * point.cost / max(objective.problem.windows.samples, 1)
+        loss = 2 * point.cost / max(objective.problem.samples, 1)
         text = f"{stage}, {self.name} step {taken}, loss per sample {loss:.5g}"
         progress(min(taken / self.steps, 0.99), text)
         self.note(text)

@@ -1,0 +1,21 @@
+"""What residuals in a row say of their noise: correlation of neighbours, innovations, sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Largest correlation of neighbouring innovations of noise that is what it is taken for.
+WHITE = 0.15
+
+
+def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
+    """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise."""
+    both = known[:, 1:] & known[:, :-1]
+    product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
+    square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
+    return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
+
+
+def correlates(correlation: np.ndarray, error: np.ndarray, deviations: float = 5.0, floor: float = 0.1) -> bool:
+    """Whether a positive correlation of neighbours, or any of several, is beyond its standard errors and a floor."""
+    return bool(np.any(correlation > np.maximum(deviations * np.asarray(error), floor)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,13 @@ from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.channels.between import between
 from fitting.channels.data import Data
-from fitting.channels.descent import stand
 from fitting.channels.errors import errors_of
 from fitting.channels.pose import pose
 from fitting.channels.result import ChannelFit
-from fitting.channels.settling import first_point, growth, refine, settle_noise
+from fitting.channels.settling import first_point, growth, settle_noise
 from fitting.estimate.loss import begun_with, loss_of
-from fitting.estimate.refinement import LARGEST_BIAS
+from fitting.estimate.own_noise import posed
+from fitting.estimate.refinement import LARGEST_BIAS, refine
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 
 #: Growth of the derivatives from the middle of a run to its end above which it is called chaotic.
@@ -78,14 +79,13 @@ def fit_channels(
     progress(0.0, "first run")
     point = first_point(problem, begun_with(loss))
     point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))
-    if point.status == "ok" and point.loss != loss:
-        again = stand(point.problem, point.values, point.evaluation, point.noise, point.scales, loss)
-        again.iterations = point.iterations
-        point = settle_noise(again, iterations, progress)
-    bias = None
+    if point.status == "ok" and point.problem.loss != loss:
+        point = settle_noise(posed(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress)
     if check_step and point.status == "ok":
-        point, bias = refine(point, iterations, lambda share, text: progress(0.7 + 0.25 * share, text))
-    result = ChannelFit(scene, point, errors_of(point), bias)
+        say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
+        again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
+        point = refine(point, say, again, sure=0.0)  # saved states between which cubics go are as far apart as before
+    result = ChannelFit(scene, point, errors_of(point))
     result.between = over_runs(result, own)
     result.warnings = warnings_of(result)
     result.seconds = time.perf_counter() - begun
@@ -95,7 +95,7 @@ def fit_channels(
 
 def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
     """Mean and spread of every parameter that runs have for themselves."""
-    problem = result.point.problem
+    problem = result.solution.problem
     runs = [run.name for run in problem.data.runs]
     names = [p.name for p in problem.parameters]
     stems = dict.fromkeys(n.rsplit("@", 1)[0] for n in names if "@" in n) if own else {}
@@ -108,7 +108,7 @@ def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
 
 def warnings_of(result: ChannelFit) -> list[str]:
     """What to beware of, one line each."""
-    found, point, e = [], result.point, result.errors
+    found, point, e = [], result.solution, result.errors
     for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
         if kind == "no":
             found.append(f"{p.name}: not determined: {why}")
@@ -122,7 +122,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
         if claimed is not None and not 0.5 < told_ / claimed < 2:
             found.append(f"channel {row['name']}: residuals are {told_ / claimed:.2g} times the noise of its sensor")
     if e.blocks:
-        worst = point.problem.data.sensors[int(np.abs(e.correlation).argmax())].channel.name
+        worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
         found.append(f"channel {worst}: residuals are no noise; errors come from {e.blocks} blocks of time")
     grown = growth(point.evaluation)
     if grown > CHAOTIC:

@@ -15,18 +15,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from dropper_jax.model import State
 from fitting.channels.data import Data, Sensor
-from fitting.channels.problem import Evaluation
+from fitting.estimate import series
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
+from fitting.estimate.sandwich import hat_diagonal
 
-#: Correlation of neighbours that counts as one: so many of its standard errors, and at least this large.
-CORRELATED, CORRELATION_FLOOR = 5.0, 0.1
-#: Largest correlation of neighbouring innovations of noise that is what it is taken for.
-WHITE = 0.15
 #: Least size of a sensor's relative noise, as a share of the channel's root mean square: a reading of 0 is not exact.
 RELATIVE_FLOOR = 0.05
 ORDERS = (2, 3, 4, 5, 6)
@@ -43,6 +42,11 @@ class Noise:
         """Share of a sample's noise in the next one (c,)."""
         return np.where(self.decay > 0, np.exp(-self.decay * interval), 0.0)
 
+    def apart(self, other: Noise) -> float:
+        """Largest relative difference of two noises' sizes; infinite where one remembers and the other does not."""
+        same = np.array_equal(self.decay > 0, other.decay > 0)
+        return float(np.abs(np.log(self.size / other.size)).max()) if same else np.inf
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -56,6 +60,37 @@ class Rows:
     #: number of the column among all columns of all runs, and raw residuals in units of the noise, not whitened.
     column: np.ndarray
     raw: np.ndarray
+
+
+class Evaluation(NamedTuple):
+    """Of every run and channel (k, m): what was to be seen [SI], and its derivatives by all parameters (k, m, p).
+
+    `near` are the runs' starts, next to which the next ones are looked for; `failed` names a step that did not solve,
+    or, where `unstable`, derivatives that grew out of all numbers. `rows` are residuals in units of the noise, where
+    that is known.
+    """
+
+    shown: tuple[tuple[np.ndarray, ...], ...]
+    slopes: tuple[tuple[np.ndarray, ...], ...]
+    near: tuple[State, ...]
+    failed: str = ""
+    unstable: bool = False
+    rows: Rows | None = None
+
+    @property
+    def starts(self) -> tuple[State, ...]:
+        """The runs' starts."""
+        return self.near
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(1, N, 1), infinite where a run failed."""
+        return np.full((1, 1, 1), np.inf) if self.rows is None else self.rows.residual[None, :, None]
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(1, N, 1, p)."""
+        return self.rows.jacobian[None, :, None]
 
 
 def first_noise(data: Data, floors: np.ndarray) -> Noise:
@@ -115,19 +150,8 @@ def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndar
 def lag_one(rows: Rows, channel: int, residual: np.ndarray) -> tuple[float, float]:
     """Correlation of neighbouring residuals of a channel, and its standard error for white noise."""
     mine = rows.channel == channel
-    r, column = residual[mine], rows.column[mine]
-    both = column[1:] == column[:-1]
-    size = max(float(np.mean(r**2)), 1e-300)
-    return float(np.mean((r[1:] * r[:-1])[both]) / size) if both.any() else 0.0, 1 / np.sqrt(max(both.sum(), 1))
-
-
-def leverage(rows: Rows, weights: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """How many samples of each channel the fit has used up (c,)."""
-    root = np.sqrt(weights)[:, None] * rows.jacobian
-    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information * np.outer(size, size), hermitian=True) * np.outer(size, size)
-    each = np.einsum("np,pq,nq->n", root, inverse, root, optimize=True)
-    return np.bincount(rows.channel, each, minlength=int(rows.channel.max()) + 1)
+    r, follows = residual[mine][None, :, None], (np.diff(rows.column[mine]) == 0)[None, :, None]
+    return series.lag_one(r, np.ones_like(r, bool), follows)
 
 
 def _size_of(r: np.ndarray, loss: Loss) -> float:
@@ -156,7 +180,7 @@ def told(
     """The noise that the residuals of a fit tell, from the noise it was made with."""
     rows = rows_of(data, e, noise, scales)
     weights = loss.weights(rows.residual)
-    used = leverage(rows, weights, information)
+    used = np.bincount(rows.channel, hat_diagonal(np.sqrt(weights)[:, None] * rows.jacobian, information))
     size, decay = noise.size.copy(), noise.decay.copy()
     for c in range(len(size)):
         mine = rows.channel == c
@@ -164,7 +188,7 @@ def told(
         decay[c] = 0.0
         r, left = rows.raw[mine], max(mine.sum() - used[c], 1.0)
         total = _size_of(r, loss)
-        if rho > max(CORRELATED * sure, CORRELATION_FLOOR):
+        if series.correlates(rho, sure):
             found = _memory(rows, c)
             if found is not None:
                 decay[c], total = found
@@ -194,4 +218,4 @@ def _memory(rows: Rows, channel: int) -> tuple[float, float] | None:
     u, _ = innovations(decay)
     both = ~new[1:]
     left = float(np.mean((u[1:] * u[:-1])[both]) / max(np.mean(u**2), 1e-300))
-    return (decay, float(u @ u)) if abs(left) < WHITE else None
+    return (decay, float(u @ u)) if abs(left) < series.WHITE else None

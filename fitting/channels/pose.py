@@ -78,7 +78,15 @@ def pose(
         massive = None if known_together.massive is None else wide(known_together.massive)
         known_together = replace(known_together, common=together, massive=massive)
     near = tuple(first_near(s) for s in scenes)
-    return Problem(data, tuple(scenes), tuple(parameters), tuple(of_run), tuple(plain), near, known=known_together)
+    return Problem(
+        data=data,
+        scenes=tuple(scenes),
+        parameters=tuple(parameters),
+        of_run=tuple(of_run),
+        plain=tuple(plain),
+        near=near,
+        known=known_together,
+    )
 
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:

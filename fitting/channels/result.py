@@ -10,9 +10,9 @@ import numpy as np
 from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.between import Between
-from fitting.channels.descent import Point
 from fitting.channels.errors import Errors
 from fitting.channels.free import placed
+from fitting.estimate.problem import Solution
 from fitting.parameters.fitted import fitted_scene
 from fitting.parameters.parameter import Parameter
 
@@ -23,17 +23,15 @@ class ChannelFit:
 
     Attributes:
         scene: as it was given.
-        point: where the fit ended.
+        solution: where the fit ended.
         errors: of the parameters.
-        step_bias: how far the step moves the estimates (p,) [standard errors]; None where it was not looked at.
         between: parameters that each run has for itself, over the runs.
         seconds: wall time.
     """
 
     scene: Scene
-    point: Point
+    solution: Solution
     errors: Errors
-    step_bias: np.ndarray | None = None
     between: tuple[Between, ...] = ()
     seconds: float = 0.0
     warnings: list[str] = field(default_factory=list)
@@ -41,21 +39,26 @@ class ChannelFit:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """What was free."""
-        return self.point.problem.parameters
+        return self.solution.problem.parameters
 
     @property
     def values(self) -> np.ndarray:
         """The estimates (p,)."""
-        return self.point.values
+        return self.solution.values
+
+    @property
+    def step_bias(self) -> np.ndarray | None:
+        """How far the step moves the estimates (p,) [standard errors]; None where it was not looked at."""
+        return self.solution.step_bias
 
     @property
     def status(self) -> str:
         """`ok` or `not_converged`."""
-        return self.point.status
+        return self.solution.status
 
     @property
     def message(self) -> str:
-        return self.point.message
+        return self.solution.message
 
     @property
     def outcome(self) -> str:
@@ -68,14 +71,14 @@ class ChannelFit:
 
     def fitted_scene(self, run: int = 0) -> Scene:
         """The scene of a run with the fitted values in it; what runs have of their own is that run's."""
-        problem = self.point.problem
+        problem = self.solution.problem
         mine = list(problem.of_run[run])
         at = placed(problem.scenes[run], problem.data, problem.plain[run], self.values[mine])
         return fitted_scene(problem.scenes[run], at.setup.model, problem.plain[run], self.values[mine])
 
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, root mean square of the residuals, noise told, correlation left."""
-        point, found = self.point, []
+        point, found = self.solution, []
         for c, sensor in enumerate(point.problem.data.sensors):
             runs = zip(point.problem.data.runs, point.evaluation.shown, strict=True)
             off = np.concatenate([(shown[c] - run.values[c]).ravel() for run, shown in runs])
@@ -90,18 +93,18 @@ class ChannelFit:
                     "unit": sensor.channel.measures,
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
-                    "noise": float(point.noise.size[c]),
+                    "noise": float(point.problem.noise.size[c]),
                     "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
-                    "kept": float(point.noise.kept(np.full(len(point.noise.size), interval))[c]),
-                    "correlation": float(self.errors.correlation[c]),
+                    "kept": float(point.problem.noise.kept(np.full(len(point.problem.noise.size), interval))[c]),
+                    "correlation": float(self.errors.correlation_1[c]),
                 }
             )
         return found
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; what is not finite is None."""
-        e, names = self.errors, [s.channel.name for s in self.point.problem.data.sensors]
+        e, names = self.errors, [s.channel.name for s in self.solution.problem.data.sensors]
         table = {}
         for i, p in enumerate(self.parameters):
             table[p.name] = {
@@ -115,13 +118,12 @@ class ChannelFit:
                 "why": e.why[i],
                 "sensitivity": dict(zip(names, e.sensitivity[i], strict=True)),
             }
-        size = np.where(e.std_error > 0, e.std_error, 1.0)
         found = {
             "schema": SCHEMA,
             "status": self.status,
             "method": "channels",
             "parameters": table,
-            "correlation": e.covariance / np.outer(size, size),
+            "correlation": e.correlation,
             "channels": self.channels(),
             "between": {
                 b.name: {
@@ -135,9 +137,9 @@ class ChannelFit:
                 }
                 for b in self.between
             },
-            "iterations": self.point.iterations,
+            "iterations": self.solution.iterations,
             "seconds": self.seconds,
-            "step_s": self.point.problem.dt,
+            "step_s": self.solution.problem.dt,
             "step_bias_std_errors": self.step_bias,
             "blocks": e.blocks,
             "warnings": self.warnings,

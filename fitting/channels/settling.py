@@ -1,4 +1,4 @@
-"""From start values to a settled point: the first run, fit and noise in turns, half the step."""
+"""From start values to a settled fit: the first run, then fit and noise in turns."""
 
 from __future__ import annotations
 
@@ -8,20 +8,22 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
-from fitting.channels.descent import Point, descend, room, scales_of, stand
-from fitting.channels.errors import errors_of
-from fitting.channels.noise import first_noise, told
-from fitting.channels.problem import Evaluation, Problem
+from fitting.channels.noise import Evaluation, first_noise, scale_of, told
+from fitting.channels.problem import MOST_HALVED, Problem
+from fitting.estimate.gauss_newton import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.normal_equations import bounded_step
-from fitting.estimate.refinement import LARGEST_BIAS
+from fitting.estimate.own_noise import ROUNDS, fit_with_noise, posed
+from fitting.estimate.problem import Solution
 
-#: Rounds of fit and noise, and the change of a size below which another fit would change nothing.
-ROUNDS, SAME = 4, 0.03
-#: Most halvings of the step for its bias.
-MOST_HALVED = 2
-#: The same above which the step is taken to be too long.
+#: Growth of derivatives above which the step is taken to be too long.
 UNSTABLE = 1e3
+
+
+def scales_of(problem: Problem, e: Evaluation) -> tuple[tuple[np.ndarray, ...], ...]:
+    """By what the channels' sizes of noise count."""
+    return tuple(
+        tuple(scale_of(s, shown) for s, shown in zip(problem.data.sensors, run, strict=True)) for run in e.shown
+    )
 
 
 def floors_of(problem: Problem) -> np.ndarray:
@@ -34,7 +36,7 @@ def floors_of(problem: Problem) -> np.ndarray:
     return np.array(found)
 
 
-def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Point:
+def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
     """Where the fit starts.
 
     Raises:
@@ -54,64 +56,37 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Point:
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}; allowed: a smaller --dt{hint}, other values"
         )
-    return stand(problem, values, e, first_noise(problem.data, floors_of(problem)), scales_of(problem, e), loss)
+    noise = first_noise(problem.data, floors_of(problem))
+    problem = replace(problem, loss=loss, noise=noise, scales=scales_of(problem, e))
+    return first_solution(problem, values, problem.weighed(e))
 
 
-def settle_noise(point: Point, iterations: int, progress: Progress = silent) -> Point:
+def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
     """Fit and noise at their common fixed point."""
-    floors = floors_of(point.problem)
-    for turn in range(ROUNDS):
-        say = lambda share, text, turn=turn: progress((turn + share) / ROUNDS, text)  # noqa: E731
-        point = descend(point, iterations, say)
-        problem, e = point.problem, point.evaluation
-        scales = scales_of(problem, e)
-        free = ~problem.held
-        information = point.information[np.ix_(free, free)]
+    floors, turn = floors_of(point.problem), 0
+
+    def descend(point: Solution) -> Solution:
+        nonlocal turn
+        say = lambda share, text, turn=turn: progress((turn + share) / (ROUNDS + 1), text)  # noqa: E731
+        turn += 1
+        return continue_windows(point, iterations, say)
+
+    def estimate_noise(point: Solution) -> tuple[Solution, float]:
+        problem, e, free = point.problem, point.evaluation, ~point.problem.held
         seen = e._replace(slopes=tuple(tuple(s[..., free] for s in run) for run in e.slopes))
-        noise = told(problem.data, seen, point.noise, scales, information, floors, point.loss)
-        apart = np.abs(np.log(noise.size / point.noise.size)).max()
-        same = np.array_equal(noise.decay > 0, point.noise.decay > 0) and apart < SAME
-        again = stand(problem, point.values, e, noise, scales, point.loss)
-        again.iterations, again.history = point.iterations, point.history
-        again.status, again.message, point = point.status, point.message, again
-        if same or point.status != "ok":
-            return point
-    return point
+        scales, information = scales_of(problem, e), point.information[np.ix_(free, free)]
+        noise = told(problem.data, seen, problem.noise, scales, information, floors, problem.loss)
+        problem = replace(problem, noise=noise, scales=scales)
+        return posed(point, problem, problem.weighed(e)), noise.apart(point.problem.noise)
 
-
-def refine(point: Point, iterations: int, progress: Progress = silent) -> tuple[Point, np.ndarray | None]:
-    """Look at what half the step would do, and go on with it where that is no small part of a standard error."""
-    bias = None
-    for _ in range(MOST_HALVED + 1):
-        bias, ahead = step_bias(point)
-        if ahead is None or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
-            break
-        if point.problem.halved == MOST_HALVED:
-            break
-        progress(0.0, f"the step's bias is {np.max(np.abs(bias)):.2g} standard errors: half of it")
-        ahead.iterations = point.iterations
-        on = settle_noise(ahead, iterations, progress)
-        if on.status != "ok":
-            break
-        point = on
-    return point, bias
-
-
-def step_bias(point: Point) -> tuple[np.ndarray, Point | None]:
-    """How far the step moves the estimates (p,) [standard errors], and the fit's point with half the step."""
-    problem = point.problem.finer()
-    e = problem.evaluate(point.values, point.evaluation.near)
-    none = np.full(len(point.values), np.nan)
-    if e.failed:
-        return none, None
-    ahead = stand(problem, point.values, e, point.noise, scales_of(problem, e), point.loss)
-    low, high = room(problem, point.values)
-    step = bounded_step(ahead.information, ahead.gradient, low, high) - bounded_step(
-        point.information, point.gradient, low, high
-    )
-    order = problem.plan(0).stepper.integrator.order
-    errors = errors_of(point).std_error
-    return -step / (1 - 0.5**order) / np.where(errors > 0, errors, np.inf), ahead
+    found = descend(point)
+    found.iterations += point.iterations
+    if found.status != "ok":
+        return estimate_noise(found)[0]
+    found = fit_with_noise(found, estimate_noise, descend, same=0.03)
+    ended = descend(found)  # nothing where the last noise moves no parameter
+    ended.iterations += found.iterations
+    return ended
 
 
 def growth(e: Evaluation) -> float:

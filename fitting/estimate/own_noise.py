@@ -241,16 +241,18 @@ def fit_with_noise(
     solution: Solution,
     estimate_noise: Callable[[Solution], tuple[Solution, float]],
     again: Callable[[Solution], Solution],
+    same: float = SAME,
 ) -> Solution:
     """Fit and noise in turns from a converged fit, up to their common fixed point.
 
     Args:
         estimate_noise: the solution in units of the noise that its residuals tell, and by which part it has changed.
         again: goes on from a solution whose noise has changed.
+        same: change of the noise below which another fit would change nothing.
     """
     for _ in range(ROUNDS):
         solution, change = estimate_noise(solution)
-        if change < SAME:
+        if change < same:
             break
         further = again(solution)
         if further.status != "ok":

@@ -121,8 +121,8 @@ class Residuals(ABC):
         """When the samples were taken."""
 
     @abstractmethod
-    def correlation(self, pull: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Correlation of neighbours of weighted residuals (K, S, n), of all or by channel; whether it is real."""
+    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
+        """Correlation of neighbouring weighted residuals, of all or by channel; whether it is real."""
 
     def failure(self, evaluation: Evaluation) -> str:
         """Why an evaluation has no finite residuals, where that is known."""
@@ -244,9 +244,9 @@ class Problem(Residuals):
         run = np.broadcast_to(windows.run[:, None], times.shape)
         return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
 
-    def correlation(self, pull: np.ndarray) -> tuple[np.ndarray, bool]:
+    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
-        correlation, error = lag_one(pull, self.measured)
+        correlation, error = lag_one(point.weights * point.evaluation.residual, self.measured)
         return correlation, correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:

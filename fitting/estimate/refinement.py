@@ -34,19 +34,23 @@ def fit_again(ahead: Solution) -> Solution:
 
 
 def refine(
-    solution: Solution, progress: Progress = silent, again: Callable[[Solution], Solution] = fit_again
+    solution: Solution,
+    progress: Progress = silent,
+    again: Callable[[Solution], Solution] = fit_again,
+    sure: float = SURELY,
 ) -> Solution:
     """Go on from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 
     Args:
         again: goes on from a solution of finer steps.
+        sure: bias below which what the coarser step told of half of it is taken for it.
 
     Returns:
         The solution, its `step_bias` set, its problem with the steps it used.
     """
     told: np.ndarray | None = None
     while True:
-        if told is not None and np.max(np.abs(told), initial=0.0) < SURELY:
+        if told is not None and np.max(np.abs(told), initial=0.0) < sure:
             solution.step_bias = told
             return solution
         solution.step_bias, ahead = step_bias(solution)

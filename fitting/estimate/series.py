@@ -8,9 +8,14 @@ import numpy as np
 WHITE = 0.15
 
 
-def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
-    """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise."""
+def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None = None) -> tuple[float, float]:
+    """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise.
+
+    Args:
+        follows: whether samples but the first belong to the series of those before them (K, S - 1, n); default: all.
+    """
     both = known[:, 1:] & known[:, :-1]
+    both = both if follows is None else both & follows
     product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
     square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
     return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))

@@ -89,7 +89,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
     free = np.flatnonzero(~problem.held)
     noise2 = variance(solution)
     white = noise2 * _inverse(solution.information[np.ix_(free, free)])
-    correlation, real = problem.correlation(solution.weights * solution.evaluation.residual)
+    correlation, real = problem.correlation(solution)
     covariance, inflation, blocks = white, 1.0, 0
     if real or not problem.explained:
         found = scatter(solution, free)
@@ -167,7 +167,7 @@ def chance_below(distance: float, blocks: float = 0) -> float:
 def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
     """Directions that the data leave open: eigenvectors of the covariance in units of the parameters' sizes."""
     parameters = solution.problem.parameters
-    if len(free) < 2:
+    if len(free) < 2 or not np.isfinite(covariance).all():
         return ()
     size = np.array([max(abs(solution.values[i]), parameters[i].scale * 0.1) for i in free])
     spread, direction = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(size, size))

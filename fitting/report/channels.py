@@ -44,7 +44,7 @@ def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 
 def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """How much each channel feels each parameter, with a heading."""
-    names = [s.channel.name for s in result.point.problem.data.sensors]
+    names = [s.channel.name for s in result.solution.problem.data.sensors]
     rows = [("parameter", *names)]
     return rows + [
         (p.name, *(f"{s:.2g}" for s in row))
@@ -68,9 +68,9 @@ def summary(result: ChannelFit) -> list[tuple[str, str]]:
     moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
     blocks = result.errors.blocks
     return [
-        ("time step", f"{result.point.problem.dt:.3g} s{moves}"),
+        ("time step", f"{result.solution.problem.dt:.3g} s{moves}"),
         ("errors from", f"{blocks} blocks of time" if blocks else "the noise"),
-        ("runs", f"{result.point.iterations} with derivatives"),
+        ("runs", f"{result.solution.iterations} with derivatives"),
         ("wall time", f"{result.seconds:.1f} s"),
     ]
 
@@ -79,7 +79,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; of several runs
     with values of their own one scene each, `fitted_RUN.toml`."""
     folder = folder_without(folder, "report.md")
-    runs = result.point.problem.data.runs
+    runs = result.solution.problem.data.runs
     files = [picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)
     parts = [
@@ -106,7 +106,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
 
 def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
     """The fitted scenes as TOML."""
-    runs = result.point.problem.data.runs
+    runs = result.solution.problem.data.runs
     if not result.between and not any(run.own for run in runs):
         return [atomic_write(folder / "fitted.toml", as_toml(result.fitted_scene().as_written()))]
     return [
@@ -117,10 +117,10 @@ def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
 
 def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     """Measured samples, the fitted run over them, and residuals in units of the noise, of a run's first columns."""
-    problem, e = result.point.problem, result.point.evaluation
+    problem, e = result.solution.problem, result.solution.evaluation
     panels = []
     for c, sensor in enumerate(problem.data.sensors):
-        size = result.point.noise.size[c] * result.point.scales[run][c]
+        size = problem.noise.size[c] * problem.scales[run][c]
         for j, name in enumerate(sensor.channel.columns):
             t, measured, shown = problem.data.runs[run].t[c], problem.data.runs[run].values[c][:, j], e.shown[run][c]
             label = sensor.channel.name if len(sensor.channel.columns) == 1 else f"{sensor.channel.name}: {name}"

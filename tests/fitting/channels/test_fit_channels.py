@@ -97,7 +97,7 @@ def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
 
 @pytest.mark.check
 def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
-    problem, values = found.point.problem, found.values
+    problem, values = found.solution.problem, found.values
     at = placed(problem.scenes[0], problem.data, problem.plain[0], values)
     dt, near = jnp.asarray(problem.dt), problem.near[0]
     times = tuple(jnp.asarray(t) for t in problem.data.runs[0].t)
@@ -198,7 +198,7 @@ def test_mistakes_are_named(more, said):
 def test_growth_of_derivatives_is_seen(found):
     """Derivatives that grow as exp(20 t/T): from the last of the middle fifth to the last sample in 40 of 99 steps."""
     slopes = np.exp(20 * np.linspace(0, 1, 100))[:, None, None]
-    e = found.point.evaluation
+    e = found.solution.evaluation
     assert growth(e) < 10
     assert growth(e._replace(slopes=((slopes,),))) == pytest.approx(np.exp(20 * 40 / 99), rel=1e-9)
     assert growth(e._replace(slopes=((slopes * np.nan,),))) == np.inf

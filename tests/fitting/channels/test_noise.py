@@ -5,8 +5,7 @@ import pytest
 
 from fitting.channels.angle import Angle
 from fitting.channels.data import Data, Run, Sensor
-from fitting.channels.noise import Noise, first_noise, lag_one, rows_of, told
-from fitting.channels.problem import Evaluation
+from fitting.channels.noise import Evaluation, Noise, first_noise, lag_one, rows_of, told
 from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT
 
 N = 4000

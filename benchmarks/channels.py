@@ -178,7 +178,7 @@ def _in_line(first: Any, data: dict[str, Any], scene: Any, given: dict[str, Any]
     problem = pose(data, scene, list(given["start"]), [], given["start"], {}, given["priors"])
     problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
     point = settle_noise(first_point(problem), 40)
-    return ChannelFit(scene, point, errors_of(point))
+    return ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
 
 
 def _say(found: Any, truth: Mapping[str, float]) -> None:

@@ -20,6 +20,7 @@ from fitting.channels.errors import errors_of
 from fitting.channels.pose import pose
 from fitting.channels.result import ChannelFit
 from fitting.channels.settling import first_point, growth, settle_noise
+from fitting.estimate.fitted import Intervals
 from fitting.estimate.loss import begun_with, loss_of
 from fitting.estimate.own_noise import posed
 from fitting.estimate.refinement import LARGEST_BIAS, refine
@@ -44,6 +45,9 @@ def fit_channels(
     student: bool = False,
     iterations: int = 40,
     check_step: bool = True,
+    profile: Sequence[str] | bool = False,
+    bootstrap: int = 0,
+    posterior: int = 0,
     progress: Progress | None = None,
 ) -> ChannelFit:
     """Fit parameters of any scene to named channels: one uninterrupted run of each data file, from the scene's start.
@@ -63,6 +67,7 @@ def fit_channels(
         huber, student: robust losses, as `fit`.
         iterations: most evaluations of each descent.
         check_step: whether half the step is tried, to tell (and mend) how far the step moves the estimates.
+        profile, bootstrap, posterior: intervals by these too, as `fit`.
         progress: called with (fraction, text).
 
     Raises:
@@ -71,10 +76,12 @@ def fit_channels(
     begun, progress = time.perf_counter(), progress or silent
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is none; allowed: at least 1")
+    asked = Intervals(profile, bootstrap, posterior)
     scene = load_scene(scene)
     changed = {"run.dt": dt, "run.integrator": integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
+    asked.profile_names(scene, problem.parameters)  # refuses names before anything is run
     loss = loss_of(huber, student)
     progress(0.0, "first run")
     point = first_point(problem, begun_with(loss))
@@ -85,9 +92,10 @@ def fit_channels(
         say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
         again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
         point = refine(point, say, again, sure=0.0)  # saved states between which cubics go are as far apart as before
-    result = ChannelFit(scene, point, errors_of(point))
+    result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
     result.between = over_runs(result, own)
     result.warnings = warnings_of(result)
+    asked.add_to(result, progress)
     result.seconds = time.perf_counter() - begun
     progress(1.0, result.status)
     return result

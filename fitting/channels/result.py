@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,62 +12,34 @@ from dropper_jax.load.scene import Scene
 from fitting.channels.between import Between
 from fitting.channels.errors import Errors
 from fitting.channels.free import placed
-from fitting.estimate.problem import Solution
+from fitting.estimate.fitted import Fitted
 from fitting.parameters.fitted import fitted_scene
-from fitting.parameters.parameter import Parameter
+
+#: What is said of a parameter by how it is determined.
+VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "upper bound": "upper bound"}
 
 
-@dataclass
-class ChannelFit:
+@dataclass(kw_only=True)
+class ChannelFit(Fitted):
     """A scene fitted to channels.
 
     Attributes:
-        scene: as it was given.
-        solution: where the fit ended.
-        errors: of the parameters.
         between: parameters that each run has for itself, over the runs.
         seconds: wall time.
     """
 
-    scene: Scene
-    solution: Solution
-    errors: Errors
+    uncertainty: Errors
     between: tuple[Between, ...] = ()
     seconds: float = 0.0
-    warnings: list[str] = field(default_factory=list)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """What was free."""
-        return self.solution.problem.parameters
+    def errors(self) -> Errors:
+        """Of the parameters, with what determines them."""
+        return self.uncertainty
 
-    @property
-    def values(self) -> np.ndarray:
-        """The estimates (p,)."""
-        return self.solution.values
-
-    @property
-    def step_bias(self) -> np.ndarray | None:
-        """How far the step moves the estimates (p,) [standard errors]; None where it was not looked at."""
-        return self.solution.step_bias
-
-    @property
-    def status(self) -> str:
-        """`ok` or `not_converged`."""
-        return self.solution.status
-
-    @property
-    def message(self) -> str:
-        return self.solution.message
-
-    @property
-    def outcome(self) -> str:
-        """Status and message in one line."""
-        return f"{self.status}: {self.message}" if self.message else self.status
-
-    def __getitem__(self, name: str) -> float:
-        """The estimate of a parameter by its path."""
-        return float(self.values[[p.name for p in self.parameters].index(name)])
+    def note(self, i: int) -> str:
+        """What is to be said of a parameter, by its number."""
+        return ", ".join(filter(None, (VERDICTS[self.errors.determined[i]], super().note(i))))
 
     def fitted_scene(self, run: int = 0) -> Scene:
         """The scene of a run with the fitted values in it; what runs have of their own is that run's."""
@@ -105,19 +77,9 @@ class ChannelFit:
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; what is not finite is None."""
         e, names = self.errors, [s.channel.name for s in self.solution.problem.data.sensors]
-        table = {}
-        for i, p in enumerate(self.parameters):
-            table[p.name] = {
-                "value": self.values[i],
-                "std_error": e.std_error[i],
-                "low": e.low[i],
-                "high": e.high[i],
-                "at_bound": bool(e.at_bound[i]),
-                "unit": p.unit,
-                "determined": e.determined[i],
-                "why": e.why[i],
-                "sensitivity": dict(zip(names, e.sensitivity[i], strict=True)),
-            }
+        table = self.estimates()
+        for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):
+            row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}
         found = {
             "schema": SCHEMA,
             "status": self.status,
@@ -137,12 +99,13 @@ class ChannelFit:
                 }
                 for b in self.between
             },
-            "iterations": self.solution.iterations,
+            "iterations": self.iterations,
             "seconds": self.seconds,
             "step_s": self.solution.problem.dt,
             "step_bias_std_errors": self.step_bias,
             "blocks": e.blocks,
             "warnings": self.warnings,
+            **self.intervals(),
         }
         if self.status != "ok":
             found["error"] = f"{self.status}: {self.message}"

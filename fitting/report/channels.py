@@ -12,24 +12,10 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.plots import style
 from fitting.channels.result import ChannelFit
 from fitting.report.report import markdown
-from fitting.report.tables import significant
+from fitting.report.tables import interval_rows, parameter_rows, significant, step_text
 
 #: Most columns drawn in one picture.
 MOST = 6
-VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "upper bound": "upper bound"}
-
-
-def parameter_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """Name, value, error, interval, unit and what is to be said of every parameter, with a heading."""
-    e = result.errors
-    rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
-    for i, p in enumerate(result.parameters):
-        digits = significant(result.values[i], e.std_error[i])
-        ends = (f"{x:.{digits}g}" for x in (e.low[i], e.high[i]))
-        notes = [VERDICTS[e.determined[i]], "at bound" if e.at_bound[i] else ""]
-        row = (f"{result.values[i]:.{digits}g}", f"{e.std_error[i]:.2g}", *ends, p.unit)
-        rows.append((p.name, *row, ", ".join(note for note in notes if note)))
-    return rows
 
 
 def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
@@ -64,13 +50,11 @@ def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 
 def summary(result: ChannelFit) -> list[tuple[str, str]]:
     """What else is said of a fit."""
-    bias = result.step_bias
-    moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
     blocks = result.errors.blocks
     return [
-        ("time step", f"{result.solution.problem.dt:.3g} s{moves}"),
+        ("time step", step_text(result, result.solution.problem.dt)),
         ("errors from", f"{blocks} blocks of time" if blocks else "the noise"),
-        ("runs", f"{result.solution.iterations} with derivatives"),
+        ("runs", f"{result.iterations} with derivatives"),
         ("wall time", f"{result.seconds:.1f} s"),
     ]
 
@@ -87,6 +71,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
         f"Status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
         markdown(parameter_rows(result)),
+        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown(rows)]),
         *(["## Over the runs", markdown(between_rows(result))] if result.between else []),
         "## Channels",
         markdown(channel_rows(result)),

@@ -19,6 +19,7 @@ from fitting.channels.motion import differentiated, moved, watched
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
 from fitting.channels.settling import growth
+from fitting.estimate.fitted import Intervals
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8
 T = np.arange(0.0, 4.0, 0.04)
@@ -123,6 +124,23 @@ def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
         )
         difference = (4 * near_by - far) / 3
         assert np.allclose(forward[:, i], difference, rtol=1e-6, atol=1e-6 * np.abs(forward[:, i]).max())
+
+
+@pytest.mark.check
+def test_profile_bootstrap_and_posterior_agree_with_the_errors(found):
+    """Three ways to the same interval where the problem is nearly linear."""
+    again = replace(found, profiles=[], bootstrap=None, posterior=None)
+    Intervals(profile=["b_l"], bootstrap=400, posterior=100).add_to(again, lambda *_: None)
+    i, (by_profile,) = [p.name for p in again.parameters].index("effects.linear_damping.b_l"), again.profiles
+    e, given = again.errors, again.to_json()
+    assert by_profile.converged
+    width = e.high[i] - e.low[i]
+    assert (by_profile.low, by_profile.high) == pytest.approx((e.low[i], e.high[i]), abs=0.05 * width)
+    by = [given[key] for key in ("bootstrap", "posterior")]
+    for found_by in (by[0], by[1]["parameters"]):
+        row = found_by["effects.linear_damping.b_l"]
+        assert row["high"] - row["low"] == pytest.approx(width, rel=0.35)
+    assert given["posterior"]["pareto_k"] < 0.7
 
 
 @pytest.mark.slow

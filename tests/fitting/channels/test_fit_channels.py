@@ -199,7 +199,7 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
             {"priors": {"b_l": (0.02, 0.0)}},
             "linear_damping.b_l' has standard deviation 0; allowed: > 0",
         ),
-        ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'mass' is not free"),
+        ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'line.0.mass' is not a free parameter"),
         ({"bounds": {"b_l": (0.3, 0.2)}}, "has no room between 0.3 and 0.2"),
         ({"start": {"b_l": -1.0}}, "start: effects.linear_damping.b_l = -1 is out of bounds"),
         ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l' of one run alone"),

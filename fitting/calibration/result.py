@@ -164,10 +164,9 @@ class FitResult(Fitted):
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; of others nothing."""
         if self.method != "gradient":
             return []
-        per_sample = 2 / max(self.windows.samples, 1)
         return [
             {
-                "loss": point.get("loss", per_sample * point["cost"]),
+                "loss": point["loss"],
                 "values": point["values"],
                 "gap_weight": point.get("gap_weight"),
             }

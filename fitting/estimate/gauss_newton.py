@@ -7,7 +7,7 @@ by damped steps of the equations in `normal_equations`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -84,7 +84,7 @@ class Separate:
 
     def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
         """A line of the history."""
-        return {"cost": cost, "values": values.tolist()}
+        return {"cost": cost, "values": values.tolist(), "loss": 2 * cost / max(self.problem.samples, 1)}
 
     def left(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
         """What a full step would do: the move in standard errors, squared, and the decrease of chi-square."""
@@ -180,58 +180,114 @@ def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Pro
 def descend(
     objective: Separate, begin: Solution, iterations: int, *, count: int = 0, progress: Progress = silent
 ) -> Solution:
-    """Levenberg and Marquardt's method from a point that is evaluated already.
+    """Levenberg and Marquardt's method, or the problem's own descent, from a point that is evaluated already.
 
     Args:
         begin: the point; its information is returned where the end has none.
         count: evaluations made before, of `iterations`.
     """
-    problem, damping = objective.problem, objective.damping
-    if problem.descent is not None and not problem.held.all():
-        return problem.descent.descend(objective, begin, count=count, progress=progress)
-    values, evaluation, history = begin.values, begin.evaluation, list(begin.history)
-    starts, cost = begin.starts, objective.cost(evaluation, values)
-    status, message = "not_converged", f"{objective.goal} in {iterations} iterations"
-    system, newton = objective.system(evaluation, values), None
-    if not np.isfinite(cost):
-        message = "the simulation of the start values is not finite"
-    while np.isfinite(cost):
-        unit = objective.unit(evaluation, cost)
-        progress(min(count / iterations, 0.99), f"iteration {count}, chi2 per sample {unit:.4g}")
-        room = problem.step_bounds(values)
-        newton, moved, near = objective.solve(system, values, 0.0, *room), np.inf, False
-        if newton is not None:
-            moved, decrease = objective.left(newton, evaluation, cost)
-            if moved < objective.close and decrease < objective.little():
-                status, message = "ok", ""
-                break
-            near = nearly_there(moved, decrease, problem.samples)
-        accepted, failure = False, ""
-        while count < iterations and damping < LARGEST_DAMPING:
-            step = objective.solve(system, values, damping, *room)
+    problem = objective.problem
+    gradient = problem.descent is not None and not problem.held.all()
+    mover = problem.descent.mover(objective, count) if gradient else DampedSteps(objective, iterations, count)
+    return minimise(objective, begin, mover, progress)
+
+
+class Point(NamedTuple):
+    """Parameters (k,), what running the blocks gave there, the cost, and its normal equations where it is finite."""
+
+    values: np.ndarray
+    evaluation: Evaluation
+    cost: float
+    system: Normal | Joined | None
+
+
+class Mover(Protocol):
+    """How a descent goes from a point to the next one.
+
+    Attributes:
+        count: evaluations made.
+        why: reason for which it ended; empty where no step lowers the cost.
+    """
+
+    count: int
+    why: str
+
+    def report(self, point: Point, progress: Progress) -> None:
+        """Tell where the descent is."""
+
+    def arrived(self, moved: float, decrease: float) -> bool:
+        """Whether so little is left (`Separate.left`) that the point is the minimum."""
+
+    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+        """The next point, by the full step from this one; None where there is none."""
+
+
+class DampedSteps:
+    """Levenberg and Marquardt's steps: every one lowers the cost."""
+
+    def __init__(self, objective: Separate, iterations: int, count: int) -> None:
+        self.objective, self.iterations, self.count = objective, iterations, count
+        self.damping, self.why = objective.damping, f"{objective.goal} in {iterations} iterations"
+
+    def report(self, point: Point, progress: Progress) -> None:
+        unit = self.objective.unit(point.evaluation, point.cost)
+        progress(min(self.count / self.iterations, 0.99), f"iteration {self.count}, chi2 per sample {unit:.4g}")
+
+    def arrived(self, moved: float, decrease: float) -> bool:
+        return moved < self.objective.close and decrease < self.objective.little()
+
+    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+        objective, problem, failure = self.objective, self.objective.problem, ""
+        room = problem.step_bounds(point.values)
+        while self.count < self.iterations and self.damping < LARGEST_DAMPING:
+            step = objective.solve(point.system, point.values, self.damping, *room)
             if step is None:
-                damping *= 10
+                self.damping *= 10
                 continue
-            trial_values = problem.after_step(values, step.dp)
-            trial = problem.evaluate(trial_values, problem.move_starts(starts, values, step.dz))
-            trial_cost = objective.cost(trial, trial_values)
-            count, failure = count + 1, problem.failure(trial) or failure
-            if trial_cost < cost:
-                gain = (cost - trial_cost) / max(step.predicted, 1e-300)
-                damping = max(damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
-                values, evaluation, cost, accepted = trial_values, trial, trial_cost, True
-                starts, system = evaluation.starts, objective.system(evaluation, values)
-                history.append(objective.record(cost, values))
-                break
+            values = problem.after_step(point.values, step.dp)
+            starts = problem.move_starts(point.evaluation.starts, point.values, step.dz)
+            evaluation = problem.evaluate(values, starts)
+            cost = objective.cost(evaluation, values)
+            self.count, failure = self.count + 1, problem.failure(evaluation) or failure
+            if cost < point.cost:
+                gain = (point.cost - cost) / max(step.predicted, 1e-300)
+                self.damping = max(self.damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
+                return Point(values, evaluation, cost, objective.system(evaluation, values))
             if near:  # a smooth cost would have fallen
                 break
-            damping = max(10 * damping, 1e-3)
-        if not accepted:
-            if near or damping >= LARGEST_DAMPING:
-                status = "ok" if near else status
-                message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
-            message = failure or message if status != "ok" else message
+            self.damping = max(10 * self.damping, 1e-3)
+        if near or self.damping >= LARGEST_DAMPING:
+            self.why = ""
+        self.why = self.why if near else failure or self.why
+        return None
+
+
+def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progress = silent) -> Solution:
+    """The lowest point that a mover finds from one that is evaluated already; it has converged where it has arrived."""
+    problem, history, known = objective.problem, list(begin.history), begin
+    best = Point(begin.values, begin.evaluation, objective.cost(begin.evaluation, begin.values), None)
+    status, message, point = "not_converged", "the simulation of the start values is not finite", best
+    if np.isfinite(best.cost):
+        point = best._replace(system=objective.system(best.evaluation, best.values))
+    while point.system is not None:
+        mover.report(point, progress)
+        room = problem.step_bounds(point.values)
+        newton, moved, near = objective.solve(point.system, point.values, 0.0, *room), np.inf, False
+        if newton is not None:
+            moved, decrease = objective.left(newton, point.evaluation, point.cost)
+            if mover.arrived(moved, decrease):
+                best, known, status, message = point, newton, "ok", ""
+                break
+            near = nearly_there(moved, decrease, problem.samples)
+        if point.cost <= best.cost:
+            best, known = point, newton or known
+        following = mover.move(point, newton, near)
+        if following is None:
+            status = "ok" if near and not mover.why else status
+            far = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
+            message = mover.why or far
             break
-    known = begin if newton is None else newton
-    outcome = {"status": status, "message": message, "iterations": count, "history": history}
-    return objective.solution(values, evaluation, cost, known, **outcome)
+        point = following
+        history.append(objective.record(point.cost, point.values))
+    outcome = {"status": status, "message": message, "iterations": mover.count, "history": history}
+    return objective.solution(best.values, best.evaluation, best.cost, known, **outcome)

@@ -35,8 +35,8 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 class Descent(Protocol):
     """How parameters move to a minimum, where not by Gauss-Newton steps (`gradient.GradientDescent`)."""
 
-    def descend(self, objective: Any, begin: Solution, **rest: Any) -> Any:
-        """The solution from a point that is evaluated; arguments as of `gauss_newton.descend`."""
+    def mover(self, objective: Any, count: int = 0) -> Any:
+        """What goes from point to point (`gauss_newton.Mover`) on an objective, after so many evaluations."""
 
 
 class Timing(NamedTuple):

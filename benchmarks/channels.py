@@ -166,7 +166,7 @@ class InLine(Problem):
         move = values - there.values
         pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
         shown = tuple(tuple(y + x @ move for y, x in zip(*run, strict=True)) for run in pairs)
-        return self.weighed(there.evaluation._replace(shown=shown))
+        return self.with_rows(there.evaluation._replace(shown=shown))
 
 
 #: Where the linear model is taken.

@@ -20,8 +20,8 @@ from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
 from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
-from fitting.estimate.fitted import Intervals
 from fitting.estimate.loss import loss_of
+from fitting.estimate.scene_fit import Intervals
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 

@@ -11,8 +11,8 @@ from dropper_jax.base.json_values import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law import Law
-from fitting.estimate.fitted import Fitted
 from fitting.estimate.problem import Solution
+from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
@@ -74,8 +74,8 @@ class EnergyCheck:
 
 
 @dataclass(kw_only=True)
-class FitResult(Fitted):
-    """A calibrated model.
+class FitResult(SceneFit):
+    """A calibrated model: what every fit has (`SceneFit`), and what windows of traces add.
 
     Attributes:
         noise: estimated deviation of the noise [rad].

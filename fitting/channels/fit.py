@@ -20,10 +20,10 @@ from fitting.channels.errors import errors_of
 from fitting.channels.pose import pose
 from fitting.channels.result import ChannelFit
 from fitting.channels.settling import first_point, growth, settle_noise
-from fitting.estimate.fitted import Intervals
 from fitting.estimate.loss import begun_with, loss_of
 from fitting.estimate.own_noise import posed
 from fitting.estimate.refinement import LARGEST_BIAS, refine
+from fitting.estimate.scene_fit import Intervals
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 
 #: Growth of the derivatives from the middle of a run to its end above which it is called chaotic.

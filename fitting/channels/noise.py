@@ -131,9 +131,9 @@ def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndar
                 t = run.t[c][known]
                 r = (residual[:, j] / size[:, j])[known]
                 x = (e.slopes[number][c][:, j] / size[:, j, None])[known]
-                kept = np.exp(-noise.decay[c] * np.diff(t))
+                phi = np.exp(-noise.decay[c] * np.diff(t))
                 of_channel, of_run, of_column = (np.full(len(t), value) for value in (c, number, column))
-                white = series.innovations(r, kept), series.innovations(x, kept)
+                white = series.innovations(r, phi), series.innovations(x, phi)
                 parts.append((*white, of_channel, of_run, t, of_column, r))
                 column += 1
     return Rows(*(np.concatenate(part) for part in zip(*parts, strict=True)))
@@ -196,8 +196,8 @@ def _memory(rows: Rows, channel: int) -> tuple[float, float] | None:
     apart = np.where(follows, np.diff(t), np.inf)
 
     def cost(log: float) -> float:
-        kept = np.exp(-np.exp(log) * apart)
-        return len(r) * np.log(np.mean(series.innovations(r, kept) ** 2)) + float(np.sum(np.log(1 - kept**2)))
+        phi = np.exp(-np.exp(log) * apart)
+        return len(r) * np.log(np.mean(series.innovations(r, phi) ** 2)) + float(np.sum(np.log(1 - phi**2)))
 
     interval = float(np.median(apart[follows]))
     ends = np.log(-np.log(0.995) / interval), np.log(-np.log(0.02) / interval)

@@ -17,7 +17,7 @@ from fitting.channels.free import find_free
 from fitting.channels.problem import Problem, first_near
 from fitting.channels.reading import read_data
 from fitting.parameters.naming import default_free, full_names
-from fitting.parameters.parameter import Bounds, Priors, StartValues, adjusted, with_effects
+from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.priors import rig_priors
 
 #: Sections of paths that are not of the scene's model.
@@ -64,7 +64,7 @@ def pose(
     parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
     given = (("start", start), ("bounds", bounds), ("prior", priors))
     by_path = [{_path(scenes[0], name, which): v for name, v in one.items()} for which, one in given]
-    every = adjusted([*parameters, *split], *by_path, wider=True)
+    every = adjust_parameters([*parameters, *split], *by_path, wider=True)
     parameters, split = list(every[: len(shared)]), every[len(shared) :]
     plain, of_run = [], []
     for run in data.runs:

@@ -107,7 +107,7 @@ class Problem(Residuals):
         return sum(int(np.isfinite(y).sum()) for run in self.data.runs for y in run.values)
 
     @property
-    def measured(self) -> np.ndarray:
+    def sample_mask(self) -> np.ndarray:
         """Everywhere: there are no rows of missing samples (1, N, 1)."""
         return np.ones((1, self.samples, 1), bool)
 
@@ -155,15 +155,14 @@ class Problem(Residuals):
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours in each channel (c,); whether that of any is real."""
         pull = (point.weights * point.evaluation.residual).ravel()
-        told = [lag_one(point.evaluation.rows, c, pull) for c in range(len(self.data.sensors))]
-        rho, sure = np.array(told).T
+        rho, sure = np.array([lag_one(point.evaluation.rows, c, pull) for c in range(len(self.data.sensors))]).T
         return rho, correlates(np.abs(rho), sure)
 
     def failure(self, evaluation: Evaluation) -> str:
         """The step that did not solve."""
         return evaluation.failed
 
-    def weighed(self, e: Evaluation) -> Evaluation:
+    def with_rows(self, e: Evaluation) -> Evaluation:
         """The evaluation with its residuals in units of the noise."""
         if e.failed or self.noise is None:
             return e
@@ -227,7 +226,7 @@ class Problem(Residuals):
             shown.append(tuple(np.asarray(y)[:n] for y, n in zip(seen, counts, strict=True)))
             slopes.append(tuple(self._spread(np.asarray(s)[:n], mine) for s, n in zip(slope, counts, strict=True)))
             begun.append(start)
-        return self.weighed(Evaluation(tuple(shown), tuple(slopes), tuple(begun), failed, unstable))
+        return self.with_rows(Evaluation(tuple(shown), tuple(slopes), tuple(begun), failed, unstable))
 
     def _padded(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count."""

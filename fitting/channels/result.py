@@ -12,7 +12,8 @@ from dropper_jax.load.scene import Scene
 from fitting.channels.between import Between
 from fitting.channels.errors import Errors
 from fitting.channels.free import placed
-from fitting.estimate.fitted import Fitted
+from fitting.estimate.problem import Solution
+from fitting.estimate.scene_fit import SceneFit
 from fitting.parameters.fitted import fitted_scene
 
 #: What is said of a parameter by how it is determined.
@@ -20,8 +21,8 @@ VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "u
 
 
 @dataclass(kw_only=True)
-class ChannelFit(Fitted):
-    """A scene fitted to channels.
+class ChannelFit(SceneFit):
+    """A scene fitted to channels: what every fit has (`SceneFit`), and what channels add.
 
     Attributes:
         between: parameters that each run has for itself, over the runs.
@@ -36,6 +37,11 @@ class ChannelFit(Fitted):
     def errors(self) -> Errors:
         """Of the parameters, with what determines them."""
         return self.uncertainty
+
+    @property
+    def point(self) -> Solution:
+        """`solution` by its former name."""
+        return self.solution
 
     def note(self, i: int) -> str:
         """What is to be said of a parameter, by its number."""

@@ -58,7 +58,7 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
         )
     noise = first_noise(problem.data, floors_of(problem))
     problem = replace(problem, loss=loss, noise=noise, scales=scales_of(problem, e))
-    return first_solution(problem, values, problem.weighed(e))
+    return first_solution(problem, values, problem.with_rows(e))
 
 
 def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
@@ -67,7 +67,7 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
 
     def descend(point: Solution) -> Solution:
         nonlocal turn
-        say = lambda share, text, turn=turn: progress((turn + share) / (ROUNDS + 1), text)  # noqa: E731
+        say = lambda share, text, turn=turn: progress((turn + share) / (ROUNDS + 2), text)  # noqa: E731
         turn += 1
         return continue_windows(point, iterations, say)
 
@@ -77,7 +77,7 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
         scales, information = scales_of(problem, e), point.information[np.ix_(free, free)]
         noise = told(problem.data, seen, problem.noise, scales, information, floors, problem.loss)
         problem = replace(problem, noise=noise, scales=scales)
-        return posed(point, problem, problem.weighed(e)), noise.apart(point.problem.noise)
+        return posed(point, problem, problem.with_rows(e)), noise.apart(point.problem.noise)
 
     found = descend(point)
     found.iterations += point.iterations

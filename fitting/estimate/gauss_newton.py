@@ -215,11 +215,11 @@ class Mover(Protocol):
     def report(self, point: Point, progress: Progress) -> None:
         """Tell where the descent is."""
 
-    def arrived(self, moved: float, decrease: float) -> bool:
+    def is_minimum(self, moved: float, decrease: float) -> bool:
         """Whether so little is left (`Separate.left`) that the point is the minimum."""
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
-        """The next point, by the full step from this one; None where there is none."""
+        """The next point, by the full step from this one, or None."""
 
 
 class DampedSteps:
@@ -233,14 +233,14 @@ class DampedSteps:
         unit = self.objective.unit(point.evaluation, point.cost)
         progress(min(self.count / self.iterations, 0.99), f"iteration {self.count}, chi2 per sample {unit:.4g}")
 
-    def arrived(self, moved: float, decrease: float) -> bool:
+    def is_minimum(self, moved: float, decrease: float) -> bool:
         return moved < self.objective.close and decrease < self.objective.little()
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
         objective, problem, failure = self.objective, self.objective.problem, ""
-        room = problem.step_bounds(point.values)
+        limits = problem.step_bounds(point.values)
         while self.count < self.iterations and self.damping < LARGEST_DAMPING:
-            step = objective.solve(point.system, point.values, self.damping, *room)
+            step = objective.solve(point.system, point.values, self.damping, *limits)
             if step is None:
                 self.damping *= 10
                 continue
@@ -271,11 +271,11 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
         point = best._replace(system=objective.system(best.evaluation, best.values))
     while point.system is not None:
         mover.report(point, progress)
-        room = problem.step_bounds(point.values)
-        newton, moved, near = objective.solve(point.system, point.values, 0.0, *room), np.inf, False
+        limits = problem.step_bounds(point.values)
+        newton, moved, near = objective.solve(point.system, point.values, 0.0, *limits), np.inf, False
         if newton is not None:
             moved, decrease = objective.left(newton, point.evaluation, point.cost)
-            if mover.arrived(moved, decrease):
+            if mover.is_minimum(moved, decrease):
                 best, known, status, message = point, newton, "ok", ""
                 break
             near = nearly_there(moved, decrease, problem.samples)

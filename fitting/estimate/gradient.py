@@ -176,7 +176,7 @@ class GradientSteps:
         progress(min(self.taken / self.descent.steps, 0.99), text)
         self.descent.note(text)
 
-    def arrived(self, moved: float, decrease: float) -> bool:
+    def is_minimum(self, moved: float, decrease: float) -> bool:
         objective = self.objective
         little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
         return moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and decrease < little

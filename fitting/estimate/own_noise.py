@@ -225,7 +225,7 @@ def with_own_noise(
         solution: a converged fit.
         claimed: its windows with the noise that the traces claim.
         floor: as of `Told`.
-        again: goes on from a solution whose noise has changed.
+        again: continues from a solution whose noise has changed.
     """
 
     def estimate_noise(point: Solution) -> tuple[Solution, float]:
@@ -247,7 +247,7 @@ def fit_with_noise(
 
     Args:
         estimate_noise: the solution in units of the noise that its residuals tell, and by which part it has changed.
-        again: goes on from a solution whose noise has changed.
+        again: continues from a solution whose noise has changed.
         same: change of the noise below which another fit would change nothing.
     """
     for _ in range(ROUNDS):

@@ -21,7 +21,7 @@ from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known
 from fitting.traces.planar import chart
 
-#: Least correlation of neighbouring residuals that counts in standard errors.
+#: Minimum correlation of neighbouring residuals that counts in standard errors.
 CORRELATION_FLOOR = 0.05
 #: chi-square per degree of freedom outside which the noise does not explain the residuals.
 CHI2_RANGE = (0.5, 1.5)
@@ -69,7 +69,7 @@ class Residuals(ABC):
         descent: how the parameters move; None for Gauss-Newton steps.
     """
 
-    #: Least variance that residuals in units of the noise are taken to have.
+    #: Minimum variance of residuals in units of the noise that errors are computed with.
     least_variance: ClassVar[float] = 0.0
 
     parameters: tuple[Parameter, ...]
@@ -91,7 +91,7 @@ class Residuals(ABC):
 
     @property
     @abstractmethod
-    def measured(self) -> np.ndarray:
+    def sample_mask(self) -> np.ndarray:
         """Where there is a residual (K, S, n) bool."""
 
     @property
@@ -202,7 +202,7 @@ class Problem(Residuals):
         return self.windows.samples
 
     @property
-    def measured(self) -> np.ndarray:
+    def sample_mask(self) -> np.ndarray:
         """Where there is a measured angle (K, S, n) bool."""
         return self.windows.weight > 0
 
@@ -240,13 +240,13 @@ class Problem(Residuals):
         windows = self.windows
         begin = np.full(int(windows.run.max()) + 1, np.inf)
         np.minimum.at(begin, windows.run, windows.begin)
-        known, times = self.measured.any(axis=2), windows.times()
+        known, times = self.sample_mask.any(axis=2), windows.times()
         run = np.broadcast_to(windows.run[:, None], times.shape)
         return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
 
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
-        correlation, error = lag_one(point.weights * point.evaluation.residual, self.measured)
+        correlation, error = lag_one(point.weights * point.evaluation.residual, self.sample_mask)
         return correlation, correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:

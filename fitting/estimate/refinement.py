@@ -29,7 +29,7 @@ SURELY = 0.15
 
 
 def fit_again(ahead: Solution) -> Solution:
-    """Go on from a solution whose windows, separate or joined, have finer steps."""
+    """Continue from a solution whose windows, separate or joined, have finer steps."""
     return continue_shooting(ahead) if ahead.gap_weight else fit_windows(ahead.problem, ahead.values, ahead.starts)
 
 
@@ -42,7 +42,7 @@ def refine(
     """Go on from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 
     Args:
-        again: goes on from a solution of finer steps.
+        again: continues from a solution of finer steps.
         sure: bias below which what the coarser step told of half of it is taken for it.
 
     Returns:

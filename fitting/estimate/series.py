@@ -21,15 +21,15 @@ def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None 
     return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
 
 
-def innovations(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def innovations(values: np.ndarray, share: np.ndarray) -> np.ndarray:
     """What AR(1) noise adds from sample to sample: `(v_i - phi_i v_(i-1))/sqrt(1 - phi_i^2)`, the first sample whole.
 
     Args:
         values: residuals or their derivatives (N, ...).
-        kept: phi, the share of its noise that each sample hands on to the next (N - 1,).
+        share: phi, the part of its noise that each sample hands on to the next (N - 1,).
     """
-    kept = kept.reshape(-1, *[1] * (values.ndim - 1))
-    return np.concatenate([values[:1], (values[1:] - kept * values[:-1]) / np.sqrt(1 - kept**2)])
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    return np.concatenate([values[:1], (values[1:] - share * values[:-1]) / np.sqrt(1 - share**2)])
 
 
 def correlates(correlation: np.ndarray, error: np.ndarray, deviations: float = 5.0, floor: float = 0.1) -> bool:

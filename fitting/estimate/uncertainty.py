@@ -65,7 +65,7 @@ def degrees_of_freedom(solution: Solution) -> float:
 def variance(solution: Solution) -> float:
     """Variance of the noise, in units of the assumed one, by which the inverse information is the covariance."""
     problem, residual = solution.problem, solution.evaluation.residual
-    variance = robust_variance(residual[problem.measured], problem.loss, degrees_of_freedom(solution))
+    variance = robust_variance(residual[problem.sample_mask], problem.loss, degrees_of_freedom(solution))
     return max(variance, problem.least_variance)
 
 

@@ -120,10 +120,10 @@ def resolve(
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
     check_once([p.name for p in found], option)
-    return adjusted(found, start, bounds, priors)
+    return adjust_parameters(found, start, bounds, priors)
 
 
-def adjusted(
+def adjust_parameters(
     parameters: Sequence[Parameter],
     start: StartValues | None = None,
     bounds: Bounds | None = None,

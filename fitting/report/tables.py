@@ -9,10 +9,10 @@ import numpy as np
 from fitting.calibration.advice import Candidate
 from fitting.calibration.law import Law
 from fitting.calibration.result import FitResult
-from fitting.estimate.fitted import Fitted
+from fitting.estimate.scene_fit import SceneFit
 
 
-def parameter_rows(result: Fitted) -> list[tuple[str, ...]]:
+def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
     """Name, value, error, interval, unit and what is to be said of every parameter, with a heading."""
     u = result.uncertainty
     rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
@@ -24,7 +24,7 @@ def parameter_rows(result: Fitted) -> list[tuple[str, ...]]:
     return rows
 
 
-def interval_rows(result: Fitted) -> list[tuple[str, ...]]:
+def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
     """90 % intervals by profile likelihood, bootstrap and posterior, where asked for, with a heading."""
     rows = [("parameter", "by", "90 % low", "high")]
     digits = {
@@ -63,7 +63,7 @@ def significant(value: float, error: float) -> int:
     return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(error)) + 2, 3, 12))
 
 
-def step_text(result: Fitted, step: float) -> str:
+def step_text(result: SceneFit, step: float) -> str:
     """The step [s], and how far it moves the estimates."""
     bias = result.step_bias
     moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"

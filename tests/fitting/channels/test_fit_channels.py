@@ -19,7 +19,7 @@ from fitting.channels.motion import differentiated, moved, watched
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
 from fitting.channels.settling import growth
-from fitting.estimate.fitted import Intervals
+from fitting.estimate.scene_fit import Intervals
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8
 T = np.arange(0.0, 4.0, 0.04)

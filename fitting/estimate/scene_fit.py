@@ -23,7 +23,7 @@ SAMPLERS = {"importance": importance, "nuts": nuts}
 
 
 @dataclass(kw_only=True)
-class Fitted:
+class SceneFit:
     """A scene fitted to measurements.
 
     Attributes:
@@ -123,7 +123,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Intervals:
-    """Intervals that are asked for beside the errors of a fit.
+    """Intervals to compute in addition to the errors of a fit.
 
     Attributes:
         profile: names of free parameters whose profile likelihood is wanted; True for all.
@@ -164,7 +164,7 @@ class Intervals:
             found += mine
         return list(dict.fromkeys(found))
 
-    def add_to(self, result: Fitted, progress: Progress) -> None:
+    def add_to(self, result: SceneFit, progress: Progress) -> None:
         """Put the intervals into a result, with their warnings."""
         solution = result.solution
         errors = dict(zip([p.name for p in result.parameters], result.uncertainty.std_error, strict=True))

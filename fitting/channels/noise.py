@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 
 from dropper_jax.model import State
 from fitting.channels.data import Data, Sensor
-from fitting.estimate import series
+from fitting.estimate import noise as noise_model
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.sandwich import hat_diagonal
 from fitting.traces.trace import noise_by_differences
@@ -133,7 +133,7 @@ def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndar
                 x = (e.slopes[number][c][:, j] / size[:, j, None])[known]
                 phi = np.exp(-noise.decay[c] * np.diff(t))
                 of_channel, of_run, of_column = (np.full(len(t), value) for value in (c, number, column))
-                white = series.innovations(r, phi), series.innovations(x, phi)
+                white = noise_model.innovations(r, phi), noise_model.innovations(x, phi)
                 parts.append((*white, of_channel, of_run, t, of_column, r))
                 column += 1
     return Rows(*(np.concatenate(part) for part in zip(*parts, strict=True)))
@@ -143,7 +143,7 @@ def lag_one(rows: Rows, channel: int, residual: np.ndarray) -> tuple[float, floa
     """Correlation of neighbouring residuals of a channel, and its standard error for white noise."""
     mine = rows.channel == channel
     r, follows = residual[mine][None, :, None], (np.diff(rows.column[mine]) == 0)[None, :, None]
-    return series.lag_one(r, np.ones_like(r, bool), follows)
+    return noise_model.lag_one(r, np.ones_like(r, bool), follows)
 
 
 def _size_of(r: np.ndarray, loss: Loss) -> float:
@@ -180,7 +180,7 @@ def told(
         decay[c] = np.inf
         r, left = rows.raw[mine], max(mine.sum() - used[c], 1.0)
         total = _size_of(r, loss)
-        if series.correlates(rho, sure):
+        if noise_model.correlates(rho, sure):
             found = _memory(rows, c)
             if found is not None:
                 decay[c], total = found
@@ -197,11 +197,11 @@ def _memory(rows: Rows, channel: int) -> tuple[float, float] | None:
 
     def cost(log: float) -> float:
         phi = np.exp(-np.exp(log) * apart)
-        return len(r) * np.log(np.mean(series.innovations(r, phi) ** 2)) + float(np.sum(np.log(1 - phi**2)))
+        return len(r) * np.log(np.mean(noise_model.innovations(r, phi) ** 2)) + float(np.sum(np.log(1 - phi**2)))
 
     interval = float(np.median(apart[follows]))
     ends = np.log(-np.log(0.995) / interval), np.log(-np.log(0.02) / interval)
     decay = float(np.exp(minimize_scalar(cost, bounds=ends, method="bounded").x))
-    u = series.innovations(r, np.exp(-decay * apart))
-    left, _ = series.lag_one(u[None, :, None], np.ones((1, len(u), 1), bool), follows[None, :, None])
-    return (decay, float(u @ u)) if abs(left) < series.WHITE else None
+    u = noise_model.innovations(r, np.exp(-decay * apart))
+    left, _ = noise_model.lag_one(u[None, :, None], np.ones((1, len(u), 1), bool), follows[None, :, None])
+    return (decay, float(u @ u)) if abs(left) < noise_model.WHITE else None

@@ -20,8 +20,8 @@ from fitting.channels.data import Data
 from fitting.channels.free import SetupPlace, placed
 from fitting.channels.motion import Plan, differentiated
 from fitting.channels.noise import Evaluation, Noise, lag_one, rows_of
+from fitting.estimate.noise import correlates
 from fitting.estimate.problem import Residuals, Solution, Timing
-from fitting.estimate.series import correlates
 from fitting.parameters.parameter import Parameter
 
 #: Saved states beyond the last sample, which cubics through four rows need.

@@ -24,12 +24,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fitting.estimate.evaluation import Evaluation
-from fitting.estimate.noise import Noise, rates
+from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whitened
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
-from fitting.estimate.series import WHITE, correlates, lag_one
 from fitting.estimate.shooting import level_of
-from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 

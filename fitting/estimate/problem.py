@@ -10,12 +10,10 @@ import numpy as np
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise
+from fitting.estimate.noise import Noise, correlates, lag_one, whitened
 from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
-from fitting.estimate.series import correlates, lag_one
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.whitening import whitened
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known

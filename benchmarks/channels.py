@@ -34,13 +34,12 @@ from scipy.interpolate import CubicSpline
 
 import dropper_jax as dj
 from fitting.channels.errors import errors_of
-from fitting.channels.fit import fit_channels
+from fitting.channels.fit import first_point, fit_channels, settle_noise
 from fitting.channels.noise import Evaluation
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
 from fitting.channels.problem import Problem
 from fitting.channels.result import ChannelFit
-from fitting.channels.settling import first_point, settle_noise
 
 RESULTS = Path(__file__).parent / "results" / "channels.json"
 

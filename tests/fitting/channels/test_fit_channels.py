@@ -13,12 +13,11 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
-from fitting.channels.fit import fit_channels
+from fitting.channels.fit import fit_channels, growth
 from fitting.channels.free import placed
 from fitting.channels.motion import differentiated, moved, watched
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
-from fitting.channels.settling import growth
 from fitting.estimate.scene_fit import Intervals
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8

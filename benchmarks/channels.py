@@ -32,12 +32,12 @@ from study import describe, say, store, stored
 
 import dropper_jax as dj
 from fitting.channels.errors import errors_of
-from fitting.channels.fit import fit_channels
+from fitting.channels.fit import first_point, fit_channels, settle_noise
+from fitting.channels.noise import Evaluation
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
-from fitting.channels.problem import Evaluation, Problem
+from fitting.channels.problem import Problem
 from fitting.channels.result import ChannelFit
-from fitting.channels.settling import first_point, settle_noise
 
 
 class Tally:
@@ -133,7 +133,7 @@ def _sea(kind: str, draws: int) -> dict[str, Any]:
     names = [p.name for p in first.parameters]
     table = linear.table(
         sensitivity=dict(zip(names, first.errors.sensitivity.tolist(), strict=True)),
-        step_s=first.point.problem.dt,
+        step_s=first.solution.problem.dt,
         step_bias=None if first.step_bias is None else dict(zip(names, first.step_bias.tolist(), strict=True)),
         said=list(first.errors.why),
         linear_from_whole_std_errors=apart,
@@ -156,12 +156,12 @@ def _sea_data(columns: dict[str, np.ndarray]) -> dict[str, Any]:
 class InLine(Problem):
     """A problem whose motion is the linear one where a fit ended; noise, priors, errors are those of the fit."""
 
-    def evaluate(self, values: np.ndarray, near: Any = None) -> Evaluation:
+    def evaluate(self, values: np.ndarray, starts: Any = None) -> Evaluation:
         there = LINEAR[0]
         move = values - there.values
         pairs = zip(there.evaluation.shown, there.evaluation.slopes, strict=True)
         shown = tuple(tuple(y + x @ move for y, x in zip(*run, strict=True)) for run in pairs)
-        return there.evaluation._replace(shown=shown)
+        return self.with_rows(there.evaluation._replace(shown=shown))
 
 
 #: Where the linear model is taken.
@@ -169,11 +169,11 @@ LINEAR: list[Any] = []
 
 
 def _in_line(first: Any, data: dict[str, Any], scene: Any, given: dict[str, Any]) -> Any:
-    LINEAR[:] = [first.point]
+    LINEAR[:] = [first.solution]
     problem = pose(data, scene, list(given["start"]), [], given["start"], {}, given["priors"])
     problem = InLine(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)})
     point = settle_noise(first_point(problem), 40)
-    return ChannelFit(scene, point, errors_of(point))
+    return ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
 
 
 def _say(found: Any, truth: Mapping[str, float]) -> None:

@@ -15,6 +15,7 @@ PUBLIC = {
     "ChannelFit": "channels.result",
     "Convention": "traces.trace",
     "FitResult": "calibration.result",
+    "SceneFit": "estimate.scene_fit",
     "Trace": "traces.trace",
     "TraceLoss": "calibration.trace_loss",
     "fit": "calibration.fit",

@@ -6,10 +6,10 @@ import numpy as np
 
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.loss import StudentT
-from fitting.estimate.problem import CHI2_RANGE, Solution
+from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.refinement import LARGEST_BIAS
 from fitting.estimate.sandwich import FEW
-from fitting.estimate.uncertainty import CORRELATION_FLOOR, Uncertainty
+from fitting.estimate.uncertainty import Uncertainty
 
 #: Correlation of two estimates from which on they are called hard to tell apart.
 HARD = 0.98

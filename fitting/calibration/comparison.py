@@ -29,11 +29,11 @@ from fitting.calibration.laws import LADDER, PARTS, contains
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.unseen import taken, unseen
 from fitting.estimate.gauss_newton import continue_windows
+from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import refine
-from fitting.estimate.uncertainty import lag_one
 from fitting.estimate.windows import Windows
 
 #: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.

@@ -17,21 +17,15 @@ from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
 from fitting.calibration.freeing import doubts, free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
-from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
 from fitting.calibration.summary import summarise
 from fitting.calibration.wrong_files import SUSPECT, name_wrong_file
 from fitting.estimate.loss import loss_of
-from fitting.estimate.nuts import nuts
-from fitting.estimate.posterior import importance
-from fitting.estimate.profile import profile as profiled
-from fitting.estimate.uncertainty import bootstrap as resampled
-from fitting.parameters.naming import full_names
+from fitting.estimate.scene_fit import Intervals
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 from fitting.traces.trace import convention
 
 METHODS = ("windows", "shooting", "gradient")
-SAMPLERS = {"importance": importance, "nuts": nuts}
 #: Candidates that are named in the warnings.
 NAMED_CANDIDATES = 3
 
@@ -118,10 +112,7 @@ def fit(
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
         descent_of(settings)  # refuses settings before anything is compiled
-    if bootstrap < 0 or bootstrap == 1:
-        raise SceneError(f"bootstrap: {bootstrap} draws tell no spread; allowed: 0 or at least 2")
-    if sampler not in SAMPLERS:
-        raise SceneError(f"sampler: {sampler!r} is unknown; {nearest(sampler, SAMPLERS)}")
+    asked = Intervals(profile, bootstrap, posterior, sampler)
     progress = progress or silent
     begun = time.perf_counter()
     prepared = prepare(
@@ -141,7 +132,7 @@ def fit(
         integrator=integrator,
         progress=progress,
     )
-    asked = profile_names(prepared, profile)
+    asked.profile_names(prepared.scene, prepared.parameters)  # refuses names before anything is fitted
     loss = loss_of(huber, student)
     sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
     if method == "gradient" and not auto_free:  # the descent is its own: of the other fit it has the windows alone
@@ -172,37 +163,9 @@ def fit(
         result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
     result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
-    for name in asked:
-        progress(0.96, f"profile of {name}")
-        index = [p.name for p in result.parameters].index(name)
-        result.profiles.append(profiled(solution, name, float(result.uncertainty.std_error[index])))
-    if bootstrap:
-        drawn = resampled(solution, bootstrap)
-        result.bootstrap = drawn.draws
-        result.warnings += [drawn.warning] if drawn.warning else []
-    if posterior and solution.status == "ok":
-        result.posterior = SAMPLERS[sampler](solution, posterior, progress=progress)
-        result.warnings += result.posterior.warnings
+    asked.add_to(result, progress)
     if compare_models:
         result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
         result.seconds["run"] = time.perf_counter() - prepared.begun - result.seconds["compile"]
     progress(1.0, result.status)
     return result
-
-
-def profile_names(prepared: Prepared, wanted: Sequence[str] | bool) -> list[str]:
-    """Free parameters whose profile is wanted, by their names or those of their fields.
-
-    Raises:
-        SceneError: one that is not free.
-    """
-    known = [p.name for p in prepared.parameters]
-    if isinstance(wanted, bool):
-        return known if wanted else []
-    found = []
-    for name in full_names(prepared.scene, wanted, "profile"):
-        mine = [p for p in known if p == name or p.startswith(name + ".")]
-        if not mine:
-            raise SceneError(f"profile: {name!r} is not a free parameter; {nearest(name, known)}")
-        found += mine
-    return list(dict.fromkeys(found))

@@ -25,9 +25,9 @@ from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
+from fitting.estimate.noise import log_volume
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.whitening import log_volume
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.place import LOST, LostPlace

@@ -60,9 +60,17 @@ class Prepared:
 
     def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
         """What there is to minimise."""
-        given = {"known": self.known, "rest": self.rest, "descent": self.descent}
-        noise = self.noise or self.first_noise
-        return Problem(self.simulator, self.first_windows, self.parameters, loss, frozen, noise, **given)
+        return Problem(
+            simulator=self.simulator,
+            windows=self.first_windows,
+            parameters=self.parameters,
+            loss=loss,
+            frozen=frozen,
+            noise=self.noise or self.first_noise,
+            known=self.known,
+            rest=self.rest,
+            descent=self.descent,
+        )
 
     @property
     def first_windows(self) -> Windows:

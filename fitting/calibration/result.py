@@ -8,16 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.json_values import jsonable
-from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law import Law
-from fitting.estimate.posterior import Posterior
 from fitting.estimate.problem import Solution
-from fitting.estimate.profile import Profile
-from fitting.estimate.uncertainty import Uncertainty
+from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.windows import Windows
-from fitting.parameters.parameter import Parameter
 from fitting.traces.trace import Trace
 
 if TYPE_CHECKING:
@@ -77,20 +73,16 @@ class EnergyCheck:
         return f"{self.text}: {abs(self.off):.1f} combined errors from 1, the law or the rig's numbers are wrong"
 
 
-@dataclass
-class FitResult:
-    """A calibrated model.
+@dataclass(kw_only=True)
+class FitResult(SceneFit):
+    """A calibrated model: what every fit has (`SceneFit`), and what windows of traces add.
 
     Attributes:
-        uncertainty: errors of the estimates.
         noise: estimated deviation of the noise [rad].
         chi2_per_dof: against the noise the traces (or their standard errors) claim.
         held_out: error on stretches that were not fitted.
         comparison: rows of the model comparison, or empty.
         seconds: compile and run time.
-        profiles: profile likelihoods that were asked for.
-        bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
-        posterior: weighted draws of the parameters, where asked for.
         advice: what else may be wrong, where asked for, the largest gain first.
         freed: candidates that were freed for their gain, in their order.
         left_out: (run, from, to) [s] of windows that were not fitted since no start explains them.
@@ -98,36 +90,19 @@ class FitResult:
         energy: the measured loss of energy against the fitted law's, where a report was written (`energy`).
     """
 
-    scene: Scene
     method: str
-    uncertainty: Uncertainty
     noise: float
     chi2_per_dof: float
     seconds: dict[str, float]
-    solution: Solution
     traces: list[Trace]
     lyapunov: float
     held_out: list[HeldOut] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
     comparison: list[Law] = field(default_factory=list)
-    profiles: list[Profile] = field(default_factory=list)
-    bootstrap: np.ndarray | None = None
-    posterior: Posterior | None = None
     energy: EnergyCheck | None = None
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
     wrong_file: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """What was free."""
-        return self.solution.problem.parameters
-
-    @property
-    def values(self) -> np.ndarray:
-        """The estimates (k,)."""
-        return self.solution.values
 
     @property
     def status(self) -> str:
@@ -176,16 +151,6 @@ class FitResult:
         return "; ".join(filter(None, found))
 
     @property
-    def outcome(self) -> str:
-        """Status and message in one line."""
-        return f"{self.status}: {self.message}" if self.message else self.status
-
-    @property
-    def iterations(self) -> int:
-        """Evaluations made."""
-        return self.solution.iterations
-
-    @property
     def windows(self) -> Windows:
         return self.solution.windows
 
@@ -199,19 +164,14 @@ class FitResult:
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; of others nothing."""
         if self.method != "gradient":
             return []
-        per_sample = 2 / max(self.windows.samples, 1)
         return [
             {
-                "loss": point.get("loss", per_sample * point["cost"]),
+                "loss": point["loss"],
                 "values": point["values"],
                 "gap_weight": point.get("gap_weight"),
             }
             for point in self.solution.history
         ]
-
-    def __getitem__(self, name: str) -> float:
-        """The estimate of a parameter by its path."""
-        return float(self.values[[p.name for p in self.parameters].index(name)])
 
     @property
     def model(self) -> Model:
@@ -221,22 +181,11 @@ class FitResult:
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; what is not finite is None."""
         u = self.uncertainty
-        rows = zip(self.parameters, self.values, u.std_error, u.low, u.high, u.at_bound, strict=True)
         found = {
             "schema": SCHEMA,
             "status": self.status,
             "method": self.method,
-            "parameters": {
-                p.name: {
-                    "value": v,
-                    "std_error": s,
-                    "low": a,
-                    "high": b,
-                    "at_bound": c,
-                    "unit": p.unit,
-                }
-                for p, v, s, a, b, c in rows
-            },
+            "parameters": self.estimates(),
             "correlation": u.correlation,
             "rms_rad": self.rms,
             "held_out_rms_rad": [h.rms for h in self.held_out],
@@ -247,24 +196,15 @@ class FitResult:
             "window_s": self.windows.length,
             "shortest_window_s": float(self.windows.lengths.min()),
             "step_s": self.windows.dt / self.windows.substeps,
-            "step_bias_std_errors": self.solution.step_bias,
+            "step_bias_std_errors": self.step_bias,
             "gap_weight": self.solution.gap_weight,
             "blocks": u.blocks,
             "lyapunov_per_s": self.lyapunov,
             "warnings": self.warnings,
         }
-        found["noise"] = self.noise_table()
+        found |= {"noise": self.noise_table(), **self.intervals()}
         if self.descent:
             found["descent"] = self.descent
-        if self.profiles:
-            found["profile"] = {
-                p.name: {"low": p.low, "high": p.high, "values": p.values, "growth": p.growth, "converged": p.converged}
-                for p in self.profiles
-            }
-        if self.bootstrap is not None:
-            found["bootstrap"] = self.bootstrap_table()
-        if self.posterior is not None:
-            found["posterior"] = self.posterior.to_json()
         if self.energy is not None:
             found["energy"] = {"slope": self.energy.slope, "std_error": self.energy.error}
         if self.advice or self.freed:
@@ -326,13 +266,3 @@ class FitResult:
         if noise is not None and noise.kind == "jitter":
             found["delay_s"] = noise.delay
         return found
-
-    def bootstrap_table(self) -> dict[str, dict[str, float]]:
-        """Standard deviation and 90 % quantiles of the resampled parameters."""
-        draws = self.bootstrap
-        low, high = np.quantile(draws, [0.05, 0.95], axis=0)
-        spread = draws.std(axis=0, ddof=1)
-        return {
-            p.name: {"std_error": s, "low": a, "high": b}
-            for p, s, a, b in zip(self.parameters, spread, low, high, strict=True)
-        }

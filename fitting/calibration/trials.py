@@ -27,11 +27,11 @@ from fitting.calibration.spans import fitted_parts
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.lyapunov import LONGEST
-from fitting.estimate.noise import Noise
+from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.own_noise import memory_of
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.uncertainty import degrees_of_freedom, lag_one
+from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve

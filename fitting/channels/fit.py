@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,23 @@ from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.channels.between import between
 from fitting.channels.data import Data
-from fitting.channels.descent import stand
 from fitting.channels.errors import errors_of
+from fitting.channels.noise import Evaluation, first_noise, scale_of, told
 from fitting.channels.pose import pose
+from fitting.channels.problem import MOST_HALVED, Problem
 from fitting.channels.result import ChannelFit
-from fitting.channels.settling import first_point, growth, refine, settle_noise
-from fitting.estimate.loss import begun_with, loss_of
-from fitting.estimate.refinement import LARGEST_BIAS
+from fitting.estimate.gauss_newton import continue_windows, first_solution
+from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with, loss_of
+from fitting.estimate.own_noise import ROUNDS, fit_with_noise, posed
+from fitting.estimate.problem import Solution
+from fitting.estimate.refinement import LARGEST_BIAS, refine
+from fitting.estimate.scene_fit import Intervals
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 
 #: Growth of the derivatives from the middle of a run to its end above which it is called chaotic.
 CHAOTIC = 10.0
+#: Growth of derivatives above which the step is taken to be too long.
+UNSTABLE = 1e3
 
 
 def fit_channels(
@@ -43,6 +50,9 @@ def fit_channels(
     student: bool = False,
     iterations: int = 40,
     check_step: bool = True,
+    profile: Sequence[str] | bool = False,
+    bootstrap: int = 0,
+    posterior: int = 0,
     progress: Progress | None = None,
 ) -> ChannelFit:
     """Fit parameters of any scene to named channels: one uninterrupted run of each data file, from the scene's start.
@@ -62,6 +72,7 @@ def fit_channels(
         huber, student: robust losses, as `fit`.
         iterations: most evaluations of each descent.
         check_step: whether half the step is tried, to tell (and mend) how far the step moves the estimates.
+        profile, bootstrap, posterior: intervals by these too, as `fit`.
         progress: called with (fraction, text).
 
     Raises:
@@ -70,24 +81,26 @@ def fit_channels(
     begun, progress = time.perf_counter(), progress or silent
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is none; allowed: at least 1")
+    asked = Intervals(profile, bootstrap, posterior)
     scene = load_scene(scene)
     changed = {"run.dt": dt, "run.integrator": integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
+    asked.profile_names(scene, problem.parameters)  # refuses names before anything is run
     loss = loss_of(huber, student)
     progress(0.0, "first run")
     point = first_point(problem, begun_with(loss))
     point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))
-    if point.status == "ok" and point.loss != loss:
-        again = stand(point.problem, point.values, point.evaluation, point.noise, point.scales, loss)
-        again.iterations = point.iterations
-        point = settle_noise(again, iterations, progress)
-    bias = None
+    if point.status == "ok" and point.problem.loss != loss:
+        point = settle_noise(posed(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress)
     if check_step and point.status == "ok":
-        point, bias = refine(point, iterations, lambda share, text: progress(0.7 + 0.25 * share, text))
-    result = ChannelFit(scene, point, errors_of(point), bias)
+        say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
+        again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
+        point = refine(point, say, again, sure=0.0)  # saved states between which cubics go are as far apart as before
+    result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
     result.between = over_runs(result, own)
     result.warnings = warnings_of(result)
+    asked.add_to(result, progress)
     result.seconds = time.perf_counter() - begun
     progress(1.0, result.status)
     return result
@@ -95,7 +108,7 @@ def fit_channels(
 
 def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
     """Mean and spread of every parameter that runs have for themselves."""
-    problem = result.point.problem
+    problem = result.solution.problem
     runs = [run.name for run in problem.data.runs]
     names = [p.name for p in problem.parameters]
     stems = dict.fromkeys(n.rsplit("@", 1)[0] for n in names if "@" in n) if own else {}
@@ -108,7 +121,7 @@ def over_runs(result: ChannelFit, own: Sequence[str]) -> tuple[Any, ...]:
 
 def warnings_of(result: ChannelFit) -> list[str]:
     """What to beware of, one line each."""
-    found, point, e = [], result.point, result.errors
+    found, point, e = [], result.solution, result.errors
     for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
         if kind == "no":
             found.append(f"{p.name}: not determined: {why}")
@@ -122,7 +135,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
         if claimed is not None and not 0.5 < told_ / claimed < 2:
             found.append(f"channel {row['name']}: residuals are {told_ / claimed:.2g} times the noise of its sensor")
     if e.blocks:
-        worst = point.problem.data.sensors[int(np.abs(e.correlation).argmax())].channel.name
+        worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
         found.append(f"channel {worst}: residuals are no noise; errors come from {e.blocks} blocks of time")
     grown = growth(point.evaluation)
     if grown > CHAOTIC:
@@ -131,3 +144,88 @@ def warnings_of(result: ChannelFit) -> list[str]:
     if bias is not None and bias > LARGEST_BIAS:
         found.append(f"the step of {point.problem.dt:g} s moves the estimates by {bias:.2g} standard errors; take less")
     return found
+
+
+def scales_of(problem: Problem, e: Evaluation) -> tuple[tuple[np.ndarray, ...], ...]:
+    """By what the channels' sizes of noise count."""
+    return tuple(
+        tuple(scale_of(s, shown) for s, shown in zip(problem.data.sensors, run, strict=True)) for run in e.shown
+    )
+
+
+def floors_of(problem: Problem) -> np.ndarray:
+    """Least noise of each channel (c,) that is believed: its sensor's rounding, `resolution/sqrt(12)`."""
+    fit = problem.scenes[0].fit
+    found = []
+    for sensor in problem.data.sensors:
+        least = 0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
+        found.append(max(least, 1e-15))
+    return np.array(found)
+
+
+def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
+    """Where the fit starts.
+
+    Raises:
+        SceneError: the start values' run does not solve, also with steps that are halved where they resist.
+    """
+    values = problem.values
+    e = problem.evaluate(values)
+    if e.failed and not e.unstable:
+        problem = replace(problem, retries=True)
+        e = problem.evaluate(values)
+    # a step may leave ringing that stays small, of which the derivatives are a chaotic motion's
+    while (e.unstable or not e.failed) and growth(e) > UNSTABLE and problem.halved < MOST_HALVED:
+        problem = problem.finer()
+        e = problem.evaluate(values)
+    if e.failed:
+        hint = ", --integrator generalized_alpha (which lets stiff lines not ring)" if e.unstable else ""
+        raise SceneError(
+            f"start: the run at the start values fails, {e.failed}; allowed: a smaller --dt{hint}, other values"
+        )
+    noise = first_noise(problem.data, floors_of(problem))
+    problem = replace(problem, loss=loss, noise=noise, scales=scales_of(problem, e))
+    return first_solution(problem, values, problem.with_rows(e))
+
+
+def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
+    """Fit and noise at their common fixed point."""
+    floors, turn = floors_of(point.problem), 0
+
+    def descend(point: Solution) -> Solution:
+        nonlocal turn
+        say = lambda share, text, turn=turn: progress((turn + share) / (ROUNDS + 2), text)  # noqa: E731
+        turn += 1
+        return continue_windows(point, iterations, say)
+
+    def estimate_noise(point: Solution) -> tuple[Solution, float]:
+        problem, e, free = point.problem, point.evaluation, ~point.problem.held
+        seen = e._replace(slopes=tuple(tuple(s[..., free] for s in run) for run in e.slopes))
+        scales, information = scales_of(problem, e), point.information[np.ix_(free, free)]
+        noise = told(problem.data, seen, problem.noise, scales, information, floors, problem.loss)
+        problem = replace(problem, noise=noise, scales=scales)
+        return posed(point, problem, problem.with_rows(e)), noise.apart(point.problem.noise)
+
+    found = descend(point)
+    found.iterations += point.iterations
+    if found.status != "ok":
+        return estimate_noise(found)[0]
+    # sizes of several channels that are 3 % off move estimates by 0.02 standard errors against each other
+    found = fit_with_noise(found, estimate_noise, descend, same=0.01)
+    ended = descend(found)  # nothing where the last noise moves no parameter
+    ended.iterations += found.iterations
+    return ended
+
+
+def growth(e: Evaluation) -> float:
+    """How much larger derivatives are in the last fifth of the samples than in the middle one; inf where not finite."""
+    most = 0.0
+    for run in e.slopes:
+        for slopes in run:
+            if not np.isfinite(slopes).all():
+                return np.inf
+            n = len(slopes)
+            ends = (slice(2 * n // 5, 3 * n // 5), slice(4 * n // 5, n))
+            middle, last = (np.abs(slopes[part]).max(axis=(0, 1), initial=0.0) for part in ends)
+            most = max(most, float((last[middle > 0] / middle[middle > 0]).max(initial=0.0)))
+    return most

@@ -6,8 +6,8 @@ and `.rate`. `measured(t) = offset + gain * true(rate t - delay of the camera - 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -220,45 +220,3 @@ def put(setup: Setup, p: Parameter, value: Any) -> Setup:
     new = jnp.asarray(old).at[where.entry].set(value)
     items[where.index] = items[where.index]._replace(**{field: new})
     return setup._replace(**{where.section: tuple(items)})
-
-
-def adjusted(
-    parameters: Sequence[Parameter],
-    start: Mapping[str, float],
-    bounds: Mapping[str, tuple[float | None, float | None]],
-    priors: Mapping[str, tuple[float, float]],
-    name_of: Callable[[str], str],
-) -> tuple[Parameter, ...]:
-    """The parameters with what the caller says of them by (short) name.
-
-    Raises:
-        SceneError: a name that is not free, bounds without room, a start outside of them, a prior without width.
-    """
-    known = [p.name for p in parameters]
-    found = list(parameters)
-    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
-        for name, value in given.items():
-            full = name if name in known else name_of(name)
-            mine = [i for i, p in enumerate(known) if p == full or p.startswith(full + ".")]
-            if not mine:
-                raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
-            for i in mine:
-                found[i] = _said(found[i], which, value)
-    for p in found:
-        if not p.low <= p.value <= p.high:
-            raise SceneError(f"start: {p.name} = {p.value:g} is out of bounds; allowed: {p.low:g} to {p.high:g}")
-    return tuple(found)
-
-
-def _said(p: Parameter, which: str, value: Any) -> Parameter:
-    if which == "start":
-        return replace(p, value=float(value))
-    if which == "prior":
-        if not (0 < value[1] < np.inf and np.isfinite(value[0])):
-            raise SceneError(f"prior: {p.name!r} has standard deviation {value[1]:g}; allowed: > 0")
-        return replace(p, prior=(float(value[0]), float(value[1])))
-    low = p.low if value[0] is None else value[0]
-    high = p.high if value[1] is None else value[1]
-    if not low <= high:
-        raise SceneError(f"bounds: {p.name!r} has no room between {low:g} and {high:g}; allowed: low <= high")
-    return replace(p, low=low, high=high, value=min(max(p.value, low), high))

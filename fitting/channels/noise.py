@@ -14,34 +14,38 @@ A misfit of the model is no noise: no memory leaves it white, and standard error
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import comb
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from dropper_jax.model import State
 from fitting.channels.data import Data, Sensor
-from fitting.channels.problem import Evaluation
+from fitting.estimate import noise as noise_model
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
+from fitting.estimate.sandwich import hat_diagonal
+from fitting.traces.trace import noise_by_differences
 
-#: Correlation of neighbours that counts as one: so many of its standard errors, and at least this large.
-CORRELATED, CORRELATION_FLOOR = 5.0, 0.1
-#: Largest correlation of neighbouring innovations of noise that is what it is taken for.
-WHITE = 0.15
 #: Least size of a sensor's relative noise, as a share of the channel's root mean square: a reading of 0 is not exact.
 RELATIVE_FLOOR = 0.05
-ORDERS = (2, 3, 4, 5, 6)
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Sizes (c,) [SI, or shares of the value where relative] and memories (c,) [1/s] of the channels; 0: none."""
+    """Sizes (c,) [SI, or shares of the value where relative] of the channels, and rates at which their noises forget
+    themselves (c,) [1/s], infinite where they are white."""
 
     size: np.ndarray
     decay: np.ndarray
 
     def kept(self, interval: np.ndarray) -> np.ndarray:
         """Share of a sample's noise in the next one (c,)."""
-        return np.where(self.decay > 0, np.exp(-self.decay * interval), 0.0)
+        return np.exp(-self.decay * interval)
+
+    def apart(self, other: Noise) -> float:
+        """Largest relative difference of two noises' sizes; infinite where one remembers and the other does not."""
+        same = np.array_equal(np.isfinite(self.decay), np.isfinite(other.decay))
+        return float(np.abs(np.log(self.size / other.size)).max()) if same else np.inf
 
 
 @dataclass(frozen=True)
@@ -58,24 +62,51 @@ class Rows:
     raw: np.ndarray
 
 
+class Evaluation(NamedTuple):
+    """Of every run and channel (k, m): what was to be seen [SI], and its derivatives by all parameters (k, m, p).
+
+    `near` are the runs' starts, next to which the next ones are looked for; `failed` names a step that did not solve,
+    or, where `unstable`, derivatives that grew out of all numbers. `rows` are residuals in units of the noise, where
+    that is known.
+    """
+
+    shown: tuple[tuple[np.ndarray, ...], ...]
+    slopes: tuple[tuple[np.ndarray, ...], ...]
+    near: tuple[State, ...]
+    failed: str = ""
+    unstable: bool = False
+    rows: Rows | None = None
+
+    @property
+    def starts(self) -> tuple[State, ...]:
+        """The runs' starts."""
+        return self.near
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(1, N, 1), infinite where a run failed."""
+        return np.full((1, 1, 1), np.inf) if self.rows is None else self.rows.residual[None, :, None]
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(1, N, 1, p)."""
+        return self.rows.jacobian[None, :, None]
+
+
 def first_noise(data: Data, floors: np.ndarray) -> Noise:
     """What the data's file says of each channel, else what differences of high order say."""
     sizes = [s.noise if s.noise is not None else _told(data, c) for c, s in enumerate(data.sensors)]
-    return Noise(np.maximum(sizes, floors), np.zeros(len(sizes)))
+    return Noise(np.maximum(sizes, floors), np.full(len(sizes), np.inf))
 
 
 def _told(data: Data, channel: int) -> float:
-    """Deviation of white noise on a smooth motion: the least over orders of differences (see `traces.noise`)."""
-    found = np.inf
-    columns = [column for run in data.runs for column in run.values[channel].T]
-    for order in ORDERS:
-        d = np.concatenate([np.diff(column, order) for column in columns])
-        d = d[np.isfinite(d)]
-        if len(d) >= 10:
-            found = min(found, 1.4826 * float(np.median(np.abs(d))) / np.sqrt(comb(2 * order, order)))
-    spread = max(float(np.nanstd(column)) for column in columns)
-    level = max(float(np.nanmax(np.abs(column))) for column in columns)
-    return max(found, 1e-6 * level, 1e-12) if np.isfinite(found) else max(0.1 * spread, 1e-6 * level, 1e-12)
+    """Deviation of white noise on a smooth motion, by differences of high order."""
+    values = [run.values[channel] for run in data.runs]
+    sizes = np.concatenate([noise_by_differences(y) for y in values])
+    level = max(float(np.nanmax(np.abs(y))) for y in values)
+    spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
+    found = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.1 * spread
+    return max(found, 1e-6 * level, 1e-12)
 
 
 def scale_of(sensor: Sensor, shown: np.ndarray) -> np.ndarray:
@@ -100,14 +131,10 @@ def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndar
                 t = run.t[c][known]
                 r = (residual[:, j] / size[:, j])[known]
                 x = (e.slopes[number][c][:, j] / size[:, j, None])[known]
-                raw = r
-                if noise.decay[c] > 0:
-                    phi = np.exp(-noise.decay[c] * np.diff(t))
-                    root = np.sqrt(1 - phi**2)
-                    r = np.concatenate([r[:1], (r[1:] - phi * r[:-1]) / root])
-                    x = np.concatenate([x[:1], (x[1:] - phi[:, None] * x[:-1]) / root[:, None]])
+                phi = np.exp(-noise.decay[c] * np.diff(t))
                 of_channel, of_run, of_column = (np.full(len(t), value) for value in (c, number, column))
-                parts.append((r, x, of_channel, of_run, t, of_column, raw))
+                white = noise_model.innovations(r, phi), noise_model.innovations(x, phi)
+                parts.append((*white, of_channel, of_run, t, of_column, r))
                 column += 1
     return Rows(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -115,19 +142,8 @@ def rows_of(data: Data, e: Evaluation, noise: Noise, scales: tuple[tuple[np.ndar
 def lag_one(rows: Rows, channel: int, residual: np.ndarray) -> tuple[float, float]:
     """Correlation of neighbouring residuals of a channel, and its standard error for white noise."""
     mine = rows.channel == channel
-    r, column = residual[mine], rows.column[mine]
-    both = column[1:] == column[:-1]
-    size = max(float(np.mean(r**2)), 1e-300)
-    return float(np.mean((r[1:] * r[:-1])[both]) / size) if both.any() else 0.0, 1 / np.sqrt(max(both.sum(), 1))
-
-
-def leverage(rows: Rows, weights: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """How many samples of each channel the fit has used up (c,)."""
-    root = np.sqrt(weights)[:, None] * rows.jacobian
-    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information * np.outer(size, size), hermitian=True) * np.outer(size, size)
-    each = np.einsum("np,pq,nq->n", root, inverse, root, optimize=True)
-    return np.bincount(rows.channel, each, minlength=int(rows.channel.max()) + 1)
+    r, follows = residual[mine][None, :, None], (np.diff(rows.column[mine]) == 0)[None, :, None]
+    return noise_model.lag_one(r, np.ones_like(r, bool), follows)
 
 
 def _size_of(r: np.ndarray, loss: Loss) -> float:
@@ -156,15 +172,15 @@ def told(
     """The noise that the residuals of a fit tell, from the noise it was made with."""
     rows = rows_of(data, e, noise, scales)
     weights = loss.weights(rows.residual)
-    used = leverage(rows, weights, information)
+    used = np.bincount(rows.channel, hat_diagonal(np.sqrt(weights)[:, None] * rows.jacobian, information))
     size, decay = noise.size.copy(), noise.decay.copy()
     for c in range(len(size)):
         mine = rows.channel == c
         rho, sure = lag_one(rows, c, rows.raw)
-        decay[c] = 0.0
+        decay[c] = np.inf
         r, left = rows.raw[mine], max(mine.sum() - used[c], 1.0)
         total = _size_of(r, loss)
-        if rho > max(CORRELATED * sure, CORRELATION_FLOOR):
+        if noise_model.correlates(rho, sure):
             found = _memory(rows, c)
             if found is not None:
                 decay[c], total = found
@@ -176,22 +192,16 @@ def _memory(rows: Rows, channel: int) -> tuple[float, float] | None:
     """Memory [1/s] and sum of the squared innovations of a channel; None where it leaves no white noise."""
     mine = rows.channel == channel
     r, t, column = rows.raw[mine], rows.t[mine], rows.column[mine]
-    new = np.concatenate([[True], column[1:] != column[:-1]])
-    apart = np.where(new[1:], np.inf, np.diff(t))
-
-    def innovations(decay: float) -> tuple[np.ndarray, np.ndarray]:
-        phi = np.where(np.isfinite(apart), np.exp(-decay * np.where(np.isfinite(apart), apart, 0.0)), 0.0)
-        root = np.sqrt(1 - phi**2)
-        return np.concatenate([r[:1], (r[1:] - phi * r[:-1]) / root]), root
+    follows = column[1:] == column[:-1]
+    apart = np.where(follows, np.diff(t), np.inf)
 
     def cost(log: float) -> float:
-        u, root = innovations(np.exp(log))
-        return len(u) * np.log(np.mean(u**2)) + 2 * float(np.sum(np.log(root)))
+        phi = np.exp(-np.exp(log) * apart)
+        return len(r) * np.log(np.mean(noise_model.innovations(r, phi) ** 2)) + float(np.sum(np.log(1 - phi**2)))
 
-    interval = float(np.median(np.diff(t)[~new[1:]]))
+    interval = float(np.median(apart[follows]))
     ends = np.log(-np.log(0.995) / interval), np.log(-np.log(0.02) / interval)
     decay = float(np.exp(minimize_scalar(cost, bounds=ends, method="bounded").x))
-    u, _ = innovations(decay)
-    both = ~new[1:]
-    left = float(np.mean((u[1:] * u[:-1])[both]) / max(np.mean(u**2), 1e-300))
-    return (decay, float(u @ u)) if abs(left) < WHITE else None
+    u = noise_model.innovations(r, np.exp(-decay * apart))
+    left, _ = noise_model.lag_one(u[None, :, None], np.ones((1, len(u), 1), bool), follows[None, :, None])
+    return (decay, float(u @ u)) if abs(left) < noise_model.WHITE else None

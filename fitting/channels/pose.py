@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from fitting.channels.data import Data
-from fitting.channels.free import adjusted, find_free
+from fitting.channels.free import find_free
 from fitting.channels.problem import Problem, first_near
 from fitting.channels.reading import read_data
 from fitting.parameters.naming import default_free, full_names
-from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, with_effects
+from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.priors import rig_priors
+
+#: Sections of paths that are not of the scene's model.
+OF_DATA = ("start", "channel", "camera")
 
 
 def pose(
@@ -37,7 +40,7 @@ def pose(
     """
     names = [name.strip() for name in (default_free(scene) if free is None else free)]
     mine = [name.strip() for name in own]
-    known = [n for n in [*names, *mine] if n.split(".")[0] not in ("start", "channel", "camera")]
+    known = [n for n in [*names, *mine] if n.split(".")[0] not in OF_DATA]
     scene = with_effects(scene, full_names(scene, known)) if known else scene
     data = source if isinstance(source, Data) else read_data(source, scene)
     if mine and len(data.runs) < 2:
@@ -51,7 +54,6 @@ def pose(
     if len({(s.run.dt, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
         raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together; allowed: one [run]")
     _check_program(scenes, data)
-    full = lambda name: full_names(scenes[0], [name])[0]  # noqa: E731
     shared = find_free(scenes[0], data, [n for n in names if n not in mine])
     split = find_free(scenes[0], data, mine, "own")
     for p in split:
@@ -60,25 +62,36 @@ def pose(
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
     parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
-    parameters = list(adjusted(parameters, *(_of(given, shared, full) for given in (start, bounds, priors)), full))
-    split = adjusted(split, *(_of(given, split, full) for given in (start, bounds, priors)), full)
-    _all_known(start, bounds, priors, [*shared, *split], full)
+    given = (("start", start), ("bounds", bounds), ("prior", priors))
+    by_path = [{_path(scenes[0], name, which): v for name, v in one.items()} for which, one in given]
+    every = adjust_parameters([*parameters, *split], *by_path, wider=True)
+    parameters, split = list(every[: len(shared)]), every[len(shared) :]
     plain, of_run = [], []
     for run in data.runs:
         first = len(parameters)
         parameters += [replace(p, name=f"{p.name}@{run.name}") for p in split]
         plain.append((*shared, *split))
         of_run.append((*range(len(shared)), *range(first, first + len(split))))
-    for p in parameters:
-        if not p.low <= p.value <= p.high:
-            raise SceneError(f"start: {p.name} = {p.value:g} is out of bounds; allowed: {p.low:g} to {p.high:g}")
     if split:  # priors of several are of the shared alone
         wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
         together = tuple(replace(c, share=wide(c.share)) for c in known_together.common)
         massive = None if known_together.massive is None else wide(known_together.massive)
         known_together = replace(known_together, common=together, massive=massive)
     near = tuple(first_near(s) for s in scenes)
-    return Problem(data, tuple(scenes), tuple(parameters), tuple(of_run), tuple(plain), near, known=known_together)
+    return Problem(
+        data=data,
+        scenes=tuple(scenes),
+        parameters=tuple(parameters),
+        of_run=tuple(of_run),
+        plain=tuple(plain),
+        near=near,
+        known=known_together,
+    )
+
+
+def _path(scene: Scene, name: str, option: str) -> str:
+    """The path of a name that may be short."""
+    return name if name.split(".")[0] in OF_DATA else full_names(scene, [name], option)[0]
 
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:
@@ -88,24 +101,3 @@ def _check_program(scenes: Sequence[Scene], data: Data) -> None:
         last = max(float(t[-1]) for t in run.t)
         if last <= 2 * spacing:
             raise SceneError(f"run {run.name!r}: ends at {last:g} s; allowed: more than 2 saved steps of {spacing:g} s")
-
-
-def _of(given: Mapping[str, Any], parameters: Sequence[Parameter], full: Any) -> dict[str, Any]:
-    """What is given by name of these parameters."""
-    known = [p.name for p in parameters]
-    found = {}
-    for name, value in given.items():
-        if any(p == name or p.startswith(name + ".") for p in known):
-            found[name] = value
-        elif name.split(".")[0] not in ("start", "channel", "camera"):
-            long = full(name)
-            if any(p == long or p.startswith(long + ".") for p in known):
-                found[long] = value
-    return found
-
-
-def _all_known(start: StartValues, bounds: Bounds, priors: Priors, parameters: Sequence[Parameter], full: Any) -> None:
-    for which, given in (("start", start), ("bounds", bounds), ("prior", priors)):
-        for name in given:
-            if not _of({name: 0}, parameters, full):
-                raise SceneError(f"{which}: {name!r} is not free; {nearest(name, [p.name for p in parameters])}")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -19,32 +19,56 @@ from dropper_jax.stepping.stepper import Stepper
 from fitting.channels.data import Data
 from fitting.channels.free import SetupPlace, placed
 from fitting.channels.motion import Plan, differentiated
+from fitting.channels.noise import Evaluation, Noise, lag_one, rows_of
+from fitting.estimate.noise import correlates
+from fitting.estimate.problem import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.priors import Known
 
 #: Saved states beyond the last sample, which cubics through four rows need.
 BEYOND = 3
 #: Largest derivative that can be squared and summed.
 LARGEST = 1e100
+#: Largest factor by which one step may change a number that keeps its sign.
+FACTOR = 3.0
+#: Most halvings of the step for its bias.
+MOST_HALVED = 2
 
 
-class Evaluation(NamedTuple):
-    """Of every run and channel (k, m): what was to be seen [SI], and its derivatives by all parameters (k, m, p).
+def room(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By how much one step may change the parameters (p,), both ways."""
+    low = np.array([p.low for p in problem.parameters]) - values
+    high = np.array([p.high for p in problem.parameters]) - values
+    for i, p in enumerate(problem.parameters):
+        if yields(p) and values[i] > 0:
+            ends = max(p.low, values[i] / FACTOR), min(p.high, values[i] * FACTOR)
+            low[i], high[i] = (values[i] * (1 - values[i] / end) for end in ends)
+        elif p.low >= 0 and values[i] > 0:
+            low[i] = max(low[i], (1 / FACTOR - 1) * values[i]) if p.low > 0 else low[i]
+            high[i] = min(high[i], (FACTOR - 1) * max(values[i], 0.1 * p.scale))
+    return low, high
 
-    `near` are the runs' starts, next to which the next ones are looked for; `failed` names a step that did not solve,
-    or, where `unstable`, derivatives that grew out of all numbers.
+
+def yields(p: Parameter) -> bool:
+    """Whether a motion follows the inverse of a parameter: an axial stiffness, by the stretch that it leaves."""
+    return p.name.split("@")[0].rstrip(".0123456789").endswith(".EA") and p.low >= 0
+
+
+def after(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The parameters after a step: `p + dp`, of stiffnesses the same of their inverse, `p/(1 - dp/p)`.
+
+    A stiffness that hardly shows is far off to first order: Newton's step from 1e8 N would end below zero, that of the
+    compliance ends where the stretch asks.
     """
+    found = values + step
+    for i, p in enumerate(problem.parameters):
+        if yields(p) and values[i] > 0:
+            found[i] = values[i] / (1 - step[i] / values[i])
+    return found
 
-    shown: tuple[tuple[np.ndarray, ...], ...]
-    slopes: tuple[tuple[np.ndarray, ...], ...]
-    near: tuple[State, ...]
-    failed: str = ""
-    unstable: bool = False
 
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is fitted.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem(Residuals):
+    """Whole runs and the channels that saw them: one block of residuals without unknowns of its own.
 
     Attributes:
         data: what was measured.
@@ -54,18 +78,23 @@ class Problem:
         near: a start of each run to look from.
         halved: how often the scene's step is halved.
         retries: whether steps that resist are halved and tried again.
-        known: what the rig knows of several parameters together.
+        noise: of the channels; None before the first run.
+        scales: by what their sizes count, by run and channel, held while the parameters move, or large values would be
+            shunned.
     """
+
+    freedoms: ClassVar[int] = 0
+    least_variance: ClassVar[float] = 1.0
 
     data: Data
     scenes: tuple[Scene, ...]
-    parameters: tuple[Parameter, ...]
     of_run: tuple[tuple[int, ...], ...]
     plain: tuple[tuple[Parameter, ...], ...]
     near: tuple[State, ...]
     halved: int = 0
     retries: bool = False
-    known: Known = field(default_factory=Known)
+    noise: Noise | None = None
+    scales: tuple[tuple[np.ndarray, ...], ...] = ()
 
     @property
     def dt(self) -> float:
@@ -73,9 +102,71 @@ class Problem:
         return self.scenes[0].run.dt * 0.5**self.halved
 
     @property
+    def samples(self) -> int:
+        """Measured values in all."""
+        return sum(int(np.isfinite(y).sum()) for run in self.data.runs for y in run.values)
+
+    @property
+    def sample_mask(self) -> np.ndarray:
+        """Everywhere: there are no rows of missing samples (1, N, 1)."""
+        return np.ones((1, self.samples, 1), bool)
+
+    @property
+    def order(self) -> int:
+        """Of the scene's scheme."""
+        return self.plan(0).stepper.integrator.order
+
+    @property
+    def finest(self) -> bool:
+        """Whether the step is halved more than `MOST_HALVED` times."""
+        return self.halved > MOST_HALVED
+
+    @property
     def held(self) -> np.ndarray:
-        """Which parameters have no room (p,)."""
-        return np.array([not p.low < p.high for p in self.parameters], bool)
+        """Which parameters are held, or have no room (p,)."""
+        return super().held | np.array([not p.low < p.high for p in self.parameters], bool)
+
+    def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much one step may change the parameters (p,), both ways: by a factor where they keep their sign."""
+        return tuple(np.where(self.held, 0.0, end) for end in room(self, values))
+
+    def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
+        """The parameters (p,) after a step."""
+        return np.clip(after(self, values, dp), *self.bounds(values))
+
+    def move_starts(self, starts: tuple[State, ...], values: np.ndarray, dz: np.ndarray) -> tuple[State, ...]:
+        """The runs' starts, which follow the parameters."""
+        return starts
+
+    def timing(self) -> Timing:
+        """When the samples of all channels were taken."""
+        ends = np.array([(min(t[0] for t in run.t), max(t[-1] for t in run.t)) for run in self.data.runs])
+        rows = [
+            (run.t[c][known], np.full(int(known.sum()), number))
+            for number, run in enumerate(self.data.runs)
+            for c, y in enumerate(run.values)
+            for known in np.isfinite(y).T
+        ]
+        t, run = (np.concatenate(part)[None] for part in zip(*rows, strict=True))
+        # the last sample belongs to the piece before it
+        duration = float(np.diff(ends).sum()) * (1 + 1e-6)
+        return Timing(t, run, np.ones_like(run, bool), ends[:, 0], duration, len(ends))
+
+    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
+        """Correlation of neighbours in each channel (c,); whether that of any is real."""
+        pull = (point.weights * point.evaluation.residual).ravel()
+        rho, sure = np.array([lag_one(point.evaluation.rows, c, pull) for c in range(len(self.data.sensors))]).T
+        return rho, correlates(np.abs(rho), sure)
+
+    def failure(self, evaluation: Evaluation) -> str:
+        """The step that did not solve."""
+        return evaluation.failed
+
+    def with_rows(self, e: Evaluation) -> Evaluation:
+        """The evaluation with its residuals in units of the noise."""
+        if e.failed or self.noise is None:
+            return e
+        return e._replace(rows=rows_of(self.data, e, self.noise, self.scales))
 
     @property
     def values(self) -> np.ndarray:
@@ -112,10 +203,10 @@ class Problem:
         spacing = self.scenes[0].run.dt * self.scenes[0].run.save_every
         return max(int(np.ceil(late / spacing - 1e-9)) + BEYOND, 5)
 
-    def evaluate(self, values: np.ndarray, near: Sequence[State] | None = None) -> Evaluation:
+    def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
         """What all runs show at these values (p,), with derivatives."""
-        near = self.near if near is None else near
-        shown, slopes, starts, failed, unstable = [], [], [], "", False
+        near = self.near if starts is None else starts
+        shown, slopes, begun, failed, unstable = [], [], [], "", False
         for run, scene in enumerate(self.scenes):
             mine = list(self.of_run[run])
             try:
@@ -134,8 +225,8 @@ class Problem:
             counts = [len(t) for t in self.data.runs[run].t]
             shown.append(tuple(np.asarray(y)[:n] for y, n in zip(seen, counts, strict=True)))
             slopes.append(tuple(self._spread(np.asarray(s)[:n], mine) for s, n in zip(slope, counts, strict=True)))
-            starts.append(start)
-        return Evaluation(tuple(shown), tuple(slopes), tuple(starts), failed, unstable)
+            begun.append(start)
+        return self.with_rows(Evaluation(tuple(shown), tuple(slopes), tuple(begun), failed, unstable))
 
     def _padded(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count."""

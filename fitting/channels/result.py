@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,72 +10,53 @@ import numpy as np
 from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.between import Between
-from fitting.channels.descent import Point
 from fitting.channels.errors import Errors
 from fitting.channels.free import placed
+from fitting.estimate.problem import Solution
+from fitting.estimate.scene_fit import SceneFit
 from fitting.parameters.fitted import fitted_scene
-from fitting.parameters.parameter import Parameter
+
+#: What is said of a parameter by how it is determined.
+VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "upper bound": "upper bound"}
 
 
-@dataclass
-class ChannelFit:
-    """A scene fitted to channels.
+@dataclass(kw_only=True)
+class ChannelFit(SceneFit):
+    """A scene fitted to channels: what every fit has (`SceneFit`), and what channels add.
 
     Attributes:
-        scene: as it was given.
-        point: where the fit ended.
-        errors: of the parameters.
-        step_bias: how far the step moves the estimates (p,) [standard errors]; None where it was not looked at.
         between: parameters that each run has for itself, over the runs.
         seconds: wall time.
     """
 
-    scene: Scene
-    point: Point
-    errors: Errors
-    step_bias: np.ndarray | None = None
+    uncertainty: Errors
     between: tuple[Between, ...] = ()
     seconds: float = 0.0
-    warnings: list[str] = field(default_factory=list)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """What was free."""
-        return self.point.problem.parameters
+    def errors(self) -> Errors:
+        """Of the parameters, with what determines them."""
+        return self.uncertainty
 
     @property
-    def values(self) -> np.ndarray:
-        """The estimates (p,)."""
-        return self.point.values
+    def point(self) -> Solution:
+        """`solution` by its former name."""
+        return self.solution
 
-    @property
-    def status(self) -> str:
-        """`ok` or `not_converged`."""
-        return self.point.status
-
-    @property
-    def message(self) -> str:
-        return self.point.message
-
-    @property
-    def outcome(self) -> str:
-        """Status and message in one line."""
-        return f"{self.status}: {self.message}" if self.message else self.status
-
-    def __getitem__(self, name: str) -> float:
-        """The estimate of a parameter by its path."""
-        return float(self.values[[p.name for p in self.parameters].index(name)])
+    def note(self, i: int) -> str:
+        """What is to be said of a parameter, by its number."""
+        return ", ".join(filter(None, (VERDICTS[self.errors.determined[i]], super().note(i))))
 
     def fitted_scene(self, run: int = 0) -> Scene:
         """The scene of a run with the fitted values in it; what runs have of their own is that run's."""
-        problem = self.point.problem
+        problem = self.solution.problem
         mine = list(problem.of_run[run])
         at = placed(problem.scenes[run], problem.data, problem.plain[run], self.values[mine])
         return fitted_scene(problem.scenes[run], at.setup.model, problem.plain[run], self.values[mine])
 
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, root mean square of the residuals, noise told, correlation left."""
-        point, found = self.point, []
+        point, found = self.solution, []
         for c, sensor in enumerate(point.problem.data.sensors):
             runs = zip(point.problem.data.runs, point.evaluation.shown, strict=True)
             off = np.concatenate([(shown[c] - run.values[c]).ravel() for run, shown in runs])
@@ -90,38 +71,27 @@ class ChannelFit:
                     "unit": sensor.channel.measures,
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
-                    "noise": float(point.noise.size[c]),
+                    "noise": float(point.problem.noise.size[c]),
                     "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
-                    "kept": float(point.noise.kept(np.full(len(point.noise.size), interval))[c]),
-                    "correlation": float(self.errors.correlation[c]),
+                    "kept": float(point.problem.noise.kept(np.full(len(point.problem.noise.size), interval))[c]),
+                    "correlation": float(self.errors.correlation_1[c]),
                 }
             )
         return found
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; what is not finite is None."""
-        e, names = self.errors, [s.channel.name for s in self.point.problem.data.sensors]
-        table = {}
-        for i, p in enumerate(self.parameters):
-            table[p.name] = {
-                "value": self.values[i],
-                "std_error": e.std_error[i],
-                "low": e.low[i],
-                "high": e.high[i],
-                "at_bound": bool(e.at_bound[i]),
-                "unit": p.unit,
-                "determined": e.determined[i],
-                "why": e.why[i],
-                "sensitivity": dict(zip(names, e.sensitivity[i], strict=True)),
-            }
-        size = np.where(e.std_error > 0, e.std_error, 1.0)
+        e, names = self.errors, [s.channel.name for s in self.solution.problem.data.sensors]
+        table = self.estimates()
+        for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):
+            row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}
         found = {
             "schema": SCHEMA,
             "status": self.status,
             "method": "channels",
             "parameters": table,
-            "correlation": e.covariance / np.outer(size, size),
+            "correlation": e.correlation,
             "channels": self.channels(),
             "between": {
                 b.name: {
@@ -135,12 +105,13 @@ class ChannelFit:
                 }
                 for b in self.between
             },
-            "iterations": self.point.iterations,
+            "iterations": self.iterations,
             "seconds": self.seconds,
-            "step_s": self.point.problem.dt,
+            "step_s": self.solution.problem.dt,
             "step_bias_std_errors": self.step_bias,
             "blocks": e.blocks,
             "warnings": self.warnings,
+            **self.intervals(),
         }
         if self.status != "ok":
             found["error"] = f"{self.status}: {self.message}"

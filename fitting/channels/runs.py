@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,13 +12,34 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, read_list, read_table, read_text
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
-from fitting.channels.columns import Columns, read_columns
 from fitting.channels.data import Run, Sensor
 from fitting.channels.entries import columns_of, name_of, number_of, unit_of
-from fitting.traces.csv_table import check_times
+from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 #: Fewest samples of a channel.
 FEWEST = 3
+
+
+class Columns(NamedTuple):
+    """Times (k,) [s] and columns (k,) by name."""
+
+    file: str
+    t: np.ndarray
+    values: dict[str, np.ndarray]
+
+
+def read_columns(path: Path) -> Columns:
+    """The columns of a CSV file; lines that begin with # are comments.
+
+    Raises:
+        SceneError: a file that cannot be read, no column t, a cell that is no number, times that do not increase.
+    """
+    table = read_csv(path, "t and those that the channels name")
+    refuse_twice(table.file, table.names)
+    values = dict(zip(table.names, table.numbers(), strict=True))
+    t = values.pop("t")
+    check_times(table.file, t)
+    return Columns(table.file, t, values)
 
 
 def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:

@@ -147,9 +147,7 @@ def run(args: argparse.Namespace) -> int:
         start=start,
         bounds=bounds,
         priors=priors,
-        profile=(args.profile.split(",") if args.profile else True) if args.profile is not None else False,
-        bootstrap=args.bootstrap or 0,
-        posterior=args.posterior or 0,
+        **intervals(args),
         sampler=args.sampler,
         until=args.until,
         held_out=spans,
@@ -192,12 +190,13 @@ OF_DESCENT = ("optimizer", "learning_rate", "steps")
 OF_TRACES = {
     **dict.fromkeys(
         (
-            *("until", "held_out", "window", "zero", "sign", "unit", "profile", "bootstrap", "rest", "posterior"),
+            *("until", "held_out", "window", "zero", "sign", "unit", "rest"),
             *OF_DESCENT,
         )
     ),
     **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
+    "sampler": "importance",
 }
 
 
@@ -217,7 +216,8 @@ def fit_to_channels(
         raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which names its runs")
 
     from fitting.channels.fit import fit_channels
-    from fitting.report.channels import between_rows, channel_rows, parameter_rows, summary, write_channel_report
+    from fitting.report.channels import between_rows, channel_rows, summary, write_channel_report
+    from fitting.report.tables import interval_rows, parameter_rows
 
     result = fit_channels(
         args.traces[0],
@@ -232,17 +232,24 @@ def fit_to_channels(
         huber=args.huber,
         student=args.student,
         iterations=args.iterations,
+        **intervals(args),
         progress=progress(args.quiet),
     )
     if args.report:
         write_channel_report(result, args.report)
     print_warnings(result.warnings)
-    tables = [parameter_rows(result), *([between_rows(result)] if result.between else []), channel_rows(result)]
-    parts = [*(table(rows) for rows in tables), listing(summary(result)), result.outcome]
+    tables = (parameter_rows(result), interval_rows(result), between_rows(result), channel_rows(result))
+    parts = [*(table(rows) for rows in tables if len(rows) > 1), listing(summary(result)), result.outcome]
     deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out))
     if result.status != "ok":
         print_line(f"error: {result.status}: {result.message}")
     return OK if result.status == "ok" else FAILED
+
+
+def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
+    """Arguments of `fit` by --profile, --bootstrap and --posterior."""
+    profile = args.profile.split(",") if args.profile else args.profile is not None
+    return {"profile": profile, "bootstrap": args.bootstrap or 0, "posterior": args.posterior or 0}
 
 
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:

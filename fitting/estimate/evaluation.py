@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fitting.estimate.windows import Starts
+
 #: Times the median over windows with samples beyond which a window's derivative is taken for none. A joint that is
 #: just about to stick has none (measured: 1e20), and one such window would hold all parameters fast; chaos makes 400 at
 #: most.
@@ -32,6 +34,12 @@ class Evaluation(NamedTuple):
     start_jacobian: np.ndarray
     end_jacobian: np.ndarray
     failed: np.ndarray
+
+    @property
+    def starts(self) -> Starts:
+        """The starts as the simulator closed them."""
+        n = self.start.shape[1] // 2
+        return Starts(self.start[:, :n], self.start[:, n:])
 
 
 def trusted(e: Evaluation) -> Evaluation:

@@ -7,7 +7,7 @@ by damped steps of the equations in `normal_equations`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -16,10 +16,8 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gaps import Joined
 from fitting.estimate.normal_equations import Normal, Step, eliminate, normal_blocks
-from fitting.estimate.problem import Problem, Solution
-from fitting.estimate.simulator import Simulator
+from fitting.estimate.problem import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts
-from fitting.traces.planar import chart
 
 #: Converged when the next step would move the parameters by less than this part of their standard errors (squared).
 STEP_TOLERANCE = 1e-4
@@ -31,24 +29,6 @@ DECREASE_TOLERANCE = 1e-2
 ROUGH_TOLERANCE = 0.3**2
 #: Damping beyond which no step is worth trying.
 LARGEST_DAMPING = 1e8
-#: Largest angle [rad] and rate [rad/s] by which one step may move a start.
-LARGEST_MOVE = (0.5, 10.0)
-
-
-def move(simulator: Simulator, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
-    """Starts after a step in the chart, each window's kept within `LARGEST_MOVE`; not yet closed."""
-    bases = chart(simulator.model_at(values), starts.theta)
-    m = bases.shape[2]
-    most = np.maximum(np.abs(dz[:, :m]).max(1) / LARGEST_MOVE[0], np.abs(dz[:, m:]).max(1) / LARGEST_MOVE[1])
-    dz = dz / np.maximum(most, 1.0)[:, None]
-    shift = lambda part: np.einsum("kij,kj->ki", bases, part)  # noqa: E731
-    return Starts(starts.theta + shift(dz[:, :m]), starts.omega + shift(dz[:, m:]))
-
-
-def closed_starts(evaluation: Evaluation) -> Starts:
-    """The starts as the simulator closed them."""
-    n = evaluation.start.shape[1] // 2
-    return Starts(evaluation.start[:, :n], evaluation.start[:, n:])
 
 
 def nearly_there(moved: float, decrease: float, samples: int) -> bool:
@@ -74,9 +54,9 @@ class Separate:
 
     def little(self) -> float:
         """What the last step may leave of chi-square: well below its own deviation."""
-        return DECREASE_TOLERANCE * float(np.sqrt(self.problem.windows.samples))
+        return DECREASE_TOLERANCE * float(np.sqrt(self.problem.samples))
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Residuals) -> None:
         self.problem = problem
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
@@ -85,7 +65,7 @@ class Separate:
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
         """Variance of the noise in units of the assumed one, as many times larger as samples repeat each other."""
-        return 2 * cost / max(self.problem.windows.samples, 1) * self.problem.memory
+        return 2 * cost / max(self.problem.samples, 1) * self.problem.memory
 
     def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal | Joined:
         """Normal equations."""
@@ -104,11 +84,41 @@ class Separate:
 
     def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
         """A line of the history."""
-        return {"cost": cost, "values": values.tolist()}
+        return {"cost": cost, "values": values.tolist(), "loss": 2 * cost / max(self.problem.samples, 1)}
+
+    def left(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
+        """What a full step would do: the move in standard errors, squared, and the decrease of chi-square."""
+        unit = max(self.unit(evaluation, cost), 1e-12)
+        return float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
+
+    def solution(
+        self, values: np.ndarray, evaluation: Evaluation, cost: float, step: Step | Solution, **outcome: Any
+    ) -> Solution:
+        """The solution at a point, with the normal equations of a step from it."""
+        return Solution(
+            problem=self.problem,
+            values=values,
+            starts=evaluation.starts,
+            evaluation=evaluation,
+            weights=self.problem.weights(evaluation),
+            cost=cost,
+            information=step.information,
+            gradient=step.gradient,
+            eliminated=step.eliminated,
+            **outcome,
+        )
+
+
+def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluation) -> Solution:
+    """The point where a fit starts, not solved: its normal equations are zero."""
+    objective, (k, m2) = Separate(problem), (len(values), problem.freedoms)
+    cost = objective.cost(evaluation, values)
+    nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
+    return objective.solution(values, evaluation, cost, nothing, history=[objective.record(cost, values)])
 
 
 def fit_windows(
-    problem: Problem, values: np.ndarray, starts: Starts, *, iterations: int = 40, progress: Progress = silent
+    problem: Residuals, values: np.ndarray, starts: Starts, *, iterations: int = 40, progress: Progress = silent
 ) -> Solution:
     """Fit all window starts and the parameters together.
 
@@ -121,15 +131,8 @@ def fit_windows(
         The best point found; `status` says whether it converged.
     """
     values = np.asarray(values, float)
-    objective = Separate(problem)
-    evaluation = problem.evaluate(values, starts)
-    starts = closed_starts(evaluation)
-    first = [objective.record(objective.cost(evaluation, values), values)]
-    k, m2 = len(values), problem.freedoms
-    nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
-    return descend(
-        objective, values, starts, evaluation, iterations, count=1, before=nothing, history=first, progress=progress
-    )
+    begin = first_solution(problem, values, problem.evaluate(values, starts))
+    return descend(Separate(problem), begin, iterations, count=1, progress=progress)
 
 
 def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations: int) -> tuple[Starts, Evaluation]:
@@ -142,7 +145,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         The starts and their evaluation.
     """
     evaluation = problem.evaluate(values, starts)
-    starts = closed_starts(evaluation)
+    starts = evaluation.starts
     damping = np.full(len(starts.theta), Separate.damping)
     each = lambda e: np.array([problem.loss.cost(r) if np.isfinite(r).all() else np.inf for r in e.residual])  # noqa: E731
     cost = each(evaluation)
@@ -156,11 +159,11 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         dz = -np.linalg.solve(A, slope[..., None])[..., 0]
         if not (-np.einsum("ki,ki->k", dz, slope) > DECREASE_TOLERANCE).any():
             break
-        trial = problem.evaluate(values, move(problem.simulator, starts, values, dz))
+        trial = problem.evaluate(values, problem.move_starts(starts, values, dz))
         lower = each(trial) < cost
         pick = lambda new, old, lower=lower: np.where(lower.reshape(-1, *[1] * (old.ndim - 1)), new, old)  # noqa: E731
         evaluation = Evaluation(*(pick(new, old) for new, old in zip(trial, evaluation, strict=True)))
-        starts, cost = closed_starts(evaluation), each(evaluation)
+        starts, cost = evaluation.starts, each(evaluation)
         damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)
     return starts, evaluation
 
@@ -169,89 +172,122 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
 CONTINUED = 12
 
 
-def continue_windows(point: Solution) -> Solution:
+def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
     """Go on from a solution of separate windows with its own problem, whose noise may have changed."""
-    start = point.values, point.starts, point.evaluation
-    return descend(Separate(point.problem), *start, CONTINUED, before=point, history=list(point.history))
+    return descend(Separate(point.problem), point, iterations, progress=progress)
 
 
 def descend(
-    objective: Separate,
-    values: np.ndarray,
-    starts: Starts,
-    evaluation: Evaluation,
-    iterations: int,
-    *,
-    count: int = 0,
-    before: Solution | Step,
-    history: list[dict[str, Any]],
-    progress: Progress = silent,
+    objective: Separate, begin: Solution, iterations: int, *, count: int = 0, progress: Progress = silent
 ) -> Solution:
-    """Levenberg and Marquardt's method from a point that is evaluated already.
+    """Levenberg and Marquardt's method, or the problem's own descent, from a point that is evaluated already.
 
     Args:
+        begin: the point; its information is returned where the end has none.
         count: evaluations made before, of `iterations`.
-        before: whose information is returned where this point has none.
     """
-    problem, damping = objective.problem, objective.damping
-    if problem.descent is not None and not problem.held.all():
-        there = objective, values, starts, evaluation
-        return problem.descent.descend(*there, count=count, before=before, history=history, progress=progress)
-    samples, cost = problem.windows.samples, objective.cost(evaluation, values)
-    status, message = "not_converged", f"{objective.goal} in {iterations} iterations"
-    system, newton = objective.system(evaluation, values), None
-    if not np.isfinite(cost):
-        message = "the simulation of the start values is not finite"
-    while np.isfinite(cost):
-        unit = objective.unit(evaluation, cost)
-        progress(min(count / iterations, 0.99), f"iteration {count}, chi2 per sample {unit:.4g}")
-        low, high = problem.bounds(values)
-        room, unit = (low - values, high - values), max(unit, 1e-12)
-        newton, moved, near = objective.solve(system, values, 0.0, *room), np.inf, False
-        if newton is not None:
-            moved, decrease = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
-            if moved < objective.close and decrease < objective.little():
-                status, message = "ok", ""
-                break
-            near = nearly_there(moved, decrease, samples)
-        accepted = False
-        while count < iterations and damping < LARGEST_DAMPING:
-            step = objective.solve(system, values, damping, *room)
+    problem = objective.problem
+    gradient = problem.descent is not None and not problem.held.all()
+    mover = problem.descent.mover(objective, count) if gradient else DampedSteps(objective, iterations, count)
+    return minimise(objective, begin, mover, progress)
+
+
+class Point(NamedTuple):
+    """Parameters (k,), what running the blocks gave there, the cost, and its normal equations where it is finite."""
+
+    values: np.ndarray
+    evaluation: Evaluation
+    cost: float
+    system: Normal | Joined | None
+
+
+class Mover(Protocol):
+    """How a descent goes from a point to the next one.
+
+    Attributes:
+        count: evaluations made.
+        why: reason for which it ended; empty where no step lowers the cost.
+    """
+
+    count: int
+    why: str
+
+    def report(self, point: Point, progress: Progress) -> None:
+        """Tell where the descent is."""
+
+    def is_minimum(self, moved: float, decrease: float) -> bool:
+        """Whether so little is left (`Separate.left`) that the point is the minimum."""
+
+    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+        """The next point, by the full step from this one, or None."""
+
+
+class DampedSteps:
+    """Levenberg and Marquardt's steps: every one lowers the cost."""
+
+    def __init__(self, objective: Separate, iterations: int, count: int) -> None:
+        self.objective, self.iterations, self.count = objective, iterations, count
+        self.damping, self.why = objective.damping, f"{objective.goal} in {iterations} iterations"
+
+    def report(self, point: Point, progress: Progress) -> None:
+        unit = self.objective.unit(point.evaluation, point.cost)
+        progress(min(self.count / self.iterations, 0.99), f"iteration {self.count}, chi2 per sample {unit:.4g}")
+
+    def is_minimum(self, moved: float, decrease: float) -> bool:
+        return moved < self.objective.close and decrease < self.objective.little()
+
+    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+        objective, problem, failure = self.objective, self.objective.problem, ""
+        limits = problem.step_bounds(point.values)
+        while self.count < self.iterations and self.damping < LARGEST_DAMPING:
+            step = objective.solve(point.system, point.values, self.damping, *limits)
             if step is None:
-                damping *= 10
+                self.damping *= 10
                 continue
-            trial_values = np.clip(values + step.dp, low, high)
-            trial = problem.evaluate(trial_values, move(problem.simulator, starts, values, step.dz))
-            trial_cost = objective.cost(trial, trial_values)
-            count += 1
-            if trial_cost < cost:
-                gain = (cost - trial_cost) / max(step.predicted, 1e-300)
-                damping = max(damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
-                values, evaluation, cost, accepted = trial_values, trial, trial_cost, True
-                starts, system = closed_starts(evaluation), objective.system(evaluation, values)
-                history.append(objective.record(cost, values))
-                break
+            values = problem.after_step(point.values, step.dp)
+            starts = problem.move_starts(point.evaluation.starts, point.values, step.dz)
+            evaluation = problem.evaluate(values, starts)
+            cost = objective.cost(evaluation, values)
+            self.count, failure = self.count + 1, problem.failure(evaluation) or failure
+            if cost < point.cost:
+                gain = (point.cost - cost) / max(step.predicted, 1e-300)
+                self.damping = max(self.damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
+                return Point(values, evaluation, cost, objective.system(evaluation, values))
             if near:  # a smooth cost would have fallen
                 break
-            damping = max(10 * damping, 1e-3)
-        if not accepted:
-            if near or damping >= LARGEST_DAMPING:
-                status = "ok" if near else status
-                message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
+            self.damping = max(10 * self.damping, 1e-3)
+        if near or self.damping >= LARGEST_DAMPING:
+            self.why = ""
+        self.why = self.why if near else failure or self.why
+        return None
+
+
+def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progress = silent) -> Solution:
+    """The lowest point that a mover finds from one that is evaluated already; it has converged where it has arrived."""
+    problem, history, known = objective.problem, list(begin.history), begin
+    best = Point(begin.values, begin.evaluation, objective.cost(begin.evaluation, begin.values), None)
+    status, message, point = "not_converged", "the simulation of the start values is not finite", best
+    if np.isfinite(best.cost):
+        point = best._replace(system=objective.system(best.evaluation, best.values))
+    while point.system is not None:
+        mover.report(point, progress)
+        limits = problem.step_bounds(point.values)
+        newton, moved, near = objective.solve(point.system, point.values, 0.0, *limits), np.inf, False
+        if newton is not None:
+            moved, decrease = objective.left(newton, point.evaluation, point.cost)
+            if mover.is_minimum(moved, decrease):
+                best, known, status, message = point, newton, "ok", ""
+                break
+            near = nearly_there(moved, decrease, problem.samples)
+        if point.cost <= best.cost:
+            best, known = point, newton or known
+        following = mover.move(point, newton, near)
+        if following is None:
+            status = "ok" if near and not mover.why else status
+            far = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
+            message = mover.why or far
             break
-    known = before if newton is None else newton
-    return Solution(
-        problem=problem,
-        values=values,
-        starts=starts,
-        evaluation=evaluation,
-        weights=problem.weights(evaluation),
-        cost=cost,
-        information=known.information,
-        gradient=known.gradient,
-        eliminated=known.eliminated,
-        status=status,
-        message=message,
-        iterations=count,
-        history=history,
-    )
+        point = following
+        history.append(objective.record(point.cost, point.values))
+    outcome = {"status": status, "message": message, "iterations": mover.count, "history": history}
+    return objective.solution(best.values, best.evaluation, best.cost, known, **outcome)

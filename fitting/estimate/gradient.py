@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,10 +30,9 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.programs import kept
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
-from fitting.estimate.gaps import Joined
-from fitting.estimate.gauss_newton import Separate, closed_starts, fit_windows, move, nearly_there
+from fitting.estimate.gauss_newton import Point, Separate, fit_windows, minimise
 from fitting.estimate.normal_equations import Normal, Step, bounded_step, cholesky_root
-from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.problem import Problem
 from fitting.estimate.windows import Starts, Windows
 
 #: Optimizers by name, without their learning rates. The gradients are exact, so that short memories do: on quadratic
@@ -129,125 +128,13 @@ class GradientDescent:
             # the starts of a horizon, of spectra too, are those of its angles
             held = replace(objective.problem, frozen=np.ones(len(values), bool))
             begin = fit_windows(held, values, starts)
-            found = self.descend(objective, values, begin.starts, begin.evaluation, before=begin, history=history)
+            found = minimise(objective, replace(begin, values=values, history=history), self.mover(objective))
             values, starts, history = found.values, found.starts, found.history
         return values, starts, history
 
-    def descend(
-        self,
-        objective: Separate,
-        values: np.ndarray,
-        starts: Starts,
-        evaluation: Evaluation,
-        *,
-        count: int = 0,
-        before: Solution | Step,
-        history: list[dict[str, Any]],
-        progress: Progress = silent,
-    ) -> Solution:
-        """The minimum of an objective by gradient steps, from a point that is evaluated already."""
-        problem, samples, known = objective.problem, objective.problem.windows.samples, before
-        point = Point(values, starts, evaluation, objective.cost(evaluation, values), None, objective.damping)
-        first, near, moved, x = point.cost, False, np.inf, None
-        little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
-        status, message = "not_converged", f"{objective.goal} in {self.steps} steps of {self.name}; allow more"
-        if not np.isfinite(first):
-            message = "the simulation of the start values is not finite"
-        else:
-            point = point._replace(system=objective.system(evaluation, values))
-        best = point, known
-        for taken in range(self.steps + 1 if np.isfinite(first) else 0):
-            self._report(objective, point, taken, progress)
-            low, high = problem.bounds(point.values)
-            newton = objective.solve(point.system, point.values, 0.0, low - point.values, high - point.values)
-            if newton is not None:
-                known, unit = newton, max(objective.unit(point.evaluation, point.cost), 1e-12)
-                moved, left = float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
-                near = nearly_there(moved, left, samples)
-                if moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and left < little:
-                    best, status, message = (point, known), "ok", ""
-                    break
-            best = (point, known) if point.cost <= best[0].cost else best
-            if taken == self.steps or newton is None:
-                break
-            free = ~problem.held & ~_at_bound(point.values, newton, low, high)
-            if x is None or x.outdated(newton, free):
-                x = Coordinates(self, point.values, newton, free)
-            found, calls = self._move(objective, point, newton, x, low, high)
-            count += calls
-            if found is None and x.taken > 1:  # what it remembers of other steps misleads it
-                x = Coordinates(self, point.values, newton, free)
-                found, calls = self._move(objective, point, newton, x, low, high)
-                count += calls
-            if found is None:
-                status = "ok" if near else status
-                message = f"no step lowers the cost; its model's minimum is {np.sqrt(moved):.2g} standard errors away"
-                break
-            if not found.cost < GROWN * max(first, 0.5 * samples):
-                message = self._divergence(first, found.cost, taken + 1)
-                break
-            point = found
-            history.append({**objective.record(point.cost, point.values), "loss": 2 * point.cost / samples})
-        point, known = best
-        return Solution(
-            problem=problem,
-            values=point.values,
-            starts=point.starts,
-            evaluation=point.evaluation,
-            weights=problem.weights(point.evaluation),
-            cost=point.cost,
-            information=known.information,
-            gradient=known.gradient,
-            eliminated=known.eliminated,
-            status=status,
-            message=message,
-            iterations=count,
-            history=history,
-        )
-
-    def _move(
-        self, objective: Separate, point: Point, newton: Step, x: Coordinates, low: np.ndarray, high: np.ndarray
-    ) -> tuple[Point | None, int]:
-        """The next point, None where a line search finds none, and how many evaluations it took."""
-        direction, problem, nowhere = x.step(point.values, newton.gradient), objective.problem, 0 * point.values
-        span = np.where(direction > 0, high - point.values, low - point.values)
-        direction = np.where(span == 0, 0.0, direction)
-        ahead = direction != 0
-        direction = direction * min(1.0, np.min(span[ahead] / direction[ahead], initial=1.0))
-        slope, searched = float(newton.gradient @ direction), self.name == "lbfgs"
-        if searched and not slope < 0:
-            return None, 0
-        for trial in range(TRIALS if searched else 1):
-            # starts follow the parameters; the shorter the step, the more of their own move is held back too
-            damping = point.damping * 10.0**trial
-            step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
-            if step is None:
-                continue
-            part = SHORTER**trial
-            values = np.clip(point.values + part * direction, low, high)
-            dz = step.dz + step.eliminated @ (values - point.values)
-            evaluation = problem.evaluate(values, move(problem.simulator, point.starts, point.values, dz))
-            cost = objective.cost(evaluation, values)
-            if not searched or cost <= point.cost + ENOUGH * part * slope:
-                system = objective.system(evaluation, values) if np.isfinite(cost) else None
-                damping = max(0.1 * damping, LEAST_DAMPING)
-                return Point(values, closed_starts(evaluation), evaluation, cost, system, damping), trial + 1
-        return None, TRIALS
-
-    def _divergence(self, first: float, last: float, taken: int) -> str:
-        """What happened to the loss, and what to do."""
-        size = f"grew from {first:.3g} to {last:.3g}" if np.isfinite(last) else "is not finite"
-        rate = self.usual_rate if self.learning_rate is None else self.learning_rate
-        advice = f"take {self.usual_rate:g}" if rate > self.usual_rate else "take a smaller one"
-        return f"the loss {size} after {taken} steps of {self.name} with learning rate {rate:g}; {advice}"
-
-    def _report(self, objective: Separate, point: Point, taken: int, progress: Progress) -> None:
-        weight = objective.record(point.cost, point.values).get("gap_weight")
-        stage = "separate windows" if weight is None else f"gap weight {weight:g}"
-        loss = 2 * point.cost / max(objective.problem.windows.samples, 1)
-        text = f"{stage}, {self.name} step {taken}, loss per sample {loss:.5g}"
-        progress(min(taken / self.steps, 0.99), text)
-        self.note(text)
+    def mover(self, objective: Separate, count: int = 0) -> GradientSteps:
+        """Its steps on an objective, after so many evaluations."""
+        return GradientSteps(self, objective, count)
 
 
 def descent_of(settings: Mapping[str, Any], progress: Progress = silent) -> tuple[GradientDescent, Progress]:
@@ -268,16 +155,91 @@ def descent_of(settings: Mapping[str, Any], progress: Progress = silent) -> tupl
     return GradientDescent(**settings, note=lambda text: progress(last[0], text)), show
 
 
-class Point(NamedTuple):
-    """Parameters (k,), window starts, what running the windows gave there, the loss, its normal equations, and the
-    damping of the next step of the starts."""
+class GradientSteps:
+    """Steps of an optimizer down an objective (`gauss_newton.Mover`).
 
-    values: np.ndarray
-    starts: Starts
-    evaluation: Evaluation
-    cost: float
-    system: Normal | Joined | None
-    damping: float
+    Attributes:
+        taken: steps made.
+        damping: of the next step of the starts.
+    """
+
+    def __init__(self, descent: GradientDescent, objective: Separate, count: int = 0) -> None:
+        self.descent, self.objective, self.count, self.taken = descent, objective, count, 0
+        self.why = f"{objective.goal} in {descent.steps} steps of {descent.name}; allow more"
+        self.damping, self.first, self.x = objective.damping, np.inf, None
+
+    def report(self, point: Point, progress: Progress) -> None:
+        record = self.objective.record(point.cost, point.values)
+        weight = record.get("gap_weight")
+        stage = "separate windows" if weight is None else f"gap weight {weight:g}"
+        text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record['loss']:.5g}"
+        progress(min(self.taken / self.descent.steps, 0.99), text)
+        self.descent.note(text)
+
+    def is_minimum(self, moved: float, decrease: float) -> bool:
+        objective = self.objective
+        little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
+        return moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and decrease < little
+
+    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+        problem = self.objective.problem
+        if self.taken == 0:
+            self.first = point.cost
+        if self.taken == self.descent.steps or newton is None:
+            return None
+        free = ~problem.held & ~_at_bound(point.values, newton, *problem.bounds(point.values))
+        if self.x is None or self.x.outdated(newton, free):
+            self.x = Coordinates(self.descent, point.values, newton, free)
+        found = self._next(point, newton)
+        if found is None and self.x.taken > 1:  # what it remembers of other steps misleads it
+            self.x = Coordinates(self.descent, point.values, newton, free)
+            found = self._next(point, newton)
+        if found is None:
+            self.why = ""
+            return None
+        self.taken += 1
+        if not found.cost < GROWN * max(self.first, 0.5 * problem.samples):
+            self.why = self._divergence(found.cost)
+            return None
+        return found
+
+    def _next(self, point: Point, newton: Step) -> Point | None:
+        """The next point; None where a line search finds none."""
+        objective, problem, nowhere = self.objective, self.objective.problem, 0 * point.values
+        direction, (low, high) = self.x.step(point.values, newton.gradient), problem.bounds(point.values)
+        span = np.where(direction > 0, high - point.values, low - point.values)
+        direction = np.where(span == 0, 0.0, direction)
+        ahead = direction != 0
+        direction = direction * min(1.0, np.min(span[ahead] / direction[ahead], initial=1.0))
+        slope, searched = float(newton.gradient @ direction), self.descent.name == "lbfgs"
+        if searched and not slope < 0:
+            return None
+        for trial in range(TRIALS if searched else 1):
+            self.count += 1
+            # starts follow the parameters; the shorter the step, the more of their own move is held back too
+            damping = self.damping * 10.0**trial
+            step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
+            if step is None:
+                continue
+            part = SHORTER**trial
+            values = np.clip(point.values + part * direction, low, high)
+            dz = step.dz + step.eliminated @ (values - point.values)
+            evaluation = problem.evaluate(values, problem.move_starts(point.evaluation.starts, point.values, dz))
+            cost = objective.cost(evaluation, values)
+            if not searched or cost <= point.cost + ENOUGH * part * slope:
+                self.damping = max(0.1 * damping, LEAST_DAMPING)
+                system = objective.system(evaluation, values) if np.isfinite(cost) else None
+                return Point(values, evaluation, cost, system)
+        return None
+
+    def _divergence(self, last: float) -> str:
+        """What happened to the loss, and what to do."""
+        descent, size = self.descent, f"grew from {self.first:.3g} to {last:.3g}"
+        rate, usual = descent.learning_rate, descent.usual_rate
+        rate = usual if rate is None else rate
+        size = size if np.isfinite(last) else "is not finite"
+        advice = f"take {usual:g}" if rate > usual else "take a smaller one"
+        return f"the loss {size} after {self.taken} steps of {descent.name} with learning rate {rate:g}; {advice}"
 
 
 def _at_bound(values: np.ndarray, newton: Step, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -1,4 +1,20 @@
-"""The noise of traces: its size, its memory, and delays of whole frames."""
+"""Noise of residuals: white, AR(1) or jitter of frames; residuals made white; correlation of neighbours.
+
+A channel that keeps `phi = exp(-decay dt)` of its noise from sample to sample (AR(1)), missing samples being longer dt:
+
+    u_i = (r_i - phi_i r_{i-1})/sqrt(1 - phi_i^2)
+
+The first sample of a window stands for itself, u = r. Where the window follows another one its noise is that of the
+sample before, which belongs to another start: there `u = sqrt((1 - phi)/(1 + phi)) r`, as much as a sample tells of
+what changes slowly, so that windows in a row tell no more than the run that they were cut from.
+
+A frame that is taken late moves every link along its rate. With b the links' rates times the deviation of the delay,
+over their noise, the covariance of the frame is 1 + b b', and its inverse root
+
+    u = r - (1 - 1/sqrt(1 + b'b)) b (b'r)/(b'b)
+
+Both are linear: derivatives are made white in the same way.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace, smooth
 
@@ -70,3 +87,93 @@ def rates(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         for j, column in enumerate(rate.T):
             found[mine, :, j] = np.interp(t[mine], even, column)
     return np.where(windows.weight > 0, found, 0.0)
+
+
+def whitened(windows: Windows, e: Evaluation) -> Evaluation:
+    """The evaluation with residuals and derivatives of unit and independent noise."""
+    if windows.decay is not None:
+        before, phi, size = _memory(windows)
+        pick = np.maximum(before, 0)
+        shift = lambda a, more: np.take_along_axis(a, pick.reshape(*pick.shape, *more), 1)  # noqa: E731
+        residual = size * (e.residual - phi * shift(e.residual, ()))
+        jacobian = size[..., None] * (e.jacobian - phi[..., None] * shift(e.jacobian, (1,)))
+        return e._replace(residual=residual, jacobian=jacobian)
+    if windows.jitter is not None:
+        b, share = _late(windows)
+        along = np.sum(b * e.residual, axis=2, keepdims=True)
+        turned = np.einsum("ksn,ksnj->ksj", b, e.jacobian)
+        residual = e.residual - share * b * along
+        jacobian = e.jacobian - (share * b)[..., None] * turned[:, :, None]
+        return e._replace(residual=residual, jacobian=jacobian)
+    return e
+
+
+def log_volume(windows: Windows) -> float:
+    """Logarithm of the determinant of the noise's covariance, over all samples [log rad^2]."""
+    known = windows.weight > 0
+    total = -2 * float(np.sum(np.log(windows.weight[known])))
+    if windows.decay is not None:
+        total -= 2 * float(np.sum(np.log(_memory(windows)[2][known])))
+    if windows.jitter is not None:
+        b, _ = _late(windows)
+        total += float(np.sum(np.log1p(np.sum(b**2, axis=2))))
+    return total
+
+
+def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every sample (K, S, n): which one of its channel comes before (-1: none), phi, and the size that is left."""
+    known = windows.weight > 0
+    slots = np.arange(known.shape[1])[None, :, None]
+    last = np.maximum.accumulate(np.where(known, slots, -1), axis=1)
+    before = np.concatenate([np.full_like(last[:, :1], -1), last[:, :-1]], axis=1)
+    t = np.broadcast_to(windows.times()[..., None], known.shape)
+    apart = t - np.take_along_axis(t, np.maximum(before, 0), 1)
+    decay = windows.decay[:, None, :]
+    first = before < 0
+    phi = np.where(first, 0.0, np.exp(-decay * np.maximum(apart, 0.0)))
+    step = np.median(np.diff(windows.times(), axis=1)[known.all(2)[:, 1:]]) if known.all(2)[:, 1:].any() else windows.dt
+    kept = np.exp(-decay * step)
+    continued = np.where(windows.follows[:, None, None], np.sqrt((1 - kept) / (1 + kept)), 1.0)
+    size = np.where(first, continued, 1 / np.sqrt(np.maximum(1 - phi**2, 1e-12)))
+    return before, np.where(known, phi, 0.0), np.where(known, size, 0.0)
+
+
+def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """b (K, S, n) of every sample that is there, and `(1 - 1/sqrt(1 + b'b))/(b'b)` of its frame (K, S, 1)."""
+    b = np.where(windows.weight > 0, windows.jitter, 0.0)
+    square = np.sum(b**2, axis=2, keepdims=True)
+    root = np.sqrt(1 + square)
+    return b, 1 / (root * (1 + root))  # the same, without the division by b'b
+
+
+#: Largest correlation of neighbouring innovations of noise that is what it is taken for.
+WHITE = 0.15
+
+
+def lag_one(residual: np.ndarray, known: np.ndarray, follows: np.ndarray | None = None) -> tuple[float, float]:
+    """Correlation of neighbouring residuals (K, S, n), where both are known, and its standard error for white noise.
+
+    Args:
+        follows: whether samples but the first belong to the series of those before them (K, S - 1, n); default: all.
+    """
+    both = known[:, 1:] & known[:, :-1]
+    both = both if follows is None else both & follows
+    product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
+    square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
+    return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
+
+
+def innovations(values: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """What AR(1) noise adds from sample to sample: `(v_i - phi_i v_(i-1))/sqrt(1 - phi_i^2)`, the first sample whole.
+
+    Args:
+        values: residuals or their derivatives (N, ...).
+        share: phi, the part of its noise that each sample hands on to the next (N - 1,).
+    """
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    return np.concatenate([values[:1], (values[1:] - share * values[:-1]) / np.sqrt(1 - share**2)])
+
+
+def correlates(correlation: np.ndarray, error: np.ndarray, deviations: float = 5.0, floor: float = 0.1) -> bool:
+    """Whether a positive correlation of neighbours, or any of several, is beyond its standard errors and a floor."""
+    return bool(np.any(correlation > np.maximum(deviations * np.asarray(error), floor)))

@@ -138,7 +138,7 @@ def reduced(
 def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
     """One damped step with the window starts eliminated."""
     diagonal = np.einsum("kii->ki", normal.A)
-    floor = 1e-12 * diagonal.max() + 1e-300
+    floor = 1e-12 * diagonal.max(initial=0.0) + 1e-300
     A = normal.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
     solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
     step, slope = reduced(normal, solved, damping, prior, low, high)

@@ -24,21 +24,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from fitting.estimate.evaluation import Evaluation
-from fitting.estimate.noise import Noise, rates
+from fitting.estimate.noise import WHITE, Noise, correlates, lag_one, log_volume, rates, whitened
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of
-from fitting.estimate.uncertainty import lag_one
-from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 
 #: Gain in log likelihood below which noise stays as simple as it is.
 WORTH = 6.0
-#: Correlation of neighbours that counts as one: so many of its standard errors, and at least this large.
-CORRELATED, CORRELATION_FLOOR = 5.0, 0.1
-#: Largest correlation of neighbouring innovations, or delays, of noise that is what it is taken for.
-WHITE = 0.15
 #: Deviations by which the links' common motion along their rates stands out before it is taken for a delay.
 STANDS_OUT = 5.0
 #: Largest memory of a sample's noise believed.
@@ -100,7 +94,7 @@ class Told:
         for r in np.unique(run):
             mine = run == r
             square = np.sum(slope[mine] ** 2, axis=(0, 1)) / point.problem.loss.spread
-            left = known[mine].sum(axis=(0, 1)) - taken[mine].sum(axis=0)
+            left = known[mine].sum(axis=(0, 1)) - taken[mine].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
             found[r] = np.where(left > FEWEST_LEFT, np.sqrt(square / np.maximum(left, 1.0)), every)
         return np.where(found > 0, found, 1.0)
@@ -118,7 +112,7 @@ class Told:
     def _with_memory(self, white: Noise, point: Solution) -> tuple[Noise, Solution] | None:
         """AR(1) noise, of one memory for all at first; None where residuals ask for none, or for something else."""
         kept, sure = self._neighbours(point)
-        if not (kept > np.maximum(CORRELATED * sure, CORRELATION_FLOOR)).any():
+        if not correlates(kept, sure):
             return None
         interval = np.array([trace.interval for trace in self.traces])[:, None]
         decay = lambda rho: -np.log(np.clip(rho, 1e-6, MOST_KEPT)) / interval  # noqa: E731
@@ -206,7 +200,7 @@ def minus_two_log(point: Solution) -> float:
 def memory_of(point: Solution) -> float:
     """Samples that tell as much as one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
-    if rho < max(CORRELATED * sure, CORRELATION_FLOOR):
+    if not correlates(rho, sure):
         return 1.0
     return min((1 + rho) / max(1 - rho, 1e-9), max(1.0, point.windows.theta.shape[1] / 2))
 
@@ -229,14 +223,34 @@ def with_own_noise(
         solution: a converged fit.
         claimed: its windows with the noise that the traces claim.
         floor: as of `Told`.
-        again: goes on from a solution whose noise has changed.
+        again: continues from a solution whose noise has changed.
     """
-    noise = solution.problem.noise or Noise.claimed(*floor.shape)
+
+    def estimate_noise(point: Solution) -> tuple[Solution, float]:
+        before = point.problem.noise or Noise.claimed(*floor.shape)
+        noise, point = Told(point, claimed, traces, floor).estimate(before)
+        point.problem = replace(point.problem, memory=memory_of(point))
+        return point, noise.apart(before)
+
+    return fit_with_noise(solution, estimate_noise, again)
+
+
+def fit_with_noise(
+    solution: Solution,
+    estimate_noise: Callable[[Solution], tuple[Solution, float]],
+    again: Callable[[Solution], Solution],
+    same: float = SAME,
+) -> Solution:
+    """Fit and noise in turns from a converged fit, up to their common fixed point.
+
+    Args:
+        estimate_noise: the solution in units of the noise that its residuals tell, and by which part it has changed.
+        again: continues from a solution whose noise has changed.
+        same: change of the noise below which another fit would change nothing.
+    """
     for _ in range(ROUNDS):
-        before = noise
-        noise, solution = Told(solution, claimed, traces, floor).estimate(noise)
-        solution.problem = replace(solution.problem, memory=memory_of(solution))
-        if noise.apart(before) < SAME:
+        solution, change = estimate_noise(solution)
+        if change < same:
             break
         further = again(solution)
         if further.status != "ok":

@@ -15,7 +15,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
-from fitting.estimate.gauss_newton import Separate, closed_starts, move
+from fitting.estimate.gauss_newton import Separate
 from fitting.estimate.pareto import TRUSTED, smoothed
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
@@ -149,7 +149,7 @@ class Along:
         """log pi (k,) less a constant; None where the starts are not found."""
         point, level = self.solution, self.level
         along = point.eliminated @ (values - point.values)
-        starts = move(point.problem.simulator, point.starts, point.values, along)
+        starts = point.problem.move_starts(point.starts, point.values, along)
         best = None
         for _ in range(EVALUATIONS):
             evaluation = level.problem.evaluate(values, starts)
@@ -162,7 +162,7 @@ class Along:
                 best = cost - step.predicted, step.predicted, self._log_determinant(level, system, step.log_determinant)
             if step.predicted < LEFT * unit:
                 break
-            starts = move(level.problem.simulator, closed_starts(evaluation), values, step.dz)
+            starts = level.problem.move_starts(evaluation.starts, values, step.dz)
         # what a last step would gain is counted as gained
         return None if best[1] > unit else -best[0] / unit - 0.5 * best[2]
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.noise import Noise
+from fitting.estimate.noise import Noise, correlates, lag_one, whitened
 from fitting.estimate.normal_equations import Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.whitening import whitened
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.priors import Known
+from fitting.traces.planar import chart
 
+#: Minimum correlation of neighbouring residuals that counts in standard errors.
+CORRELATION_FLOOR = 0.05
 #: chi-square per degree of freedom outside which the noise does not explain the residuals.
 CHI2_RANGE = (0.5, 1.5)
 
@@ -30,13 +33,30 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 class Descent(Protocol):
     """How parameters move to a minimum, where not by Gauss-Newton steps (`gradient.GradientDescent`)."""
 
-    def descend(self, objective: Any, values: np.ndarray, starts: Starts, evaluation: Evaluation, **rest: Any) -> Any:
-        """The solution from a point that is evaluated; arguments as of `gauss_newton.descend`."""
+    def mover(self, objective: Any, count: int = 0) -> Any:
+        """What goes from point to point (`gauss_newton.Mover`) on an objective, after so many evaluations."""
 
 
-@dataclass(frozen=True)
-class Problem:
-    """Windows to follow, by which parameters.
+class Timing(NamedTuple):
+    """When samples were taken: times [s], runs and whether there is one (K, S); starts of the runs (R,) [s], time that
+    the residuals cover in all [s], number of blocks."""
+
+    t: np.ndarray
+    run: np.ndarray
+    known: np.ndarray
+    begin: np.ndarray
+    duration: float
+    blocks: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Residuals(ABC):
+    """A least-squares problem: residuals of K blocks by shared parameters p and each block's own unknowns z_k.
+
+        minimise  sum loss(r_k(z_k, p)) + priors,      p (k,), z_k (m2,), r_k (S, n) in units of independent noise
+
+    Windows of traces (`Problem`) have starts of their own; whole runs of channels (`channels.problem.Problem`) are one
+    block without unknowns, m2 = 0. Steps, noise, errors and refinement are written for both.
 
     Attributes:
         parameters: bounds and priors (k,).
@@ -44,36 +64,72 @@ class Problem:
         memory: samples that tell as much as one whose error has nothing to do with its neighbours'; a fit is converged
             when what is left to go is little against errors that are as much larger.
         known: what is known of several parameters together, or of none that is free.
-        rest: what poses at rest tell (`rest.Rest`).
-        noise: what the windows' weights are made of, where it was estimated (`noise.Noise`).
         descent: how the parameters move; None for Gauss-Newton steps.
     """
 
-    simulator: Simulator
-    windows: Windows
+    #: Minimum variance of residuals in units of the noise that errors are computed with.
+    least_variance: ClassVar[float] = 0.0
+
     parameters: tuple[Parameter, ...]
     loss: Loss = LEAST_SQUARES
     frozen: np.ndarray | None = None
-    noise: Noise | None = None
     memory: float = 1.0
     known: Known = Known()
-    rest: Rest | None = None
     descent: Descent | None = None
 
     @property
+    @abstractmethod
     def freedoms(self) -> int:
-        """Numbers of a window's start."""
-        return self.simulator.freedoms
+        """Numbers m2 of a block's own unknowns."""
+
+    @property
+    @abstractmethod
+    def samples(self) -> int:
+        """Residuals in all."""
+
+    @property
+    @abstractmethod
+    def sample_mask(self) -> np.ndarray:
+        """Where there is a residual (K, S, n) bool."""
+
+    @property
+    @abstractmethod
+    def order(self) -> int:
+        """Order of the scheme in the time step."""
+
+    @property
+    @abstractmethod
+    def finest(self) -> bool:
+        """Whether the time step is finer than a fit may take."""
+
+    @abstractmethod
+    def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
+        """Residuals (K, S, n) and derivatives (K, S, n, m2 + k) at parameters (k,) and unknowns of the blocks."""
+
+    @abstractmethod
+    def move_starts(self, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
+        """The blocks' unknowns after a step dz (K, m2)."""
+
+    @abstractmethod
+    def finer(self) -> Residuals:
+        """The same with half the time step."""
+
+    @abstractmethod
+    def timing(self) -> Timing:
+        """When the samples were taken."""
+
+    @abstractmethod
+    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
+        """Correlation of neighbouring weighted residuals, of all or by channel; whether it is real."""
+
+    def failure(self, evaluation: Evaluation) -> str:
+        """Why an evaluation has no finite residuals, where that is known."""
+        return ""
 
     @property
     def explained(self) -> bool:
-        """Whether the noise that the traces show, or one of another kind, explains the residuals.
-
-        Smaller residuals are explained: noise read from differences is an upper limit where links are fast.
-        """
-        if self.noise is None or self.noise.kind != "white":
-            return True
-        return float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
+        """Whether the noise explains the residuals."""
+        return True
 
     @property
     def held(self) -> np.ndarray:
@@ -85,19 +141,21 @@ class Problem:
         low, high = np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
         return np.where(self.held, values, low), np.where(self.held, values, high)
 
-    def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
-        """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
-        return whitened(self.windows, self.simulator(values, starts, self.windows))
+    def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much one step may change the parameters (k,), both ways."""
+        low, high = self.bounds(values)
+        return low - values, high - values
+
+    def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
+        """The parameters (k,) after a step, inside their bounds."""
+        return np.clip(values + dp, *self.bounds(values))
 
     def prior(self, values: np.ndarray) -> Prior:
-        """What the priors and the poses at rest add."""
-        found = prior_of(self.parameters, values, self.known.common)
-        if self.rest is None:
-            return found
-        return Prior(*(a + b for a, b in zip(found, self.rest.prior(self.simulator, values), strict=True)))
+        """What the priors add."""
+        return prior_of(self.parameters, values, self.known.common)
 
     def data_cost(self, evaluation: Evaluation) -> float:
-        """The loss of the measured angles; infinite where the motion is not finite."""
+        """The loss of the residuals; infinite where the motion is not finite."""
         if not np.isfinite(evaluation.residual).all():
             return np.inf
         return self.loss.cost(evaluation.residual)
@@ -107,8 +165,98 @@ class Problem:
         return self.loss.weights(evaluation.residual)
 
     def normal(self, evaluation: Evaluation) -> Normal:
-        """Normal equations of the measured angles."""
+        """Normal equations of the residuals."""
         return normal_blocks(evaluation, self.weights(evaluation), self.freedoms)
+
+
+#: Largest angle [rad] and rate [rad/s] by which one step may move a start.
+LARGEST_MOVE = (0.5, 10.0)
+#: Most substeps of a step.
+MOST_SUBSTEPS = 16
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem(Residuals):
+    """Windows to follow, by which parameters.
+
+    Attributes:
+        rest: what poses at rest tell (`rest.Rest`).
+        noise: what the windows' weights are made of, where it was estimated (`noise.Noise`).
+    """
+
+    simulator: Simulator
+    windows: Windows
+    noise: Noise | None = None
+    rest: Rest | None = None
+
+    @property
+    def freedoms(self) -> int:
+        """Numbers of a window's start."""
+        return self.simulator.freedoms
+
+    @property
+    def samples(self) -> int:
+        """Measured angles in all."""
+        return self.windows.samples
+
+    @property
+    def sample_mask(self) -> np.ndarray:
+        """Where there is a measured angle (K, S, n) bool."""
+        return self.windows.weight > 0
+
+    @property
+    def order(self) -> int:
+        """Of the windows' scheme."""
+        return self.simulator.stepper.integrator.order
+
+    @property
+    def finest(self) -> bool:
+        """Whether there are more than `MOST_SUBSTEPS` substeps."""
+        return self.windows.substeps > MOST_SUBSTEPS
+
+    @property
+    def explained(self) -> bool:
+        """Whether the noise that the traces show, or one of another kind, explains the residuals.
+
+        Smaller residuals are explained: noise read from differences is an upper limit where links are fast.
+        """
+        if self.noise is None or self.noise.kind != "white":
+            return True
+        return float(np.mean(self.noise.factor**2)) < CHI2_RANGE[1]
+
+    def move_starts(self, starts: Starts, values: np.ndarray, dz: np.ndarray) -> Starts:
+        """Starts after a step in the chart, each window's kept within `LARGEST_MOVE`; not yet closed."""
+        bases = chart(self.simulator.model_at(values), starts.theta)
+        m = bases.shape[2]
+        most = np.maximum(np.abs(dz[:, :m]).max(1) / LARGEST_MOVE[0], np.abs(dz[:, m:]).max(1) / LARGEST_MOVE[1])
+        dz = dz / np.maximum(most, 1.0)[:, None]
+        shift = lambda part: np.einsum("kij,kj->ki", bases, part)  # noqa: E731
+        return Starts(starts.theta + shift(dz[:, :m]), starts.omega + shift(dz[:, m:]))
+
+    def timing(self) -> Timing:
+        """When the samples of the windows were taken."""
+        windows = self.windows
+        begin = np.full(int(windows.run.max()) + 1, np.inf)
+        np.minimum.at(begin, windows.run, windows.begin)
+        known, times = self.sample_mask.any(axis=2), windows.times()
+        run = np.broadcast_to(windows.run[:, None], times.shape)
+        return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
+
+    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
+        """Correlation of neighbours, of all links together."""
+        correlation, error = lag_one(point.weights * point.evaluation.residual, self.sample_mask)
+        return correlation, correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
+
+    def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
+        """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
+        return whitened(self.windows, self.simulator(values, starts, self.windows))
+
+    def prior(self, values: np.ndarray) -> Prior:
+        """What the priors and the poses at rest add."""
+        found = super().prior(values)
+        if self.rest is None:
+            return found
+        return Prior(*(a + b for a, b in zip(found, self.rest.prior(self.simulator, values), strict=True)))
 
     def finer(self) -> Problem:
         """The same with half the time step."""

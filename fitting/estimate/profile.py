@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from fitting.estimate.gauss_newton import closed_starts, descend, move
+from fitting.estimate.gauss_newton import descend
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
@@ -68,11 +68,10 @@ def profile(
             values = point.values.copy()
             values[index] = place
             along = point.eliminated[..., index] * (place - point.values[index])
-            starts = move(point.problem.simulator, point.starts, point.values, along)
+            starts = point.problem.move_starts(point.starts, point.values, along)
             evaluation = level_there.problem.evaluate(values, starts)
-            point = descend(
-                level_there, values, closed_starts(evaluation), evaluation, EVALUATIONS, before=point, history=[]
-            )
+            begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
+            point = descend(level_there, begin, EVALUATIONS)
             converged &= point.status == "ok"
             found[place] = (point.cost - cost) / unit
     at = np.array(sorted(found))

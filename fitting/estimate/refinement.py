@@ -11,65 +11,75 @@ errors are a tenth of a per cent, need it. Steps are halved inside the compiled 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.normal_equations import eliminate, normal_blocks
 from fitting.estimate.problem import Solution
-from fitting.estimate.shooting import continue_shooting, joined_step
+from fitting.estimate.shooting import continue_shooting, level_of
 from fitting.estimate.uncertainty import uncertainty
 
 #: Bias of the step that is accepted, in standard errors.
 LARGEST_BIAS = 0.3
 #: Bias below which what the coarser step told of half of it need not be looked at again.
 SURELY = 0.15
-#: Most substeps of a step.
-MOST_SUBSTEPS = 16
 
 
-def refine(solution: Solution, progress: Progress = silent) -> Solution:
+def fit_again(ahead: Solution) -> Solution:
+    """Continue from a solution whose windows, separate or joined, have finer steps."""
+    return continue_shooting(ahead) if ahead.gap_weight else fit_windows(ahead.problem, ahead.values, ahead.starts)
+
+
+def refine(
+    solution: Solution,
+    progress: Progress = silent,
+    again: Callable[[Solution], Solution] = fit_again,
+    sure: float = SURELY,
+) -> Solution:
     """Go on from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
 
+    Args:
+        again: continues from a solution of finer steps.
+        sure: bias below which what the coarser step told of half of it is taken for it.
+
     Returns:
-        The solution, its `step_bias` set, its windows with the substeps it used.
+        The solution, its `step_bias` set, its problem with the steps it used.
     """
     told: np.ndarray | None = None
     while True:
-        if told is not None and np.max(np.abs(told), initial=0.0) < SURELY:
+        if told is not None and np.max(np.abs(told), initial=0.0) < sure:
             solution.step_bias = told
             return solution
         solution.step_bias, ahead = step_bias(solution)
         worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
-        if not worst > LARGEST_BIAS or ahead.windows.substeps > MOST_SUBSTEPS:
+        if not worst > LARGEST_BIAS or ahead.problem.finest:
             return solution
-        progress(0.0, f"the step's bias is {worst:.2g} standard errors: {ahead.windows.substeps} substeps")
-        joined = ahead.gap_weight
-        on = continue_shooting(ahead) if joined else fit_windows(ahead.problem, ahead.values, ahead.starts)
+        progress(0.0, f"the step's bias is {worst:.2g} standard errors: half of it")
+        on = again(ahead)
         if on.status != "ok":
             return solution
         on.iterations += solution.iterations + 1
-        told = solution.step_bias * 0.5**solution.problem.simulator.stepper.integrator.order
+        told = solution.step_bias * 0.5**solution.problem.order
         solution = on
 
 
 def finer_step(solution: Solution) -> Solution | None:
     """The solution on windows of half the step, where the step's bias is too large; else None."""
     bias, ahead = step_bias(solution)
-    if ahead.windows.substeps > MOST_SUBSTEPS or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
+    if ahead.problem.finest or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
         return None
     return ahead
 
 
 def step_bias(solution: Solution) -> tuple[np.ndarray, Solution]:
-    """Bias (k,) in standard errors of a solution, and the solution evaluated on windows of half the step."""
+    """Bias (k,) in standard errors of a solution, and the solution evaluated with half the step."""
     finer = solution.problem.finer()
     ahead = replace(solution, problem=finer, evaluation=finer.evaluate(solution.values, solution.starts))
     errors = uncertainty(solution).std_error
-    left = 1 - 0.5**finer.simulator.stepper.integrator.order
+    left = 1 - 0.5**finer.order
     # what its own step still leaves is no bias: a gradient descent stops a twentieth of a standard error away
     return (_moved(solution) - _moved(ahead)) / left / np.where(errors > 0, errors, np.inf), ahead
 
@@ -78,13 +88,7 @@ def _moved(ahead: Solution) -> np.ndarray:
     """The parameters' Gauss-Newton step (k,) on a solution's residuals, inside the bounds."""
     problem, values = ahead.problem, ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():
-        return np.zeros(len(values))
-    low, high = (end - values for end in problem.bounds(values))
-    if ahead.gap_weight:
-        step = joined_step(ahead, low, high)
-        return np.zeros(len(values)) if step is None else step.dp
-    try:
-        normal = normal_blocks(ahead.evaluation, ahead.weights, problem.freedoms)
-        return eliminate(normal, 0.0, problem.prior(values), low, high).dp
-    except LinAlgError:
-        return np.zeros(len(values))
+        return np.full(len(values), np.nan)
+    level = level_of(problem, ahead.gap_weight)
+    step = level.solve(level.system(ahead.evaluation, values), values, 0.0, *problem.step_bounds(values))
+    return np.zeros(len(values)) if step is None else step.dp

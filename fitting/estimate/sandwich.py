@@ -63,51 +63,57 @@ def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
     system = level.system(point.evaluation, point.values)
     if isinstance(system, Normal):
         diagonal = np.einsum("kii->ki", system.A)
-        A = system.A + (1e-12 * diagonal.max() + 1e-300) * np.eye(diagonal.shape[1])
+        A = system.A + (1e-12 * diagonal.max(initial=0.0) + 1e-300) * np.eye(diagonal.shape[1])
         return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
     diagonal = np.einsum("kii->ki", system.normal.A)
     factor = Factor(system.normal.A + 1e-13 * diagonal.max() * np.eye(diagonal.shape[1]), system.below)
     return factor.inverse_diagonal(), factor.log_determinant
 
 
+def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Diagonal (...) of the hat matrix of rows (..., k) of this information (k, k), which may be singular."""
+    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information * np.outer(size, size), hermitian=True) * np.outer(size, size)
+    return np.einsum("...p,pq,...q->...", rows, inverse, rows, optimize=True)
+
+
 def leverage(point: Solution) -> np.ndarray:
-    """How many samples of each window and link the fit has used up (K, n): the trace of its hat matrix."""
+    """How much of each sample the fit has used up (K, S, n): the diagonal of its hat matrix."""
     m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
     free = np.flatnonzero(~point.problem.held)
     inverse, _ = start_covariances(point)
     own = root * point.evaluation.jacobian[..., :m2]
-    taken = np.einsum("ksni,kij,ksnj->kn", own, inverse, own, optimize=True)
+    taken = np.einsum("ksni,kij,ksnj->ksn", own, inverse, own, optimize=True)
     if len(free):
-        shared = (root * scores(point))[..., free]
-        covariance = solve_spd(point.information[np.ix_(free, free)], np.eye(len(free)))
-        taken = taken + np.einsum("ksni,ij,ksnj->kn", shared, covariance, shared, optimize=True)
+        taken = taken + hat_diagonal((root * scores(point))[..., free], point.information[np.ix_(free, free)])
     return taken
 
 
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
-    windows, weights = solution.windows, solution.weights
+    timing, weights = solution.problem.timing(), solution.weights
     score = scores(solution)[..., free]
     pull = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    duration = windows.lengths.sum() / max(PIECES, windows.count) * (1 + 1e-9)
-    first = np.array([windows.begin[windows.run == run].min() for run in windows.run])
+    duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
 
-    def number(t: np.ndarray) -> np.ndarray:
-        """Run and piece of these times (K, ...) in one number."""
-        since = np.floor((t - first.reshape(-1, *[1] * (t.ndim - 1))) / duration + 1e-6).astype(int)
-        return windows.run.reshape(-1, *[1] * (t.ndim - 1)) * 10**9 + np.maximum(since, 0)
+    def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
+        """Run and piece of these times of runs in one number."""
+        since = np.floor((t - timing.begin[run]) / duration + 1e-6).astype(int)
+        return run * 10**9 + np.maximum(since, 0)
 
-    known = (windows.weight > 0).any(axis=2)
-    place = number(windows.times())
-    rows = [(place[known], pull[known], square[known])]
-    if solution.gap_weight and windows.follows.any():
+    known = timing.known
+    rows = [(number(timing.t, timing.run)[known], pull[known], square[known])]
+    if solution.gap_weight and solution.windows.follows.any():
+        windows = solution.windows
         found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
         left, right, along = found.left, found.left + 1, solution.eliminated
         slope = found.shared + np.einsum("gij,gjp->gip", found.before, along[left])
         slope = (slope + np.einsum("gij,gjp->gip", found.after, along[right]))[..., free] / solution.gap_weight
         gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
-        rows.append((number(windows.begin)[right], gradient, np.einsum("gip,giq->gpq", slope, slope)))
+        rows.append(
+            (number(windows.begin[right], windows.run[right]), gradient, np.einsum("gip,giq->gpq", slope, slope))
+        )
     names, index = np.unique(np.concatenate([row[0] for row in rows]), return_inverse=True)
     gradient, information = np.zeros((len(names), len(free))), np.zeros((len(names), len(free), len(free)))
     np.add.at(gradient, index, np.concatenate([row[1] for row in rows]))

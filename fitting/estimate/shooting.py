@@ -89,8 +89,7 @@ class JoinedWindows(Separate):
 
     def descend(self, begin: Solution, iterations: int, count: int = 0) -> Solution:
         """Go on from a solution; `count` evaluations were made before."""
-        start = begin.values, begin.starts, begin.evaluation
-        found = descend(self, *start, iterations, before=begin, history=list(begin.history))
+        found = descend(self, begin, iterations)
         return replace(found, iterations=count + found.iterations, gap_weight=self.weight)
 
     def recovered(self, ahead: Solution, point: Solution) -> float:

@@ -19,8 +19,6 @@ from fitting.estimate.sandwich import FEW, leverage, pieces, resample, scatter, 
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
-#: Lag-1 correlation that counts as real: so many of its own standard errors, and at least this large.
-CORRELATED, CORRELATION_FLOOR = 4.0, 0.05
 #: Relative standard error beyond which a direction is called undetermined.
 UNDETERMINED = 1.0
 
@@ -35,7 +33,7 @@ class Uncertainty:
         low, high: ends of the 90 % intervals (k,).
         at_bound: (k,) bool.
         noise: deviation of the residuals in units of the assumed noise.
-        correlation_1: correlation of neighbouring residuals.
+        correlation_1: correlation of neighbouring residuals, of channels one each (c,).
         inflation: largest factor on a standard error that the correlation brought.
         undetermined: directions (name -> share) that the data do not determine.
         blocks: how many blocks of scores the errors come from; 0 where they come from the noise.
@@ -47,7 +45,7 @@ class Uncertainty:
     high: np.ndarray
     at_bound: np.ndarray
     noise: float
-    correlation_1: float
+    correlation_1: float | np.ndarray
     inflation: float
     undetermined: tuple[dict[str, float], ...]
     blocks: int = 0
@@ -61,13 +59,14 @@ class Uncertainty:
 
 def degrees_of_freedom(solution: Solution) -> float:
     """Samples less what the fit has used up of them, by leverage."""
-    return max(1.0, solution.windows.samples - float(leverage(solution).sum()))
+    return max(1.0, solution.problem.samples - float(leverage(solution).sum()))
 
 
 def variance(solution: Solution) -> float:
     """Variance of the noise, in units of the assumed one, by which the inverse information is the covariance."""
-    known, residual = solution.windows.weight > 0, solution.evaluation.residual
-    return robust_variance(residual[known], solution.problem.loss, degrees_of_freedom(solution))
+    problem, residual = solution.problem, solution.evaluation.residual
+    variance = robust_variance(residual[problem.sample_mask], problem.loss, degrees_of_freedom(solution))
+    return max(variance, problem.least_variance)
 
 
 def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
@@ -84,23 +83,15 @@ def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
     return square * float(np.mean(weights)) / max(float(np.mean(loss.curvature(residual))), 1e-3) ** 2
 
 
-def lag_one(residual: np.ndarray, known: np.ndarray) -> tuple[float, float]:
-    """Correlation of neighbouring residuals (K, S, n) and its standard error for white noise."""
-    both = known[:, 1:] & known[:, :-1]
-    product = np.where(both, residual[:, 1:] * residual[:, :-1], 0.0)
-    square = np.where(known, residual**2, 0.0).sum() / max(known.sum(), 1)
-    return float(product.sum() / max(both.sum(), 1) / max(square, 1e-300)), 1 / np.sqrt(max(both.sum(), 1))
-
-
 def uncertainty(solution: Solution) -> Uncertainty:
     """Errors at a solution; the larger of the noise's and of the blocks' scatter where noise is not all there is."""
-    problem, windows, k = solution.problem, solution.windows, len(solution.values)
+    problem, k = solution.problem, len(solution.values)
     free = np.flatnonzero(~problem.held)
     noise2 = variance(solution)
     white = noise2 * _inverse(solution.information[np.ix_(free, free)])
-    correlation, error = lag_one(solution.weights * solution.evaluation.residual, windows.weight > 0)
+    correlation, real = problem.correlation(solution)
     covariance, inflation, blocks = white, 1.0, 0
-    if abs(correlation) > max(CORRELATED * error, CORRELATION_FLOOR) or not problem.explained:
+    if real or not problem.explained:
         found = scatter(solution, free)
         if found is not None:
             blocks, size, least = found.blocks, np.diag(found.covariance), np.diag(white)
@@ -176,7 +167,7 @@ def chance_below(distance: float, blocks: float = 0) -> float:
 def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
     """Directions that the data leave open: eigenvectors of the covariance in units of the parameters' sizes."""
     parameters = solution.problem.parameters
-    if len(free) < 2:
+    if len(free) < 2 or not np.isfinite(covariance).all():
         return ()
     size = np.array([max(abs(solution.values[i]), parameters[i].scale * 0.1) for i in free])
     spread, direction = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(size, size))

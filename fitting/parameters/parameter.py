@@ -120,9 +120,27 @@ def resolve(
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
     check_once([p.name for p in found], option)
-    known = [p.name for p in found]
+    return adjust_parameters(found, start, bounds, priors)
+
+
+def adjust_parameters(
+    parameters: Sequence[Parameter],
+    start: StartValues | None = None,
+    bounds: Bounds | None = None,
+    priors: Priors | None = None,
+    wider: bool = False,
+) -> tuple[Parameter, ...]:
+    """The parameters with what is given of them by path.
+
+    Args:
+        wider: bounds may lie outside of the parameters' own, which are a guess.
+
+    Raises:
+        SceneError: a path that is not free, bounds without room, a start outside of them, a prior without width.
+    """
+    known = [p.name for p in parameters]
     given = [_for_each(*one, known) for one in (("start", start), ("bounds", bounds), ("prior", priors))]
-    return tuple(_adjust(p, *given) for p in found)
+    return tuple(_adjust(p, *given, wider) for p in parameters)
 
 
 def _for_each(which: str, given: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
@@ -143,9 +161,10 @@ def check_once(names: Sequence[str], option: str) -> None:
             raise SceneError(f"{option}: {name!r} is given twice; allowed: every parameter once")
 
 
-def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) -> Parameter:
+def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wider: bool) -> Parameter:
     low, high = bounds.get(p.name, (None, None))
-    low, high = p.low if low is None else max(low, p.low), p.high if high is None else min(high, p.high)
+    least, most = (-np.inf, np.inf) if wider else (p.low, p.high)
+    low, high = p.low if low is None else max(low, least), p.high if high is None else min(high, most)
     value = float(start.get(p.name, p.value))
     if not low <= high:
         raise SceneError(f"bounds: {p.name!r} has no room between {low:g} and {high:g}; allowed: low <= high")
@@ -153,8 +172,8 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors) ->
         if p.name in start:
             raise SceneError(f"start: {p.name} = {value:g} is out of bounds; allowed: {low:g} to {high:g}")
         value = min(max(value, low), high)
-    prior = priors.get(p.name)
-    if prior is not None and not 0 < prior[1] < np.inf:
+    prior = priors.get(p.name, p.prior)
+    if prior is not None and not (0 < prior[1] < np.inf and np.isfinite(prior[0])):
         raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: > 0")
     return dataclasses.replace(p, value=value, low=low, high=high, prior=prior)
 

@@ -12,24 +12,10 @@ from dropper_jax.base.toml_text import as_toml
 from dropper_jax.plots import style
 from fitting.channels.result import ChannelFit
 from fitting.report.report import markdown
-from fitting.report.tables import significant
+from fitting.report.tables import interval_rows, parameter_rows, significant, step_text
 
 #: Most columns drawn in one picture.
 MOST = 6
-VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "upper bound": "upper bound"}
-
-
-def parameter_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """Name, value, error, interval, unit and what is to be said of every parameter, with a heading."""
-    e = result.errors
-    rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
-    for i, p in enumerate(result.parameters):
-        digits = significant(result.values[i], e.std_error[i])
-        ends = (f"{x:.{digits}g}" for x in (e.low[i], e.high[i]))
-        notes = [VERDICTS[e.determined[i]], "at bound" if e.at_bound[i] else ""]
-        row = (f"{result.values[i]:.{digits}g}", f"{e.std_error[i]:.2g}", *ends, p.unit)
-        rows.append((p.name, *row, ", ".join(note for note in notes if note)))
-    return rows
 
 
 def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
@@ -44,7 +30,7 @@ def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 
 def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """How much each channel feels each parameter, with a heading."""
-    names = [s.channel.name for s in result.point.problem.data.sensors]
+    names = [s.channel.name for s in result.solution.problem.data.sensors]
     rows = [("parameter", *names)]
     return rows + [
         (p.name, *(f"{s:.2g}" for s in row))
@@ -64,13 +50,11 @@ def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 
 def summary(result: ChannelFit) -> list[tuple[str, str]]:
     """What else is said of a fit."""
-    bias = result.step_bias
-    moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
     blocks = result.errors.blocks
     return [
-        ("time step", f"{result.point.problem.dt:.3g} s{moves}"),
+        ("time step", step_text(result, result.solution.problem.dt)),
         ("errors from", f"{blocks} blocks of time" if blocks else "the noise"),
-        ("runs", f"{result.point.iterations} with derivatives"),
+        ("runs", f"{result.iterations} with derivatives"),
         ("wall time", f"{result.seconds:.1f} s"),
     ]
 
@@ -79,7 +63,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     """Write `report.md`, a picture of every run, and `fitted.toml`, the scene with the fitted values; of several runs
     with values of their own one scene each, `fitted_RUN.toml`."""
     folder = folder_without(folder, "report.md")
-    runs = result.point.problem.data.runs
+    runs = result.solution.problem.data.runs
     files = [picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)
     parts = [
@@ -87,6 +71,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
         f"Status **{result.status}**{': ' + result.message if result.message else ''}.",
         "## Parameters",
         markdown(parameter_rows(result)),
+        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown(rows)]),
         *(["## Over the runs", markdown(between_rows(result))] if result.between else []),
         "## Channels",
         markdown(channel_rows(result)),
@@ -106,7 +91,7 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
 
 def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
     """The fitted scenes as TOML."""
-    runs = result.point.problem.data.runs
+    runs = result.solution.problem.data.runs
     if not result.between and not any(run.own for run in runs):
         return [atomic_write(folder / "fitted.toml", as_toml(result.fitted_scene().as_written()))]
     return [
@@ -117,10 +102,10 @@ def write_scenes(result: ChannelFit, folder: Path) -> list[Path]:
 
 def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     """Measured samples, the fitted run over them, and residuals in units of the noise, of a run's first columns."""
-    problem, e = result.point.problem, result.point.evaluation
+    problem, e = result.solution.problem, result.solution.evaluation
     panels = []
     for c, sensor in enumerate(problem.data.sensors):
-        size = result.point.noise.size[c] * result.point.scales[run][c]
+        size = problem.noise.size[c] * problem.scales[run][c]
         for j, name in enumerate(sensor.channel.columns):
             t, measured, shown = problem.data.runs[run].t[c], problem.data.runs[run].values[c][:, j], e.shown[run][c]
             label = sensor.channel.name if len(sensor.channel.columns) == 1 else f"{sensor.channel.name}: {name}"

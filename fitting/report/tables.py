@@ -9,21 +9,22 @@ import numpy as np
 from fitting.calibration.advice import Candidate
 from fitting.calibration.law import Law
 from fitting.calibration.result import FitResult
+from fitting.estimate.scene_fit import SceneFit
 
 
-def parameter_rows(result: FitResult) -> list[tuple[str, ...]]:
-    """Name, value, error, interval, unit and bound of every parameter, with a heading."""
+def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
+    """Name, value, error, interval, unit and what is to be said of every parameter, with a heading."""
     u = result.uncertainty
     rows = [("parameter", "value", "std error", "90 % low", "high", "unit", "")]
     for i, p in enumerate(result.parameters):
         digits = significant(result.values[i], u.std_error[i])
         ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
         row = (f"{result.values[i]:.{digits}g}", f"{u.std_error[i]:.2g}", *ends)
-        rows.append((p.name, *row, p.unit, "at bound" if u.at_bound[i] else ""))
+        rows.append((p.name, *row, p.unit, result.note(i)))
     return rows
 
 
-def interval_rows(result: FitResult) -> list[tuple[str, ...]]:
+def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
     """90 % intervals by profile likelihood, bootstrap and posterior, where asked for, with a heading."""
     rows = [("parameter", "by", "90 % low", "high")]
     digits = {
@@ -62,11 +63,11 @@ def significant(value: float, error: float) -> int:
     return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(error)) + 2, 3, 12))
 
 
-def step_text(result: FitResult) -> str:
-    """The step, and how far it moves the estimates."""
-    bias = result.solution.step_bias
-    moves = "" if bias is None else f", moves the estimates by {np.max(np.abs(bias), initial=0):.2g} standard errors"
-    return f"{result.windows.dt / result.windows.substeps:.3g} s{moves}"
+def step_text(result: SceneFit, step: float) -> str:
+    """The step [s], and how far it moves the estimates."""
+    bias = result.step_bias
+    moves = "" if bias is None else f", moves the estimates by {np.nanmax(np.abs(bias), initial=0):.2g} standard errors"
+    return f"{step:.3g} s{moves}"
 
 
 def combination(result: FitResult) -> list[tuple[str, str]]:
@@ -95,7 +96,7 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
         ("noise of the residuals", noise_text(result)),
         *combination(result),
-        ("time step", step_text(result)),
+        ("time step", step_text(result, result.windows.dt / result.windows.substeps)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),
         ("iterations", f"{result.iterations}"),
         ("wall time", f"{result.seconds['compile']:.1f} s compilation, {result.seconds['run']:.1f} s run"),

@@ -272,17 +272,26 @@ BLOCK, CALM = 24, 0.35
 def noise(trace: Trace) -> np.ndarray:
     """Standard deviation of the noise of each link (n,) [rad], from differences of high order, robust to outliers.
 
-    White noise of deviation s gives differences of order q and deviation `s sqrt(C(2 q, q))`; a smooth motion nearly
-    none. The smallest over the orders is taken, in the calmest blocks of time, and compared with what white noise of
-    known size gives by the same choice. It is at least the rounding of the samples.
+    It is at least the rounding of the samples.
     """
     if len(trace.t) < FEWEST:
         return np.full(trace.links, 1e-3)
-    white = np.random.default_rng(0).standard_normal((len(trace.t), 16))
-    usual = float(np.nanmean(_calm_difference(white)))
-    found = _calm_difference(trace.theta) / usual
+    found = noise_by_differences(trace.theta)
     found = np.maximum(np.where(np.isfinite(found), found, 1e-3), 1e-6)
     return np.maximum(found, [_rounding(column) / np.sqrt(12) for column in trace.theta.T])
+
+
+def noise_by_differences(values: np.ndarray) -> np.ndarray:
+    """Standard deviation (n,) of white noise on even samples (N, n) of a smooth motion; NaN where too few are known.
+
+    White noise of deviation s gives differences of order q and deviation `s sqrt(C(2 q, q))`; a smooth motion nearly
+    none. The smallest over the orders is taken, in the calmest blocks of time, and compared with what white noise of
+    known size gives by the same choice.
+    """
+    if len(values) <= max(ORDERS):
+        return np.full(values.shape[1], np.nan)
+    white = np.random.default_rng(0).standard_normal((len(values), 16))
+    return _calm_difference(values) / float(np.nanmean(_calm_difference(white)))
 
 
 def _calm_difference(theta: np.ndarray) -> np.ndarray:

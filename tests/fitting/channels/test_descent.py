@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.channels.descent import FACTOR, after, room, yields
+from fitting.channels.problem import FACTOR, after, room, yields
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.place import Direction
 

@@ -13,12 +13,12 @@ import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
-from fitting.channels.fit import fit_channels
+from fitting.channels.fit import fit_channels, growth
 from fitting.channels.free import placed
 from fitting.channels.motion import differentiated, moved, watched
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
-from fitting.channels.settling import growth
+from fitting.estimate.scene_fit import Intervals
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8
 T = np.arange(0.0, 4.0, 0.04)
@@ -97,7 +97,7 @@ def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
 
 @pytest.mark.check
 def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
-    problem, values = found.point.problem, found.values
+    problem, values = found.solution.problem, found.values
     at = placed(problem.scenes[0], problem.data, problem.plain[0], values)
     dt, near = jnp.asarray(problem.dt), problem.near[0]
     times = tuple(jnp.asarray(t) for t in problem.data.runs[0].t)
@@ -123,6 +123,23 @@ def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
         )
         difference = (4 * near_by - far) / 3
         assert np.allclose(forward[:, i], difference, rtol=1e-6, atol=1e-6 * np.abs(forward[:, i]).max())
+
+
+@pytest.mark.check
+def test_profile_bootstrap_and_posterior_agree_with_the_errors(found):
+    """Three ways to the same interval where the problem is nearly linear."""
+    again = replace(found, profiles=[], bootstrap=None, posterior=None)
+    Intervals(profile=["b_l"], bootstrap=400, posterior=100).add_to(again, lambda *_: None)
+    i, (by_profile,) = [p.name for p in again.parameters].index("effects.linear_damping.b_l"), again.profiles
+    e, given = again.errors, again.to_json()
+    assert by_profile.converged
+    width = e.high[i] - e.low[i]
+    assert (by_profile.low, by_profile.high) == pytest.approx((e.low[i], e.high[i]), abs=0.05 * width)
+    by = [given[key] for key in ("bootstrap", "posterior")]
+    for found_by in (by[0], by[1]["parameters"]):
+        row = found_by["effects.linear_damping.b_l"]
+        assert row["high"] - row["low"] == pytest.approx(width, rel=0.35)
+    assert given["posterior"]["pareto_k"] < 0.7
 
 
 @pytest.mark.slow
@@ -181,7 +198,7 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
             {"priors": {"b_l": (0.02, 0.0)}},
             "linear_damping.b_l' has standard deviation 0; allowed: > 0",
         ),
-        ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'mass' is not free"),
+        ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'line.0.mass' is not a free parameter"),
         ({"bounds": {"b_l": (0.3, 0.2)}}, "has no room between 0.3 and 0.2"),
         ({"start": {"b_l": -1.0}}, "start: effects.linear_damping.b_l = -1 is out of bounds"),
         ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l' of one run alone"),
@@ -198,7 +215,7 @@ def test_mistakes_are_named(more, said):
 def test_growth_of_derivatives_is_seen(found):
     """Derivatives that grow as exp(20 t/T): from the last of the middle fifth to the last sample in 40 of 99 steps."""
     slopes = np.exp(20 * np.linspace(0, 1, 100))[:, None, None]
-    e = found.point.evaluation
+    e = found.solution.evaluation
     assert growth(e) < 10
     assert growth(e._replace(slopes=((slopes,),))) == pytest.approx(np.exp(20 * 40 / 99), rel=1e-9)
     assert growth(e._replace(slopes=((slopes * np.nan,),))) == np.inf

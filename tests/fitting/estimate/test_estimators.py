@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.fit import estimate, prepare, summarise
-from fitting.estimate.gauss_newton import closed_starts, fit_windows
+from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Huber
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.profile import profile
@@ -113,7 +113,7 @@ def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, sep
         """By the chart at the moved start, turned to the chart at the first one (equal to first order in the move)."""
         found = evaluate(x)
         rows = found.jacobian.reshape(8, -1, m2 + 2)
-        moved = planar.chart(simulator.model_at(x[:2] * scale), closed_starts(found).theta)
+        moved = planar.chart(simulator.model_at(x[:2] * scale), found.starts.theta)
         turn = np.einsum("kij,kil->kjl", moved, bases)
         full = np.zeros((8, rows.shape[1], 2 + 8 * m2))
         for k in range(8):

@@ -9,8 +9,8 @@ import pytest
 from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.loss import Huber, LeastSquares
+from fitting.estimate.noise import log_volume, whitened
 from fitting.estimate.sandwich import Pieces, memory, resample
-from fitting.estimate.whitening import log_volume, whitened
 from fitting.estimate.windows import Windows
 
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40

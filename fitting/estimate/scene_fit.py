@@ -1,0 +1,180 @@
+"""What every fit gives back: estimates with errors and intervals, as rows and as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.progress import Progress
+from dropper_jax.load.scene import Scene
+from fitting.estimate.nuts import nuts
+from fitting.estimate.posterior import Posterior, importance
+from fitting.estimate.problem import Solution
+from fitting.estimate.profile import Profile, profile
+from fitting.estimate.uncertainty import Uncertainty, bootstrap
+from fitting.parameters.naming import full_names
+from fitting.parameters.parameter import Parameter
+
+SAMPLERS = {"importance": importance, "nuts": nuts}
+
+
+@dataclass(kw_only=True)
+class SceneFit:
+    """A scene fitted to measurements.
+
+    Attributes:
+        scene: as it was given.
+        solution: where the fit ended.
+        uncertainty: errors of the estimates.
+        warnings: what to beware of, a line each.
+        profiles: profile likelihoods that were asked for.
+        bootstrap: parameters (draws, k) of resampled blocks of time, where asked for.
+        posterior: weighted draws of the parameters, where asked for.
+    """
+
+    scene: Scene
+    solution: Solution
+    uncertainty: Uncertainty
+    warnings: list[str] = field(default_factory=list)
+    profiles: list[Profile] = field(default_factory=list)
+    bootstrap: np.ndarray | None = None
+    posterior: Posterior | None = None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What was free."""
+        return self.solution.problem.parameters
+
+    @property
+    def values(self) -> np.ndarray:
+        """The estimates (k,)."""
+        return self.solution.values
+
+    @property
+    def status(self) -> str:
+        """`ok` or `not_converged`; `message` gives the reason."""
+        return self.solution.status
+
+    @property
+    def message(self) -> str:
+        """The reason of a status that is not `ok`."""
+        return self.solution.message
+
+    @property
+    def outcome(self) -> str:
+        """Status and message in one line."""
+        return f"{self.status}: {self.message}" if self.message else self.status
+
+    @property
+    def iterations(self) -> int:
+        """Evaluations made."""
+        return self.solution.iterations
+
+    @property
+    def step_bias(self) -> np.ndarray | None:
+        """How far the time step moves the estimates (k,) [standard errors]; None where it was not looked at."""
+        return self.solution.step_bias
+
+    def __getitem__(self, name: str) -> float:
+        """The estimate of a parameter by its path."""
+        return float(self.values[[p.name for p in self.parameters].index(name)])
+
+    def note(self, i: int) -> str:
+        """What is to be said of a parameter, by its number."""
+        return "at bound" if self.uncertainty.at_bound[i] else ""
+
+    def estimates(self) -> dict[str, dict[str, Any]]:
+        """Value, error, 90 % interval and unit of every parameter, by its path."""
+        u = self.uncertainty
+        rows = zip(self.parameters, self.values, u.std_error, u.low, u.high, u.at_bound, strict=True)
+        return {
+            p.name: {"value": v, "std_error": s, "low": a, "high": b, "at_bound": bool(c), "unit": p.unit}
+            for p, v, s, a, b, c in rows
+        }
+
+    def intervals(self) -> dict[str, Any]:
+        """Profiles, bootstrap and posterior as plain values, those that were asked for."""
+        found: dict[str, Any] = {}
+        if self.profiles:
+            found["profile"] = {
+                p.name: {"low": p.low, "high": p.high, "values": p.values, "growth": p.growth, "converged": p.converged}
+                for p in self.profiles
+            }
+        if self.bootstrap is not None:
+            found["bootstrap"] = self.bootstrap_table()
+        if self.posterior is not None:
+            found["posterior"] = self.posterior.to_json()
+        return found
+
+    def bootstrap_table(self) -> dict[str, dict[str, float]]:
+        """Standard deviation and 90 % quantiles of the resampled parameters."""
+        draws = self.bootstrap
+        low, high = np.quantile(draws, [0.05, 0.95], axis=0)
+        spread = draws.std(axis=0, ddof=1)
+        return {
+            p.name: {"std_error": s, "low": a, "high": b}
+            for p, s, a, b in zip(self.parameters, spread, low, high, strict=True)
+        }
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Intervals to compute in addition to the errors of a fit.
+
+    Attributes:
+        profile: names of free parameters whose profile likelihood is wanted; True for all.
+        bootstrap: draws over blocks of time.
+        posterior: draws of the parameters.
+        sampler: of the posterior, one of `SAMPLERS`.
+
+    Raises:
+        SceneError: one draw of a bootstrap, an unknown sampler.
+    """
+
+    profile: Sequence[str] | bool = False
+    bootstrap: int = 0
+    posterior: int = 0
+    sampler: str = "importance"
+
+    def __post_init__(self) -> None:
+        if self.bootstrap < 0 or self.bootstrap == 1:
+            raise SceneError(f"bootstrap: {self.bootstrap} draws tell no spread; allowed: 0 or at least 2")
+        if self.sampler not in SAMPLERS:
+            raise SceneError(f"sampler: {self.sampler!r} is unknown; {nearest(self.sampler, SAMPLERS)}")
+
+    def profile_names(self, scene: Scene, parameters: Sequence[Parameter]) -> list[str]:
+        """Free parameters whose profile is wanted, by their names or those of their fields.
+
+        Raises:
+            SceneError: one that is not free.
+        """
+        known = [p.name for p in parameters]
+        if isinstance(self.profile, bool):
+            return known if self.profile else []
+        found = []
+        for name in self.profile:
+            full = name if name in known else full_names(scene, [name], "profile")[0]
+            mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
+            if not mine:
+                raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
+            found += mine
+        return list(dict.fromkeys(found))
+
+    def add_to(self, result: SceneFit, progress: Progress) -> None:
+        """Put the intervals into a result, with their warnings."""
+        solution = result.solution
+        errors = dict(zip([p.name for p in result.parameters], result.uncertainty.std_error, strict=True))
+        for name in self.profile_names(result.scene, result.parameters):
+            progress(0.96, f"profile of {name}")
+            result.profiles.append(profile(solution, name, float(errors[name])))
+        if self.bootstrap:
+            drawn = bootstrap(solution, self.bootstrap)
+            result.bootstrap = drawn.draws
+            result.warnings += [drawn.warning] if drawn.warning else []
+        if self.posterior and solution.status == "ok":
+            result.posterior = SAMPLERS[self.sampler](solution, self.posterior, progress=progress)
+            result.warnings += result.posterior.warnings

@@ -15,7 +15,7 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import free_motions, generalised
 from dropper_jax.statics.calm import rest
-from dropper_jax.statics.rest_problem import StaticProblem
+from dropper_jax.statics.rest_problem import RestProblem
 from dropper_jax.statics.tangent import unbalanced_rows
 
 #: Stiffness over the largest one (per mass) that is rounding; swinging is 1e-11 of the axial stiffness of a chain.
@@ -140,10 +140,10 @@ def _on_free_motions(
 def _with_lengths(model: Model, pose: State) -> tuple[jax.Array, ...]:
     """Derivatives of the rows by moves and tensions, of the lengths by both, and the mass matrix."""
     model = rest(model)
-    problem = StaticProblem(model, pose, jnp.zeros_like(pose.r))
+    problem = RestProblem(model, pose, jnp.zeros_like(pose.r))
 
     def rows(x: jax.Array, tension: jax.Array) -> tuple[jax.Array, jax.Array]:
-        found = problem.residual(Unknowns(pose.r + x.reshape(-1, 3), tension))
+        found = problem.residual(Unknowns(x.reshape(-1, 3), tension))
         return found.x.ravel(), found.y
 
     none = jnp.zeros(pose.r.size, model.dtype)

@@ -19,7 +19,8 @@ import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Geometry, Graph, Model, State, state
-from dropper_jax.statics.system import REACH, SMALLEST, host_scale, unbalanced
+from dropper_jax.statics.rest_problem import SMALLEST, force_scale
+from dropper_jax.statics.system import REACH, unbalanced
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -99,7 +100,7 @@ def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
 
 def relax(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose into which a system moves slowly from `s`, and its largest scaled unbalanced force."""
-    scale, length = host_scale(model), float(np.mean(np.asarray(model.line.length)))
+    scale, length = float(force_scale(model, np)), float(np.mean(np.asarray(model.line.length)))
     enough, tau, count = tolerance * scale, 1.0, 0
     s, force = _placed(model, s, np.asarray(s.r), loads)
     best = s, float(np.max(np.abs(force)))
@@ -139,7 +140,7 @@ def parting(model: Model, s: State, loads: jax.Array) -> np.ndarray | None:
         return None
     values, vectors = np.linalg.eig(stiffness(model, s, loads).toarray())
     least = int(np.argmin(values.real))
-    if values[least].real >= -ROUNDING * host_scale(model) / float(np.mean(np.asarray(model.line.length))):
+    if values[least].real >= -ROUNDING * float(force_scale(model, np)) / float(np.mean(np.asarray(model.line.length))):
         return None
     way = vectors[:, least].real.reshape(s.r.shape)
     return way / np.max(np.abs(way))

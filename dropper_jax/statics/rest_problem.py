@@ -2,77 +2,88 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton
+from dropper_jax.model import Graph, Kinematics, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.solvers.dense import Dense, residual_matrix
 
 #: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
 STATIC_TOLERANCE = 1e-10
+#: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
+SMALLEST = 1e-9
 #: Unknowns up to which LU of the whole Jacobian is used.
 DENSE_LIMIT = 200
 
 
-class StaticProblem(StepProblem):
-    """Unknowns: x = r, y = T, at rest at the state's time."""
+class RestProblem(StepProblem):
+    """Unknowns: x = r - (the state's r), y = T, at rest at the state's time.
 
-    def __init__(self, model: Model, s: State, loads: jax.Array) -> None:
+    kappa [N/m] makes the matrix of corrections stiffer and leaves the rows as they are: `K + kappa` of one correction.
+    """
+
+    def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array | float = 0.0) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
-        self.loads = loads
+        self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
-        k = model.kinematics(s.r, jnp.zeros_like(s.r), s.t, self.ends)
-        self.prepared = model.prepare(k)
+
+    def instant(self, x: jax.Array) -> Kinematics:
+        return self.model.instant(self.s.r + x, jnp.zeros_like(x), self.s.t, self.ends)
+
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        stiffer = self.kappa * (x - jax.lax.stop_gradient(x))
+        return stiffer - self.model.force(self.instant(x)) - self.loads, ()
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        return self.model.links(self.s.r + x, self.ends)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        pull = y[:, None] * line.axial.direction(d, d, d, line.length)
+        return pull, line.axial.at_rest(d, y, line.length)
+
+    def tension(self, x: jax.Array) -> jax.Array:
+        """Tensions that belong to the links' lengths (n,) [N]."""
+        line, d = self.model.line, self.link_vectors(x)
+        return line.axial.tension(d, jnp.zeros_like(d), line.length)
 
     def residual(self, u: Unknowns) -> Unknowns:
-        model, line = self.model, self.model.line
-        k = model.kinematics(u.x, jnp.zeros_like(u.x), self.s.t, self.ends, prepared=self.prepared)
-        if model.sea is not None:  # a current meets the line as it lies in the end, not as it was guessed
-            k = model.instant(k.r, k.v, k.t, self.ends)
-        direction = line.axial.direction(k.links, k.links, k.links, line.length)
-        rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
-        return Unknowns(rows, line.axial.at_rest(k.links, u.y, line.length))
+        pull, axial = self.link_rows(self.link_vectors(u.x), u.y)
+        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
 
     def row_scale(self) -> Unknowns:
-        line = self.model.line
-        weight = GRAVITY_SCALE * jnp.mean(line.mass) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
-        return Unknowns(weight, line.length)
+        weight = force_scale(self.model) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
+        return Unknowns(weight, self.model.line.length)
 
 
-def static_solver(model: Model) -> Solver:
-    """The solver of the exact Jacobian that is cheaper for the model."""
-    if SOLVERS["dense"].size(model) <= DENSE_LIMIT:
-        return SOLVERS["dense"]
-    return SOLVERS["banded"]
+def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
+    """What a residual force is measured against, a scalar [N]: the mean weight of a link; with NumPy on the host."""
+    return GRAVITY_SCALE * xp.mean(xp.asarray(model.line.mass))
 
 
-@dataclass(frozen=True)
-class LeastNorm(Dense):
-    """The shortest correction, where the pose may turn freely (ends above one another) and the Jacobian is singular."""
-
-    name: str = "least_norm"
-
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> jax.Array:
-        return residual_matrix(problem, u)
-
-    def apply(self, factor: jax.Array, rows: Unknowns) -> Unknowns:
-        flat, unravel = ravel_pytree(rows)
-        return unravel(jnp.linalg.lstsq(factor, flat)[0])
+def rest_solver(model: Model) -> Solver:
+    """The solver of the exact Jacobian that is cheapest for the model; the network's is of systems."""
+    if isinstance(model.geometry, Graph):
+        return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
+    return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= DENSE_LIMIT else SOLVERS["banded"]
 
 
-@kept(static=("solver", "iterations"), brief=True)
-def _newton(
-    model: Model, s: State, loads: jax.Array, solver: Solver, iterations: int = 25
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    problem = StaticProblem(model, s, loads)
-    u, residual = damped_newton(problem, solver, Unknowns(s.r, s.tension), iterations)
-    return u.x, u.y, residual
+@kept(static=("iterations", "damped"), brief=True)
+def polish(
+    model: Model, s: State, loads: jax.Array, kappa: jax.Array, iterations: int = 25, damped: bool = True
+) -> tuple[State, jax.Array]:
+    """The pose next to that of `s`, and its largest scaled row: Newton on places and tensions together.
+
+    Tensions are unknowns, as those of rigid links must be. kappa [N/m] stiffens the corrections: a small one holds
+    what may move freely (a line with its ends above one another turns), a large one makes them a slow fall.
+    """
+    problem, start = RestProblem(model, s, loads, kappa), Unknowns(jnp.zeros_like(s.r), s.tension)
+    u, residual = (damped_newton if damped else newton)(problem, rest_solver(model), start, iterations)
+    return state(model, s.r + u.x, tension=u.y, t=s.t), residual
 
 
 def static_tolerance(model: Model) -> float:
@@ -80,7 +91,7 @@ def static_tolerance(model: Model) -> float:
     return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
 
 
-def solve_statics(model: Model, s: State, loads: jax.Array, t: float, solver: Solver = None) -> tuple[State, float]:
-    """The pose next to that of `s`, and its largest scaled row."""
-    r, tension, residual = _newton(model, s, loads, solver or static_solver(model))
-    return state(model, r, tension=tension, t=t), float(residual)
+def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
+    """`polish` on the host."""
+    found, residual = polish(model, s, loads, SMALLEST * force_scale(model) / jnp.mean(model.line.length))
+    return found, float(residual)

@@ -19,14 +19,13 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
-from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics.bodies import rest_with_bodies
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang
 from dropper_jax.statics.laid_out import laid_out
 from dropper_jax.statics.relaxation import relax, steadied
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, LeastNorm, StaticProblem, solve_statics, static_tolerance
+from dropper_jax.statics.rest_problem import RestProblem, solve_statics, static_tolerance
 from dropper_jax.statics.stability import leave, stable
 from dropper_jax.statics.system import (
     find_rest,
@@ -34,7 +33,6 @@ from dropper_jax.statics.system import (
     guess,
     springy,
     system_tolerance,
-    tighten,
     unsettled,
 )
 
@@ -114,8 +112,7 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
         s, residual = find_rest(model, s, loads, tolerance)
         message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     if not message and model.line is not rigid:
-        s, residual = tighten(replace(model, lines=(rigid,)), s, loads)
-        residual = float(residual)
+        s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
         message = (
             "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
         )
@@ -134,7 +131,7 @@ def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, fl
     s = _hang(model, loads, None, t)
     for _ in range(1 if model.constant_force else 4):
         s = _hang(model, loads, s, t)
-    return solve_statics(model, s, loads, t)
+    return solve_statics(model, s, loads)
 
 
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
@@ -170,14 +167,13 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
 
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
     """The loads added little by little to the catenary; returns the share that was reached."""
-    solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
-    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
+    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share, increment = 0.0, 0.125
     while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
         step = min(increment, 1.0 - share)
-        trial, trial_residual = solve_statics(model, s, (share + step) * loads, t, solver)
+        trial, trial_residual = solve_statics(model, s, (share + step) * loads)
         if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
             s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
@@ -200,7 +196,7 @@ def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
 
 
 def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
-    rows = StaticProblem(model, s, share * loads).residual(Unknowns(s.r, s.tension)).x
+    rows = RestProblem(model, s, share * loads).residual(Unknowns(jnp.zeros_like(s.r), s.tension)).x
     worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
     return (
         f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "

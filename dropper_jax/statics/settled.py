@@ -15,7 +15,8 @@ import jax.numpy as jnp
 
 from dropper_jax.model import Model, State, state
 from dropper_jax.solvers.elimination import solve
-from dropper_jax.statics.system import FALL, KEEP, OVERSHOOT, REACH, RISE, SMALLEST, RestProblem, force_scale
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, force_scale
+from dropper_jax.statics.system import FALL, KEEP, OVERSHOOT, REACH, RISE, TOLERANCE, rounding
 from dropper_jax.statics.tangent import Linear, Tangent, soft_scale, unbalanced_rows
 
 #: Corrections until a pose counts as not found, and such as are always done: the last of them ends at rounding.
@@ -24,8 +25,6 @@ CORRECTIONS, ALWAYS = 100, 2
 LEAST_SHARE = 2.0**-13
 #: Kappa, over the weight of a link per its length, from which it rises where a correction was cut short.
 FIRST = 1e-2
-#: Unbalanced force, over its scale, of a pose that counts as found: rounding of stiff links leaves that of `rounding`.
-TOLERANCE = 1e-10
 
 
 def settled(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
@@ -45,19 +44,8 @@ def settled(model: Model, near: State, loads: jax.Array, there: bool = False) ->
 
     rows = lambda x: unbalanced_rows(model, near, loads, x)  # noqa: E731
     x = jax.lax.custom_root(rows, jnp.zeros_like(near.r), find, tangent.solve)
-    problem = RestProblem(model, near, loads, jnp.zeros((), model.dtype))
+    problem = RestProblem(model, near, loads)
     return state(model, near.r + x, tension=problem.tension(x), t=near.t)
-
-
-def rounding(model: Model) -> jax.Array:
-    """What rounding leaves of the scaled forces of stiff links, a scalar (as `system.system_tolerance`)."""
-    line = model.line
-    stiffness = jnp.max(line.axial.EA / line.length)
-    bed = model.effect("seabed")
-    if bed is not None:
-        stiffness = jnp.maximum(stiffness, jnp.max(bed.stiffness) * jnp.max(line.diameter * line.length))
-    extent = jnp.max(jnp.abs(jnp.stack([p.position for p in model.points]))) + jnp.max(line.length)
-    return 10.0 * jnp.finfo(model.dtype).eps * stiffness * extent / force_scale(model)
 
 
 def _newton(

@@ -10,17 +10,17 @@ import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Solver, Unknowns, damped_newton
+from dropper_jax.residual import Unknowns
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.statics.rest_problem import (
     DENSE_LIMIT,
-    StaticProblem,
+    RestProblem,
+    force_scale,
+    polish,
     solve_statics,
-    static_solver,
     static_tolerance,
 )
-from dropper_jax.statics.system import host_scale
 
 #: First displacement from an unstable pose, in lengths of a link, and steps of the fall that follows.
 NUDGE = 0.1
@@ -41,7 +41,7 @@ def stable(model: Model, s: State) -> bool:
         return True
     if SOLVERS["dense"].size(model) > DENSE_LIMIT:
         return True
-    scale = max(np.abs(tension).mean(), host_scale(model)) / np.mean(np.asarray(model.line.length))
+    scale = max(np.abs(tension).mean(), float(force_scale(model, np))) / np.mean(np.asarray(model.line.length))
     return softest(model, s)[0] > -1e-6 * scale
 
 
@@ -69,7 +69,7 @@ def softest(model: Model, s: State) -> tuple[float, np.ndarray]:
 @kept(brief=True)
 def _stiffness(model: Model, s: State) -> jax.Array:
     """The matrix of the static rows by places and tensions."""
-    return residual_matrix(StaticProblem(model, s, jnp.zeros_like(s.r)), Unknowns(s.r, s.tension))
+    return residual_matrix(RestProblem(model, s, jnp.zeros_like(s.r)), Unknowns(jnp.zeros_like(s.r), s.tension))
 
 
 def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[State, float]:
@@ -77,34 +77,12 @@ def leave(model: Model, s: State, loads: jax.Array, residual: float) -> tuple[St
     stiffness, side = softest(model, s)
     nudge = NUDGE * float(np.mean(np.asarray(model.line.length))) / np.abs(side).max() * side
     for start in (s.r + nudge, s.r - nudge):
-        fallen = _fall(model, replace(s, r=start), loads, 4.0 * abs(stiffness), static_solver(model))
-        found, size = solve_statics(model, fallen, loads, float(s.t))
+        drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
+        fallen, _ = polish(model, replace(s, r=start), loads, drag, iterations=FALL_STEPS, damped=False)
+        found, size = solve_statics(model, fallen, loads)
         if size <= static_tolerance(model) and stable(model, found):
             return found, size
     return s, residual
-
-
-class DraggedProblem(StaticProblem):
-    """The statics with a drag `stiffness (r - r_before)` towards the state's pose: one step of a slow fall."""
-
-    def __init__(self, model: Model, s: State, loads: jax.Array, stiffness: jax.Array) -> None:
-        super().__init__(model, s, loads)
-        self.stiffness = stiffness
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        rows = super().residual(u)
-        return rows._replace(x=rows.x + self.stiffness * (u.x - self.s.r))
-
-
-@kept(static=("solver",), brief=True)
-def _fall(model: Model, s: State, loads: jax.Array, stiffness: jax.Array, solver: Solver) -> State:
-    """A chain of poses, each lower in energy than the one before: implicit steps of a motion without inertia."""
-
-    def lower(s: State, _: None) -> tuple[State, None]:
-        u, _ = damped_newton(DraggedProblem(model, s, loads, stiffness), solver, Unknowns(s.r, s.tension), 6)
-        return replace(s, r=u.x, tension=u.y), None
-
-    return jax.lax.scan(lower, s, None, length=FALL_STEPS)[0]
 
 
 def _null_space(g: np.ndarray) -> np.ndarray:

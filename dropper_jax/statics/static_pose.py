@@ -26,10 +26,10 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics import bodies
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, StaticProblem, static_tolerance
+from dropper_jax.statics.rest_problem import DENSE_LIMIT, RestProblem, force_scale, static_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
 from dropper_jax.statics.settled import settled
-from dropper_jax.statics.system import force_scale, system_tolerance
+from dropper_jax.statics.system import system_tolerance
 from dropper_jax.statics.tangent import unbalanced_rows
 
 
@@ -102,8 +102,10 @@ def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
         size = jnp.max(jnp.abs(rows / jnp.maximum(bodies.arms(model), 1.0)))
         return size / bodies.bodies_scale(model), bodies.TOLERANCE
     if not model.line.axial.elastic:
-        problem = StaticProblem(model, s, loads)
-        return norm(problem.residual(Unknowns(s.r, s.tension)), problem.row_scale()), static_tolerance(model)
+        problem = RestProblem(model, s, loads)
+        return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), static_tolerance(
+            model
+        )
     rows = unbalanced_rows(model, s, loads, jnp.zeros_like(s.r))
     tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
     return jnp.max(jnp.abs(rows)) / force_scale(model), tolerance
@@ -138,8 +140,9 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
             model = laid_out(model, settled(model, near, loads), friction.kinetic)[0]
         found = settled(model, near, loads, there)
         return state(full, found.r, tension=found.tension, t=near.t), model
-    guess = jax.lax.stop_gradient(Unknowns(near.r, near.tension))
-    problem = StaticProblem(model, near, loads)
+    near = replace(jax.lax.stop_gradient(near), t=near.t)
+    guess = Unknowns(jnp.zeros_like(near.r), near.tension)
+    problem = RestProblem(model, near, loads)
     flat, unravel = ravel_pytree(guess)
 
     def rows(x: jax.Array) -> jax.Array:
@@ -152,4 +155,4 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
         return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
 
     u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))
-    return state(full, u.x, tension=u.y, t=near.t), model
+    return state(full, near.r + u.x, tension=u.y, t=near.t), model

@@ -25,7 +25,8 @@ from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.relaxation import stiffness
-from dropper_jax.statics.system import SMALLEST, RestProblem, name_of
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem
+from dropper_jax.statics.system import name_of
 from dropper_jax.statics.tangent import LEFT, REFINEMENTS, free_motion, soft_scale
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def _node(model: Model, point: int) -> int:
 
 def _shifted(model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces, minus F, on free nodes (free, 3) and held points (held, 3) [N], moved by x and u [m]."""
-    problem = RestProblem(model, pose, loads, jnp.zeros((), model.dtype))
+    problem = RestProblem(model, pose, loads)
     problem.ends = Ends(problem.ends.places + u, problem.ends.velocities)
     tension = problem.tension(x)
     pull, _ = problem.link_rows(problem.link_vectors(x), tension)

@@ -12,6 +12,7 @@ in stable poses. Host-side loop over one compiled round.
 from __future__ import annotations
 
 from dataclasses import replace
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +20,12 @@ import numpy as np
 
 from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Graph, Kinematics, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, add
-from dropper_jax.solvers.dense import Dense
-from dropper_jax.solvers.network import Network
+from dropper_jax.model import Graph, Model, State, state
+from dropper_jax.residual import Unknowns
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, force_scale, rest_solver
 
+#: Largest scaled unbalanced force of a pose that counts as found; rounding leaves more of stiff links.
+TOLERANCE = 1e-10
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
 #: Rounds that may pass without a pose better than the guess.
@@ -34,87 +36,40 @@ REACH = 1.0
 SHARES = tuple(0.5**i for i in range(14))
 #: How far the force along a correction may turn against it, over its value at the start.
 OVERSHOOT = 0.5
-#: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
-SMALLEST = 1e-9
 #: Shares of the axial stiffness that poses are found with on the way to a stiff one.
 SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
-#: Stretch of the springs that stand for rigid links, and the corrections from their pose to that of rigid ones.
-GIVE, TIGHTENING = 1e-4, 12
+#: Stretch of the springs that stand for rigid links.
+GIVE = 1e-4
 #: Factors on kappa after a whole, a good and a short step.
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
 
-class RestProblem(StepProblem):
-    """Unknowns: x = r - (last round's r), y = T, at rest at the state's time."""
-
-    def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> None:
-        super().__init__(model, s, jnp.ones((), model.dtype))
-        self.loads, self.kappa = loads, kappa
-        self.ends = model.ends(s.t)
-
-    def place(self, x: jax.Array) -> Kinematics:
-        model, still = self.model, jnp.zeros_like(x)
-        return model.instant(self.s.r + x, still, self.s.t, self.ends)
-
-    def instant(self, x: jax.Array) -> Kinematics:
-        return self.place(x)
-
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        return self.kappa * x - self.model.force(self.place(x)) - self.loads, ()
-
-    def link_vectors(self, x: jax.Array) -> jax.Array:
-        return self.model.links(self.s.r + x, self.ends)
-
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        line = self.model.line
-        pull = y[:, None] * line.axial.direction(d, d, d, line.length)
-        return pull, line.axial.at_rest(d, y, line.length)
-
-    def tension(self, x: jax.Array) -> jax.Array:
-        """Tensions that belong to the links' lengths (n,) [N]."""
-        line, d = self.model.line, self.link_vectors(x)
-        return line.axial.tension(d, jnp.zeros_like(d), line.length)
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        pull, axial = self.link_rows(self.link_vectors(u.x), u.y)
-        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
+def rounding(model: Model, xp: ModuleType = jnp) -> jax.Array:
+    """What rounding leaves of the scaled forces of stiff links and beds, a scalar; with NumPy on the host."""
+    line = model.line
+    length = xp.asarray(line.length)
+    stiffness = xp.max(xp.asarray(line.axial.EA) / length)
+    bed = model.effect("seabed")
+    if bed is not None:
+        contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
+        stiffness = xp.maximum(stiffness, contact)
+    extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
+    return 10.0 * jnp.finfo(model.dtype).eps * stiffness * extent / force_scale(model, xp)
 
 
 def system_tolerance(model: Model) -> float:
-    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
-    line = model.line
-    length = np.asarray(line.length)  # on the host: each operation on arrays of JAX would be a program of its own
-    stiffness = float(np.max(np.asarray(line.axial.EA) / length))
-    bed = model.effect("seabed")
-    if bed is not None:
-        stiffness = max(stiffness, float(np.asarray(bed.stiffness) * np.max(np.asarray(line.diameter) * length)))
-    extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(np.max(length))
-    rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * stiffness * extent
-    return max(1e-10, rounding / host_scale(model))
-
-
-def force_scale(model: Model) -> jax.Array:
-    """What a residual force is measured against, a scalar [N]: the mean weight of a link."""
-    return GRAVITY_SCALE * jnp.mean(model.line.mass)
-
-
-def host_scale(model: Model) -> float:
-    """The same as a number [N]."""
-    return GRAVITY_SCALE * float(np.mean(np.asarray(model.line.mass)))
+    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding leaves."""
+    # on the host: each operation on arrays of JAX would be a program of its own
+    return max(TOLERANCE, float(rounding(model, np)))
 
 
 @kept(brief=True)
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
-    problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
+    problem = RestProblem(model, s, loads)
     x = jnp.zeros_like(s.r)
     tension = problem.tension(x)
     return problem.residual(Unknowns(x, tension)).x, tension
-
-
-def _solver(model: Model) -> Solver:
-    """The network's is of systems."""
-    return Network() if isinstance(model.geometry, Graph) and model.node_reach == 0 else Dense()
 
 
 @kept(brief=True)
@@ -123,7 +78,7 @@ def _round(
 ) -> tuple[State, jax.Array, jax.Array]:
     """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
     problem = RestProblem(model, s, loads, kappa)
-    solver = _solver(model)
+    solver = rest_solver(model)
     u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
     rows = problem.residual(u)
     dx = -solver.apply(solver.factor(problem, u), rows).x
@@ -161,7 +116,7 @@ def guess(model: Model, t: float = 0.0) -> State:
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
-    length, scale = float(np.mean(np.asarray(model.line.length))), host_scale(model)
+    length, scale = float(np.mean(np.asarray(model.line.length))), float(force_scale(model, np))
     rows, tension = unbalanced(model, s, loads)
     s = state(model, s.r, tension=tension, t=s.t)
     residual = float(np.max(np.abs(np.asarray(rows)))) / scale
@@ -201,25 +156,6 @@ def springy(model: Model) -> Model:
     """The model with stiff springs in place of rigid links: they stretch by about `GIVE` of their length."""
     weight = force_scale(model) * model.line.links / GIVE
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
-
-
-@kept(brief=True)
-def tighten(model: Model, s: State, loads: jax.Array) -> tuple[State, jax.Array]:
-    """The pose of rigid links next to that of springs, and its largest scaled row (forces, and elongations by length).
-
-    Newton on places and tensions together: tensions of rigid links are unknowns.
-    """
-    scale = force_scale(model)
-    problem = RestProblem(model, s, loads, SMALLEST * scale / jnp.mean(model.line.length))
-    solver = _solver(model)
-
-    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-        return add(u, solver.apply(solver.factor(problem, u), problem.residual(u)), -1.0), None
-
-    u, _ = jax.lax.scan(correct, Unknowns(jnp.zeros_like(s.r), s.tension), None, length=TIGHTENING)
-    rows = problem.residual(u)
-    size = jnp.maximum(jnp.max(jnp.abs(rows.x)) / scale, jnp.max(jnp.abs(rows.y) / model.line.length))
-    return state(model, s.r + u.x, tension=u.y, t=s.t), size
 
 
 def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:

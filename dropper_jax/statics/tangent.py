@@ -24,7 +24,8 @@ from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import Order, elimination_order
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.relaxation import Pattern, pattern, stiffness
-from dropper_jax.statics.system import SMALLEST, RestProblem, force_scale, name_of
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, force_scale
+from dropper_jax.statics.system import name_of
 
 Linear = Callable[[jax.Array], jax.Array]
 
@@ -112,7 +113,7 @@ def soft_scale(model: Model) -> jax.Array:
 
 def unbalanced_rows(model: Model, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
     """Unbalanced forces, minus F (free, 3) [N], at places s.r + x; tensions follow from the links' lengths."""
-    problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
+    problem = RestProblem(model, s, loads)
     return problem.residual(Unknowns(x, problem.tension(x))).x
 
 

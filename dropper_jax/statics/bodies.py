@@ -22,6 +22,7 @@ from dropper_jax.base.place import place
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, Tie, state
 from dropper_jax.residual import GRAVITY_SCALE
+from dropper_jax.statics.rest_problem import unbalanced
 from dropper_jax.statics.system import (
     FALL,
     HOPELESS,
@@ -33,7 +34,6 @@ from dropper_jax.statics.system import (
     SMALLEST,
     SOFTENING,
     guess,
-    unbalanced,
     with_axial,
 )
 

@@ -6,6 +6,7 @@ from types import ModuleType
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Graph, Kinematics, Model, State, state
@@ -65,6 +66,24 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     return GRAVITY_SCALE * xp.mean(xp.asarray(model.line.mass))
 
 
+def soft_scale(model: Model) -> jax.Array:
+    """What stiffnesses are measured against, a scalar [N/m]: the mean weight of a link per its length."""
+    return force_scale(model) / jnp.mean(model.line.length)
+
+
+@kept(brief=True)
+def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
+    return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
+
+
+def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unbalanced forces, minus F (free, 3) [N], at places s.r + x, and the tensions of the links as they lie."""
+    problem = RestProblem(model, s, loads)
+    tension = problem.tension(x)
+    return problem.residual(Unknowns(x, tension)).x, tension
+
+
 def rest_solver(model: Model) -> Solver:
     """The solver of the exact Jacobian that is cheapest for the model; the network's is of systems."""
     if isinstance(model.geometry, Graph):
@@ -93,5 +112,18 @@ def static_tolerance(model: Model) -> float:
 
 def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
     """`polish` on the host."""
-    found, residual = polish(model, s, loads, SMALLEST * force_scale(model) / jnp.mean(model.line.length))
+    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model))
     return found, float(residual)
+
+
+def name_of(model: Model, node: int) -> str:
+    """A free node in words: its point, or its line and number."""
+    graph = model.geometry
+    if not isinstance(graph, Graph):
+        return f"node {node + 1}"
+    if node >= graph.inner:
+        return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
+    for member, path in zip(graph.members, graph.paths, strict=True):
+        if node in path[1:-1]:
+            return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
+    return f"node {node}"

@@ -24,13 +24,13 @@ from dropper_jax.statics.calm import rest
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.relaxation import relax, steadied
-from dropper_jax.statics.rest_problem import RestProblem, solve_statics, static_tolerance
-from dropper_jax.statics.stability import leave, stable
+from dropper_jax.statics.rest_problem import RestProblem, polish, solve_statics, static_tolerance
+from dropper_jax.statics.stability import escape, stable
 from dropper_jax.statics.system import (
     find_rest,
     find_softened,
     guess,
+    relax,
     springy,
     system_tolerance,
     unsettled,
@@ -38,6 +38,8 @@ from dropper_jax.statics.system import (
 
 #: Smallest share of the loads that continuation tries to add before it gives up.
 SMALLEST_INCREMENT = 1.0 / 1024
+#: Corrections of a slow fall from an unstable pose.
+FALL_STEPS = 80
 
 
 @partial(
@@ -81,8 +83,8 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
     s, residual = _hang_and_solve(model, loads, t)
     if not (residual <= static_tolerance(model) and stable(model, s)):
         s, residual, share = _continue(model, loads, t)
-    if share == 1.0 and residual <= static_tolerance(model) and not stable(model, s):
-        s, residual = leave(model, s, loads, residual)
+    if share == 1.0 and residual <= static_tolerance(model):
+        s, residual = escape(model, s, residual, static_tolerance(model), partial(_fall, model, loads))
     if share < 1.0 or not residual <= static_tolerance(model):
         message = _complaint(model, s, loads, share, residual)
     elif not stable(model, s):
@@ -103,7 +105,7 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
             s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
     drifting = model.sea is not None and model.sea.current is not None and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
-        s, residual = steadied(model, s, residual, loads, tolerance)
+        s, residual = escape(model, s, residual, tolerance, lambda at, _: relax(model, at, loads, tolerance))
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     friction = outward(full)
     if not message and friction is not None:
@@ -117,6 +119,13 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
             "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
         )
     return _result(full, s, residual, message)
+
+
+def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
+    """The pose into which a line moves slowly from `s`, away from one of a (negative) stiffness [N/m]."""
+    drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
+    fallen, _ = polish(model, s, loads, drag, iterations=FALL_STEPS, damped=False)
+    return solve_statics(model, fallen, loads)
 
 
 def outward(full: Model) -> Effect | None:

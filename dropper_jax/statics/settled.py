@@ -15,9 +15,9 @@ import jax.numpy as jnp
 
 from dropper_jax.model import Model, State, state
 from dropper_jax.solvers.elimination import solve
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, force_scale
+from dropper_jax.statics.rest_problem import SMALLEST, force_scale, soft_scale, unbalanced_at
 from dropper_jax.statics.system import FALL, KEEP, OVERSHOOT, REACH, RISE, TOLERANCE, rounding
-from dropper_jax.statics.tangent import Linear, Tangent, soft_scale, unbalanced_rows
+from dropper_jax.statics.tangent import Linear, Tangent
 
 #: Corrections until a pose counts as not found, and such as are always done: the last of them ends at rounding.
 CORRECTIONS, ALWAYS = 100, 2
@@ -42,10 +42,9 @@ def settled(model: Model, near: State, loads: jax.Array, there: bool = False) ->
     def find(rows: Linear, x: jax.Array) -> jax.Array:
         return x if there else _newton(tangent, rows, x, limit, reach, soft)
 
-    rows = lambda x: unbalanced_rows(model, near, loads, x)  # noqa: E731
+    rows = lambda x: unbalanced_at(model, near, loads, x)[0]  # noqa: E731
     x = jax.lax.custom_root(rows, jnp.zeros_like(near.r), find, tangent.solve)
-    problem = RestProblem(model, near, loads)
-    return state(model, near.r + x, tension=problem.tension(x), t=near.t)
+    return state(model, near.r + x, tension=unbalanced_at(model, near, loads, x)[1], t=near.t)
 
 
 def _newton(

@@ -26,11 +26,10 @@ from dropper_jax.solvers import SOLVERS
 from dropper_jax.statics import bodies
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, RestProblem, force_scale, static_tolerance
+from dropper_jax.statics.rest_problem import DENSE_LIMIT, RestProblem, force_scale, static_tolerance, unbalanced
 from dropper_jax.statics.search import Equilibrium, outward, search
 from dropper_jax.statics.settled import settled
 from dropper_jax.statics.system import system_tolerance
-from dropper_jax.statics.tangent import unbalanced_rows
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
@@ -106,7 +105,7 @@ def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
         return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), static_tolerance(
             model
         )
-    rows = unbalanced_rows(model, s, loads, jnp.zeros_like(s.r))
+    rows, _ = unbalanced(model, s, loads)
     tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
     return jnp.max(jnp.abs(rows)) / force_scale(model), tolerance
 

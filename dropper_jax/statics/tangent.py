@@ -13,19 +13,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.model import Geometry, Model, State
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Geometry, Graph, Model, State
 from dropper_jax.residual import Unknowns
+from dropper_jax.solvers.dense import residual_matrix
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import Order, elimination_order
 from dropper_jax.statics.calm import rest
-from dropper_jax.statics.relaxation import Pattern, pattern, stiffness
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, force_scale
-from dropper_jax.statics.system import name_of
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, name_of, soft_scale, unbalanced_at
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 Linear = Callable[[jax.Array], jax.Array]
 
@@ -35,6 +39,41 @@ REFINEMENTS, LEFT = 20, 1e-7
 FREE = 1e-7
 #: Inverse iterations that find the softest motion; they need not find the softest of several soft ones.
 INVERSE_ITERATIONS = 12
+
+
+class Pattern(NamedTuple):
+    """Which nodes' forces depend on which: entries (row, column), and a colour (free,) to each column."""
+
+    row: np.ndarray
+    column: np.ndarray
+    colour: np.ndarray
+    colours: int
+
+
+@lru_cache(maxsize=64)
+def pattern(geometry: Geometry, reach: int) -> Pattern:
+    """Of forces that reach that many links far; columns that meet in no row share a colour."""
+    from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
+
+    free = geometry.free
+    if isinstance(geometry, Graph):
+        first, last = geometry.first, geometry.last
+    else:
+        first, last = np.arange(free - 1), np.arange(1, free)
+    inside = (first < free) & (last < free)
+    first, last = first[inside], last[inside]
+    beside = coo_array((np.ones(len(first)), (first, last)), shape=(free, free))
+    near = (beside + beside.T + eye_array(free)).tocsr()
+    far = near
+    for _ in range(reach - 1):
+        far = far @ near
+    meeting = (far.T @ far).tocsr()
+    colour = np.full(free, -1)
+    for node in range(free):
+        taken = colour[meeting.indices[meeting.indptr[node] : meeting.indptr[node + 1]]]
+        colour[node] = np.setdiff1d(np.arange(len(taken) + 1), taken)[0]
+    entries = far.tocoo()
+    return Pattern(entries.row, entries.col, colour, int(colour.max(initial=0)) + 1)
 
 
 @lru_cache(maxsize=64)
@@ -106,15 +145,47 @@ def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
     return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
 
 
-def soft_scale(model: Model) -> jax.Array:
-    """What stiffnesses are measured against, a scalar [N/m]: the mean weight of a link per its length."""
-    return force_scale(model) / jnp.mean(model.line.length)
+@kept(brief=True)
+def stiffness_blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
+    """Blocks (entries, 3, 3) [N/m] of K at a pose, in the order of the pattern."""
+    rows = lambda x: unbalanced_at(model, s, loads, x)[0]  # noqa: E731
+    still = jnp.zeros_like(s.r)
+    return Tangent.of(model).blocks(lambda x: jax.jvp(rows, (still,), (x,))[1], model.dtype)
 
 
-def unbalanced_rows(model: Model, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
-    """Unbalanced forces, minus F (free, 3) [N], at places s.r + x; tensions follow from the links' lengths."""
-    problem = RestProblem(model, s, loads)
-    return problem.residual(Unknowns(x, problem.tension(x))).x
+def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
+    """How all forces fall as all places change (3 free, 3 free) [N/m], drag and contact included. On the host."""
+    from scipy.sparse import csc_array  # noqa: PLC0415
+
+    near, axis = Tangent.of(model).pattern, np.arange(3)
+    blocks = np.asarray(stiffness_blocks(model, s, loads))
+    rows = np.broadcast_to(3 * near.row[:, None, None] + axis[:, None], blocks.shape)
+    columns = np.broadcast_to(3 * near.column[:, None, None] + axis, blocks.shape)
+    return csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * model.free_nodes,) * 2)
+
+
+def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray]:
+    """K (k, k) [N/m] of the motions (3 free, k) that rigid links leave, and these motions; dense, on the host.
+
+    Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
+    """
+    from scipy.linalg import null_space  # noqa: PLC0415
+
+    if model.line.axial.elastic:
+        matrix = stiffness(model, s, jnp.zeros_like(s.r)).toarray()
+        return matrix, np.eye(len(matrix))
+    matrix, size = np.asarray(_rows_by_unknowns(model, s)), s.r.size
+    soft = np.diag(matrix)[size:] != 0.0
+    pull, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
+    compliance = np.diag(matrix)[size:][soft, None]
+    motions = null_space(lengths[~soft])
+    return motions.T @ (matrix[:size, :size] - pull @ (lengths[soft] / compliance)) @ motions, motions
+
+
+@kept(brief=True)
+def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
+    problem = RestProblem(model, s, jnp.zeros_like(s.r))
+    return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
 
 
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:

@@ -15,6 +15,8 @@ from dropper_jax.solvers import SOLVERS
 
 #: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
 STATIC_TOLERANCE = 1e-10
+#: Part of the heaviest body's weight that residual forces are measured against.
+PART = 1e-2
 #: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
 SMALLEST = 1e-9
 #: Unknowns up to which LU of the whole Jacobian is used.
@@ -62,8 +64,14 @@ class RestProblem(StepProblem):
 
 
 def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
-    """What a residual force is measured against, a scalar [N]: the mean weight of a link; with NumPy on the host."""
-    return GRAVITY_SCALE * xp.mean(xp.asarray(model.line.mass))
+    """What a residual force is measured against, a scalar [N]: the mean weight of a link, or `PART` of that of a body.
+
+    With NumPy on the host: each operation on arrays of JAX would be a program of its own.
+    """
+    mass = xp.mean(xp.asarray(model.line.mass))
+    if model.ties:
+        mass = xp.maximum(mass, PART * xp.max(xp.asarray(model.ties[0].mass)))
+    return GRAVITY_SCALE * mass
 
 
 def soft_scale(model: Model) -> jax.Array:
@@ -75,6 +83,11 @@ def soft_scale(model: Model) -> jax.Array:
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
+
+
+def balanced(model: Model, s: State, loads: jax.Array) -> State:
+    """The pose with the tensions that belong to its lengths."""
+    return state(model, s.r, tension=unbalanced(model, s, loads)[1], t=s.t)
 
 
 def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:

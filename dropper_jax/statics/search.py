@@ -19,7 +19,6 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
-from dropper_jax.statics.bodies import rest_with_bodies
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.catenary import catenary_guess
 from dropper_jax.statics.hanging import hang
@@ -75,8 +74,6 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
-    if model.ties:
-        return _result(full, *rest_with_bodies(model, loads, t))
     if isinstance(model.geometry, Graph):
         return _by_descent(full, model, loads, t)
     share, message = 1.0, ""
@@ -100,10 +97,15 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     rigid, model = model.line, model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
-    for otherwise in (find_softened, relax):
+    for otherwise in (find_softened, relax)[: 1 if model.ties else 2]:
         if not residual <= tolerance:
             s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
-    drifting = model.sea is not None and model.sea.current is not None and bool(np.any(np.asarray(s.tension) <= 0.0))
+    drifting = (
+        not model.ties
+        and model.sea is not None
+        and model.sea.current is not None
+        and bool(np.any(np.asarray(s.tension) <= 0.0))
+    )
     if residual <= tolerance and drifting:
         s, residual = escape(model, s, residual, tolerance, lambda at, _: relax(model, at, loads, tolerance))
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
@@ -131,7 +133,9 @@ def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[S
 def outward(full: Model) -> Effect | None:
     """The friction that holds the lines of a system where they were laid, or None."""
     friction = full.effect("seabed_friction")
-    outward = friction is not None and friction.statics == "outward" and isinstance(full.geometry, Graph)
+    outward = (
+        friction is not None and friction.statics == "outward" and isinstance(full.geometry, Graph) and not full.ties
+    )
     return friction if outward else None
 
 

@@ -23,13 +23,12 @@ from dropper_jax.model import Graph, Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.residual.unknowns import norm
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.statics import bodies
 from dropper_jax.statics.calm import rest
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, RestProblem, force_scale, static_tolerance, unbalanced
+from dropper_jax.statics.rest_problem import DENSE_LIMIT, RestProblem, static_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
 from dropper_jax.statics.settled import settled
-from dropper_jax.statics.system import system_tolerance
+from dropper_jax.statics.system import system_tolerance, unbalance
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
@@ -96,18 +95,13 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
 
 def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
     """Largest scaled row of a settled pose, and what it may be (NaN where that is not known in a trace)."""
-    if model.ties:
-        rows = bodies.generalised(model, s, loads, jnp.zeros(bodies.Coordinates.of(model).size, model.dtype))
-        size = jnp.max(jnp.abs(rows / jnp.maximum(bodies.arms(model), 1.0)))
-        return size / bodies.bodies_scale(model), bodies.TOLERANCE
-    if not model.line.axial.elastic:
+    if not (model.ties or model.line.axial.elastic):
         problem = RestProblem(model, s, loads)
         return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), static_tolerance(
             model
         )
-    rows, _ = unbalanced(model, s, loads)
     tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
-    return jnp.max(jnp.abs(rows)) / force_scale(model), tolerance
+    return unbalance(model, s, loads), tolerance
 
 
 def _large(model: Model) -> bool:
@@ -130,10 +124,7 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
     """The pose, and the model that is at rest there."""
     model = rest(full)
-    if model.ties:
-        found = bodies.settled_with_bodies(model, near, loads)
-        return state(full, found.r, tension=found.tension, t=near.t), model
-    if model.line.axial.elastic and (isinstance(model.geometry, Graph) or _large(model)):
+    if model.ties or model.line.axial.elastic and (isinstance(model.geometry, Graph) or _large(model)):
         friction = outward(full)
         if friction is not None:
             model = laid_out(model, settled(model, near, loads), friction.kinetic)[0]

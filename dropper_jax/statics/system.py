@@ -2,11 +2,11 @@
 
     (K + kappa) dx = F(r),    r <- r + a dx
 
-F holds all forces and the tensions of the links as they lie, K their stiffness, which tension-only lines, a seabed and
-floats keep positive. The share a is the largest of a geometric series that does not overshoot: `F(r + a dx) . dx` may
-not turn far negative (the line search of nonlinear finite elements; it needs no energy, so that a current may act).
-kappa falls while whole steps are taken and rises when they are cut: descent far from rest, Newton near it. Descent ends
-in stable poses. Host-side loop over one compiled round.
+F holds all forces and the tensions of the links as they lie, K their stiffness (`tangent`). The share a is the largest
+of a geometric series that does not overshoot: `F(r + a dx) . dx` may not turn far negative (the line search of
+nonlinear finite elements; it needs no energy, so that a current may act). kappa falls while whole steps are taken and
+rises when they are cut: descent far from rest, Newton near it. Descent ends in stable poses. Host-side loop over one
+compiled round.
 
 A system that resists falls slowly through something viscous until it lies, by implicit Euler with the exact K:
 
@@ -18,6 +18,7 @@ tau grows where that is easy and falls where it fails; as it grows a step become
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 
 import jax
@@ -27,9 +28,9 @@ import numpy as np
 from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
-from dropper_jax.residual import Unknowns
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, force_scale, name_of, rest_solver, unbalanced
-from dropper_jax.statics.tangent import stiffness
+from dropper_jax.statics.bodies import BodyMoves
+from dropper_jax.statics.rest_problem import SMALLEST, balanced, force_scale, name_of, soft_scale, unbalanced
+from dropper_jax.statics.tangent import Linear, NodeMoves, stiffness
 
 #: Largest scaled unbalanced force of a pose that counts as found; rounding leaves more of stiff links.
 TOLERANCE = 1e-10
@@ -39,8 +40,10 @@ ROUNDS = 1000
 HOPELESS = 500
 #: Largest move of a node in one round, in mean link lengths.
 REACH = 1.0
-#: Shares of a correction that are tried.
-SHARES = tuple(0.5**i for i in range(14))
+#: Least share of a correction that is tried.
+LEAST_SHARE = 2.0**-13
+#: Kappa, over the weight of a link per its length, from which it rises where a correction was cut short.
+FIRST = 1e-2
 #: How far the force along a correction may turn against it, over its value at the start.
 OVERSHOOT = 0.5
 #: Shares of the axial stiffness that poses are found with on the way to a stiff one.
@@ -73,33 +76,60 @@ def rounding(model: Model, xp: ModuleType = jnp) -> jax.Array:
 
 
 def system_tolerance(model: Model) -> float:
-    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding leaves."""
-    # on the host: each operation on arrays of JAX would be a program of its own
-    return max(TOLERANCE, float(rounding(model, np)))
+    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding leaves of stiff lines.
+
+    Of large buoyancies of bodies it leaves 1e-9.
+    """
+    return max(10.0 * TOLERANCE if model.ties else TOLERANCE, float(rounding(model, np)))
+
+
+def moves_of(model: Model) -> NodeMoves | BodyMoves:
+    """The unknowns of the model's pose."""
+    return BodyMoves.of(model) if model.ties else NodeMoves.of(model)
+
+
+def corrected(
+    moves: NodeMoves | BodyMoves, rows_of: Linear, x: jax.Array, kappa: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """One correction of x: the next x, the largest force [N] that is left there, and the kappa of the next one."""
+    held = jax.lax.stop_gradient(moves.model)
+    soft, reach = soft_scale(held), REACH * jnp.mean(held.line.length)
+    rows, linear = jax.linearize(rows_of, x)
+    dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, x), rows)
+    farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
+    dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
+    allowed = OVERSHOOT * jnp.sum(rows * dx)
+
+    def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
+        share, along, _ = trial
+        return ~(along >= allowed) & (share > LEAST_SHARE)
+
+    def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        share = 0.5 * trial[0]
+        after = rows_of(x + share * dx)
+        return share, -jnp.sum(after * dx), jnp.max(jnp.abs(after))
+
+    # the whole correction is the first that is tried: the rows stand in the program once
+    never = jnp.full((), -jnp.inf, x.dtype)
+    share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, x.dtype), never, -never))
+    harder = jnp.maximum(RISE * kappa, FIRST * soft)
+    kappa = jnp.where(share == 1.0, FALL * kappa, jnp.where(share >= 0.25, KEEP * kappa, harder))
+    return x + share * dx, size, jnp.maximum(kappa, SMALLEST * soft)
 
 
 @kept(brief=True)
-def _round(
-    model: Model, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
-) -> tuple[State, jax.Array, jax.Array]:
-    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
-    problem = RestProblem(model, s, loads, kappa)
-    solver = rest_solver(model)
-    u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
-    rows = problem.residual(u)
-    dx = -solver.apply(solver.factor(problem, u), rows).x
-    dx = dx * jnp.minimum(1.0, reach / jnp.maximum(jnp.max(jnp.sqrt(jnp.sum(dx * dx, axis=1))), 1e-300))
+def _round(model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> tuple[State, jax.Array, jax.Array]:
+    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the next kappa."""
+    moves = moves_of(model)
+    x, size, kappa = corrected(moves, partial(moves.rows, s, loads), moves.none, kappa)
+    return moves.moved(s, loads, x), size / force_scale(model), kappa
 
-    def tried(share: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
 
-    shares = jnp.asarray(SHARES, model.dtype)
-    left, tension = jax.vmap(tried)(shares)
-    good = -jnp.sum(left * dx, axis=(1, 2)) >= OVERSHOOT * jnp.sum(rows.x * dx)  # rows are minus the forces
-    # what the share that is taken leaves stands there: the forces once more would be a quarter of the program
-    i = jnp.argmax(good.at[-1].set(True))
-    after = state(model, s.r + shares[i] * dx, tension=tension[i], t=s.t)
-    return after, jnp.max(jnp.abs(left[i])) / force_scale(model), shares[i]
+@kept(brief=True)
+def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
+    """Largest scaled unbalanced force of a pose."""
+    moves = moves_of(model)
+    return jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / force_scale(model)
 
 
 def guess(model: Model, t: float = 0.0) -> State:
@@ -109,6 +139,8 @@ def guess(model: Model, t: float = 0.0) -> State:
     moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).places, float)
     places[geometry.held_points] = moved
     r = np.zeros((geometry.free, 3))
+    if model.ties:  # corners of bodies are on no line
+        r[geometry.point_node[geometry.free_points]] = places[geometry.free_points]
     length = np.asarray(model.line.length, float)
     for member, path, span in zip(geometry.members, geometry.paths, geometry.spans, strict=True):
         along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
@@ -122,18 +154,12 @@ def guess(model: Model, t: float = 0.0) -> State:
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
-    length, scale = float(np.mean(np.asarray(model.line.length))), float(force_scale(model, np))
-    rows, tension = unbalanced(model, s, loads)
-    s = state(model, s.r, tension=tension, t=s.t)
-    residual = float(np.max(np.abs(np.asarray(rows)))) / scale
-    first, best = s, (s, residual)
-    kappa, reach = scale / length, jnp.asarray(REACH * length, model.dtype)
-    reached = 0
+    s = balanced(model, s, loads)
+    residual, reached = float(unbalance(model, s, loads)), 0
+    first, best, kappa = s, (s, residual), soft_scale(model)
     for count in range(ROUNDS):
-        s, residual, share = _round(model, s, loads, jnp.asarray(kappa, model.dtype), reach)
-        residual, share = float(residual), float(share)
-        kappa *= FALL if share == 1.0 else KEEP if share >= 0.25 else RISE
-        kappa = max(kappa, SMALLEST * scale / length)
+        s, residual, kappa = _round(model, s, loads, kappa)
+        residual = float(residual)
         if residual < best[1]:
             best = (s, residual)
         reached = reached + 1 if residual <= tolerance else 0
@@ -222,6 +248,8 @@ def springy(model: Model) -> Model:
 
 def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:
     """Which node is farthest from balance in a pose that was not found, and why."""
+    if model.ties:
+        return f"no equilibrium of lines and bodies found: largest scaled unbalanced force {residual:.1e}"
     rows = np.asarray(unbalanced(model, s, loads)[0])
     node = int(np.argmax(np.max(np.abs(rows), axis=1)))
     if not np.all(np.isfinite(rows)):

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Geometry, Graph, Model, State
+from dropper_jax.model import Geometry, Graph, Model, State, state
 from dropper_jax.residual import Unknowns
-from dropper_jax.solvers.dense import residual_matrix
+from dropper_jax.solvers.dense import LU, residual_matrix
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import Order, elimination_order
 from dropper_jax.statics.calm import rest
@@ -105,24 +106,43 @@ class Tangent:
         answer = jax.vmap(jax.vmap(linear))(seeds)  # (colours, axes, free, 3)
         return jnp.swapaxes(answer[colour[column], :, row, :], -1, -2)
 
-    def factor(self, linear: Linear, kappa: jax.Array, dtype: jnp.dtype) -> Elimination:
-        """The factored map, stiffer by kappa [N/m]."""
-        own = jnp.asarray(self.pattern.row == self.pattern.column, dtype)
-        blocks = self.blocks(linear, dtype)
-        return eliminate(self.order, blocks + kappa * own[:, None, None] * jnp.eye(3, dtype=dtype))
+    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Elimination:
+        """The factored map of moves like x, stiffer by kappa [N/m]."""
+        own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
+        stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
+        return eliminate(self.order, self.blocks(linear, x.dtype) + stiffer)
 
-    def solve(self, linear: Linear, right: jax.Array) -> jax.Array:
-        """dr (free, 3) [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN where there is none."""
-        factor = self.factor(linear, self.kappa, right.dtype)
+    def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
+        """The moves that forces call for."""
+        return solve(factor.transposed() if transposed else factor, rows)
 
-        def forward(matrix: Linear, b: jax.Array) -> jax.Array:
-            return refined(matrix, lambda rows: solve(factor, rows), b)
 
-        def backward(matrix: Linear, b: jax.Array) -> jax.Array:
-            turned = factor.transposed()
-            return refined(matrix, lambda rows: solve(turned, rows), b)
+@dataclass(frozen=True)
+class DenseTangent:
+    """The same for any coordinates (k,), as one matrix."""
 
-        return jax.lax.custom_linear_solve(linear, right, forward, backward)
+    kappa: jax.Array
+
+    @classmethod
+    def of(cls, model: Model) -> DenseTangent:
+        return cls(jax.lax.stop_gradient(SMALLEST * soft_scale(model)))
+
+    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> LU:
+        unit = jnp.eye(x.size, dtype=x.dtype)
+        return lu_factor(jax.vmap(linear, out_axes=1)(unit) + kappa * unit)
+
+    def apply(self, factor: LU, rows: jax.Array, transposed: bool = False) -> jax.Array:
+        return lu_solve(factor, rows, trans=int(transposed))
+
+
+def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Array) -> jax.Array:
+    """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN where there is none."""
+    factor = tangent.factor(linear, tangent.kappa, right)
+
+    def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
+        return refined(matrix, partial(tangent.apply, factor, transposed=transposed), b)
+
+    return jax.lax.custom_linear_solve(linear, right, partial(solve_with, False), partial(solve_with, True))
 
 
 def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
@@ -143,6 +163,31 @@ def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
     never = jnp.full((), jnp.inf, b.dtype)
     x, left, *_ = jax.lax.while_loop(unfinished, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
     return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
+
+
+@dataclass(frozen=True)
+class NodeMoves:
+    """Moves x (free, 3) [m] of the nodes of lines that stretch as the unknowns of a pose."""
+
+    model: Model
+    tangent: Tangent
+
+    @classmethod
+    def of(cls, model: Model) -> NodeMoves:
+        return cls(model, Tangent.of(model))
+
+    @property
+    def none(self) -> jax.Array:
+        """x of the pose that moves are counted from."""
+        return jnp.zeros((self.model.free_nodes, 3), self.model.dtype)
+
+    def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
+        """Unbalanced forces [N], minus F, at x from the pose s."""
+        return unbalanced_at(self.model, s, loads, x)[0]
+
+    def moved(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+        """The pose at x from the pose s."""
+        return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
 
 
 @kept(brief=True)

@@ -20,7 +20,7 @@ from dropper_jax.base.numerics import cross, dot
 from dropper_jax.base.place import place
 from dropper_jax.model import Model, State, Tie, state
 from dropper_jax.statics.rest_problem import balanced, unbalanced
-from dropper_jax.statics.tangent import DenseTangent
+from dropper_jax.statics.tangent import DenseTangent, NodeMoves
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,6 @@ class BodyMoves:
         return balanced(self.model, state(self.model, r, t=s.t), loads)
 
 
-def free_motions(model: Model, pose: State) -> jax.Array:
-    """dx/dq (free, 3, coordinates) at a pose: the motions that leave bodies rigid."""
-    where, (tie,) = Coordinates.of(model), model.ties
-    zero = jnp.zeros(where.size, model.dtype)
-    return jax.jacfwd(lambda q: where.place(tie, pose.r, q))(zero)
+def moves_of(model: Model) -> NodeMoves | BodyMoves:
+    """The unknowns of the model's pose."""
+    return BodyMoves.of(model) if model.ties else NodeMoves.of(model)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Ends, Model, State
-from dropper_jax.statics.calm import rest
+from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stiffness import verges
 
 

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State
-from dropper_jax.statics.bodies import free_motions, generalised
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.rest_problem import unbalanced_at
-from dropper_jax.statics.tangent import stiffness_of_motions
+from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.stability import stiffness_and_motions, stiffness_of_motions
 
 #: Stiffness over the largest one (per mass) that is rounding; swinging is 1e-11 of the axial stiffness of a chain.
 ROUNDING = 1e-13
@@ -68,12 +67,9 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
         pose: `equilibrium(...).state`.
         count: how many of the slowest modes; all by default. Modes without stiffness are left out.
     """
-    if model.line.axial.elastic:
-        stiffness, mass, motions = (np.asarray(part) for part in _matrices(model, pose))
-    else:
-        stiffness, motions = stiffness_of_motions(rest(model), pose)
-        mass = motions.T @ np.asarray(_mass(rest(model), pose)) @ motions
-        stiffness, mass = 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
+    still = rest(model)
+    stiffness, motions = stiffness_of_motions(still, pose)
+    stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ np.asarray(_mass(still, pose)) @ motions)
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]
@@ -114,7 +110,8 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
             "line.axial.law: 'rigid' links leave motions that turn with the pose: periods have no derivative here; "
             "allowed: elastic, rope, tabulated"
         )
-    stiffness, mass, _ = _symmetric(model, pose)
+    stiffness, motions = stiffness_and_motions(rest(model), pose)
+    stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ _mass(rest(model), pose) @ motions)
     lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
     solved = lambda a: jax.scipy.linalg.solve_triangular(lower, a, lower=True)  # noqa: E731
     value, vector = jnp.linalg.eigh(solved(solved(jax.lax.stop_gradient(stiffness)).T))
@@ -163,30 +160,8 @@ def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
 
 
-@kept(brief=True)
-def _matrices(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
-    return _symmetric(model, pose)
-
-
-def _symmetric(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Stiffness and mass (k, k), made symmetric, and the motions of the free nodes (3 free, k) that they are of.
-
-    With rigid bodies only motions that leave these rigid, what forces do as bodies turn included.
-    """
-    full, model = model, rest(model)
-    size = 3 * model.free_nodes
-    loads, none = jnp.zeros_like(pose.r), jnp.zeros(size, model.dtype)
-    mass = _mass(model, pose)
-    if model.ties:
-        motions = free_motions(full, pose).reshape(size, -1)
-        zero = jnp.zeros(motions.shape[1], model.dtype)
-        stiffness = jax.jacfwd(lambda q: generalised(model, pose, loads, q))(zero)
-        mass = motions.T @ mass @ motions
-    else:
-        motions = jnp.eye(size, dtype=model.dtype)
-        rows = lambda x: unbalanced_at(model, pose, loads, x.reshape(-1, 3))[0].ravel()  # noqa: E731
-        stiffness = jax.jacfwd(rows)(none)
-    return 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), motions
+def _symmetric(matrix: ArrayLike) -> ArrayLike:
+    return 0.5 * (matrix + matrix.T)
 
 
 @kept(brief=True)

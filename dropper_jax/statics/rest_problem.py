@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
 
 import jax
@@ -9,18 +10,28 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Graph, Kinematics, Model, State, state
+from dropper_jax.model import Graph, Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
 
-#: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
-STATIC_TOLERANCE = 1e-10
+#: Largest scaled row (forces by m g, elongations by L) of a pose that counts as found, and what rounding always leaves,
+#: in units of the last place.
+TOLERANCE, UNITS = 1e-10, 1e4
 #: Part of the heaviest body's weight that residual forces are measured against.
 PART = 1e-2
 #: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
 SMALLEST = 1e-9
 #: Unknowns up to which LU of the whole Jacobian is used.
 DENSE_LIMIT = 200
+
+
+def rest(model: Model) -> Model:
+    """The model without laws of their own and without waves.
+
+    Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
+    """
+    effects = tuple(e for e in model.effects if not isinstance(e, Law))
+    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
 
 
 class RestProblem(StepProblem):
@@ -79,6 +90,28 @@ def soft_scale(model: Model) -> jax.Array:
     return force_scale(model) / jnp.mean(model.line.length)
 
 
+def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
+    """Largest scaled row of a pose that counts as found, a scalar: `TOLERANCE`, or what rounding leaves of stiff lines.
+
+    With NumPy on the host. Of large buoyancies of bodies rounding leaves 10 times `TOLERANCE`.
+    """
+    line = model.line
+    length = xp.asarray(line.length)
+    stiffness = xp.max(xp.asarray(line.axial.EA) / length) if line.axial.elastic else 0.0
+    bed = model.effect("seabed")
+    if bed is not None:
+        contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
+        stiffness = xp.maximum(stiffness, contact)
+    extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
+    units = xp.maximum(UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
+    return xp.maximum(10.0 * TOLERANCE if model.ties else TOLERANCE, jnp.finfo(model.dtype).eps * units)
+
+
+def system_tolerance(model: Model) -> float:
+    """The same as a number."""
+    return float(rest_tolerance(model, np))
+
+
 @kept(brief=True)
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
@@ -116,11 +149,6 @@ def polish(
     problem, start = RestProblem(model, s, loads, kappa), Unknowns(jnp.zeros_like(s.r), s.tension)
     u, residual = (damped_newton if damped else newton)(problem, rest_solver(model), start, iterations)
     return state(model, s.r + u.x, tension=u.y, t=s.t), residual
-
-
-def static_tolerance(model: Model) -> float:
-    """Largest scaled row of an accepted pose in the model's precision."""
-    return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
 
 
 def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:

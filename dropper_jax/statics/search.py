@@ -19,11 +19,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Unknowns
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.catenary import catenary_guess
-from dropper_jax.statics.hanging import hang
+from dropper_jax.statics.catenary import catenary_guess, hang
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import RestProblem, polish, solve_statics, static_tolerance
+from dropper_jax.statics.rest_problem import RestProblem, polish, rest, solve_statics, system_tolerance
 from dropper_jax.statics.stability import escape, stable
 from dropper_jax.statics.system import (
     find_rest,
@@ -31,7 +29,6 @@ from dropper_jax.statics.system import (
     guess,
     relax,
     springy,
-    system_tolerance,
     unsettled,
 )
 
@@ -78,11 +75,11 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
         return _by_descent(full, model, loads, t)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
-    if not (residual <= static_tolerance(model) and stable(model, s)):
+    if not (residual <= system_tolerance(model) and stable(model, s)):
         s, residual, share = _continue(model, loads, t)
-    if share == 1.0 and residual <= static_tolerance(model):
-        s, residual = escape(model, s, residual, static_tolerance(model), partial(_fall, model, loads))
-    if share < 1.0 or not residual <= static_tolerance(model):
+    if share == 1.0 and residual <= system_tolerance(model):
+        s, residual = escape(model, s, residual, system_tolerance(model), partial(_fall, model, loads))
+    if share < 1.0 or not residual <= system_tolerance(model):
         message = _complaint(model, s, loads, share, residual)
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
@@ -184,10 +181,10 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share, increment = 0.0, 0.125
-    while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
+    while residual <= system_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
-        if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
+        if trial_residual <= system_tolerance(model) and _near(s.r, trial.r, model):
             s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
             increment = step / 2.0

@@ -4,17 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
-from dropper_jax.statics.rest_problem import force_scale
-from dropper_jax.statics.tangent import stiffness_of_motions
+from dropper_jax.residual import Unknowns
+from dropper_jax.solvers.dense import residual_matrix
+from dropper_jax.statics.bodies import moves_of
+from dropper_jax.statics.rest_problem import RestProblem, force_scale
+from dropper_jax.statics.tangent import stiffness_matrix
 
 #: Free nodes up to which stability is looked at, how negative a stiffness (over the weight of a link per its length)
 #: may be for rounding, and the first displacement from an unstable pose, in lengths of a link.
 FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
 #: Difference of a stiffness from its transpose, over its largest entry, beyond which it has no energy.
 TURNING = 1e-8
+
+
+@kept(brief=True)
+def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
+    """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
+    moves, loads = moves_of(model), jnp.zeros_like(s.r)
+    motions = jax.jacfwd(lambda x: moves.moved(s, loads, x).r)(moves.none)
+    return moves.tangent.dense(stiffness_matrix(moves, s, loads)), motions.reshape(s.r.size, -1)
+
+
+def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray]:
+    """The same on the host, and with rigid links: of the motions that leave these their lengths.
+
+    Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
+    """
+    from scipy.linalg import null_space  # noqa: PLC0415
+
+    if model.line.axial.elastic:
+        return tuple(np.asarray(part) for part in stiffness_and_motions(model, s))
+    matrix, size = np.asarray(_rows_by_unknowns(model, s)), s.r.size
+    soft = np.diag(matrix)[size:] != 0.0
+    pull, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
+    compliance = np.diag(matrix)[size:][soft, None]
+    motions = null_space(lengths[~soft])
+    return motions.T @ (matrix[:size, :size] - pull @ (lengths[soft] / compliance)) @ motions, motions
+
+
+@kept(brief=True)
+def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
+    problem = RestProblem(model, s, jnp.zeros_like(s.r))
+    return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
 
 
 def stable(model: Model, s: State) -> bool:

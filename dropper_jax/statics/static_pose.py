@@ -8,8 +8,9 @@ follow from the implicit function theorem, by one linear solve at the pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,16 +20,20 @@ from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.place import place
-from dropper_jax.model import Graph, Model, State, state
+from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.residual.unknowns import norm
-from dropper_jax.solvers import SOLVERS
-from dropper_jax.statics.calm import rest
+from dropper_jax.statics.bodies import BodyMoves, moves_of
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, RestProblem, static_tolerance
+from dropper_jax.statics.rest_problem import RestProblem, force_scale, rest, rest_tolerance, system_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
-from dropper_jax.statics.settled import settled
-from dropper_jax.statics.system import system_tolerance, unbalance
+from dropper_jax.statics.system import corrected, unbalance
+from dropper_jax.statics.tangent import Linear, NodeMoves, solve_linear
+
+#: Corrections until a pose counts as not found, and such as are always done: the last of them ends at rounding.
+CORRECTIONS, ALWAYS = 100, 2
+#: Corrections of rigid lines.
+RIGID = 12
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
@@ -95,17 +100,11 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
 
 def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
     """Largest scaled row of a settled pose, and what it may be (NaN where that is not known in a trace)."""
-    if not (model.ties or model.line.axial.elastic):
-        problem = RestProblem(model, s, loads)
-        return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), static_tolerance(
-            model
-        )
     tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
-    return unbalance(model, s, loads), tolerance
-
-
-def _large(model: Model) -> bool:
-    return SOLVERS["dense"].size(model) > DENSE_LIMIT
+    if model.ties or model.line.axial.elastic:
+        return unbalance(model, s, loads), tolerance
+    problem = RestProblem(model, s, loads)
+    return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), tolerance
 
 
 def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:
@@ -124,7 +123,7 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
     """The pose, and the model that is at rest there."""
     model = rest(full)
-    if model.ties or model.line.axial.elastic and (isinstance(model.geometry, Graph) or _large(model)):
+    if model.ties or model.line.axial.elastic:
         friction = outward(full)
         if friction is not None:
             model = laid_out(model, settled(model, near, loads), friction.kinetic)[0]
@@ -138,11 +137,42 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     def rows(x: jax.Array) -> jax.Array:
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
-    def solve(f: Callable[[jax.Array], jax.Array], x: jax.Array) -> jax.Array:
-        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(f)(y), f(y)), x)
+    def find(rows: Linear, x: jax.Array) -> jax.Array:
+        return jax.lax.fori_loop(0, RIGID, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
 
-    def tangent(g: Callable[[jax.Array], jax.Array], b: jax.Array) -> jax.Array:
-        return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
+    def tangent(linear: Linear, b: jax.Array) -> jax.Array:
+        return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
 
-    u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))
+    u = unravel(jax.lax.custom_root(rows, flat, find, tangent))
     return state(full, near.r + u.x, tension=u.y, t=near.t), model
+
+
+def settled(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
+    """The pose next to `near`, differentiable; its places are NaN where there is none.
+
+    With `there` it is `near` itself, which is not looked at again: only its derivatives are new.
+    """
+    near = replace(jax.lax.stop_gradient(near), t=near.t)
+    moves, held = moves_of(model), moves_of(jax.lax.stop_gradient(model))
+    limit = rest_tolerance(held.model) * force_scale(held.model)
+
+    def find(rows: Linear, x: jax.Array) -> jax.Array:
+        return x if there else _newton(held, rows, x, limit)
+
+    x = jax.lax.custom_root(partial(moves.rows, near, loads), moves.none, find, partial(solve_linear, moves.tangent))
+    return moves.moved(near, loads, x)
+
+
+def _newton(moves: NodeMoves | BodyMoves, rows_of: Linear, x: jax.Array, limit: jax.Array) -> jax.Array:
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, size, _, count = carry
+        # a NaN compares false: iterating cannot mend it
+        return ((size > limit) & (count < CORRECTIONS)) | (count < ALWAYS)
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        x, _, kappa, count = carry
+        return *corrected(moves, rows_of, x, kappa), count + 1
+
+    start = x, jnp.full((), jnp.inf, x.dtype), moves.tangent.kappa, jnp.zeros((), jnp.int32)
+    x, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
+    return jnp.where(size <= limit, x, jnp.nan)

@@ -23,8 +23,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, name_of, soft_scale
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, name_of, rest, soft_scale
 from dropper_jax.statics.tangent import LEFT, REFINEMENTS, free_motion, stiffness
 
 if TYPE_CHECKING:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -28,12 +27,10 @@ import numpy as np
 from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
-from dropper_jax.statics.bodies import BodyMoves
+from dropper_jax.statics.bodies import BodyMoves, moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, force_scale, name_of, soft_scale, unbalanced
 from dropper_jax.statics.tangent import Linear, NodeMoves, stiffness
 
-#: Largest scaled unbalanced force of a pose that counts as found; rounding leaves more of stiff links.
-TOLERANCE = 1e-10
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
 #: Rounds that may pass without a pose better than the guess.
@@ -60,32 +57,6 @@ LONGER, AS_LONG, SHORTER = 4.0, 1.5, 0.2
 SHORTEST = 1e-8
 #: Factors on kappa after a whole, a good and a short step.
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
-
-
-def rounding(model: Model, xp: ModuleType = jnp) -> jax.Array:
-    """What rounding leaves of the scaled forces of stiff links and beds, a scalar; with NumPy on the host."""
-    line = model.line
-    length = xp.asarray(line.length)
-    stiffness = xp.max(xp.asarray(line.axial.EA) / length)
-    bed = model.effect("seabed")
-    if bed is not None:
-        contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
-        stiffness = xp.maximum(stiffness, contact)
-    extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
-    return 10.0 * jnp.finfo(model.dtype).eps * stiffness * extent / force_scale(model, xp)
-
-
-def system_tolerance(model: Model) -> float:
-    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding leaves of stiff lines.
-
-    Of large buoyancies of bodies it leaves 1e-9.
-    """
-    return max(10.0 * TOLERANCE if model.ties else TOLERANCE, float(rounding(model, np)))
-
-
-def moves_of(model: Model) -> NodeMoves | BodyMoves:
-    """The unknowns of the model's pose."""
-    return BodyMoves.of(model) if model.ties else NodeMoves.of(model)
 
 
 def corrected(

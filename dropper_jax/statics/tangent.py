@@ -22,12 +22,10 @@ from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Geometry, Graph, Model, State, state
-from dropper_jax.residual import Unknowns
-from dropper_jax.solvers.dense import LU, residual_matrix
+from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import Order, elimination_order
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, name_of, soft_scale, unbalanced_at
+from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -97,20 +95,26 @@ class Tangent:
         kappa = SMALLEST * soft_scale(model)
         return cls(pattern(model.geometry, reach), _order(model.geometry, reach), jax.lax.stop_gradient(kappa))
 
-    def blocks(self, linear: Linear, dtype: jnp.dtype) -> jax.Array:
-        """Blocks (entries, 3, 3) [N/m] of a linear map of moves (free, 3) to forces, in the order of the pattern."""
+    def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
+        """Blocks (entries, 3, 3) [N/m] of a linear map of moves like x to forces, in the order of the pattern."""
         row, column, colour, colours = self.pattern
-        picked = jnp.asarray(colour == np.arange(colours)[:, None], dtype)
-        axes = jnp.eye(3, dtype=dtype)
+        picked = jnp.asarray(colour == np.arange(colours)[:, None], x.dtype)
+        axes = jnp.eye(3, dtype=x.dtype)
         seeds = picked[:, None, :, None] * axes[None, :, None, :]
         answer = jax.vmap(jax.vmap(linear))(seeds)  # (colours, axes, free, 3)
         return jnp.swapaxes(answer[colour[column], :, row, :], -1, -2)
+
+    def dense(self, blocks: jax.Array) -> jax.Array:
+        """The same as one matrix (3 free, 3 free)."""
+        row, column, size = self.pattern.row, self.pattern.column, len(self.pattern.colour)
+        matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
+        return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
 
     def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Elimination:
         """The factored map of moves like x, stiffer by kappa [N/m]."""
         own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
         stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
-        return eliminate(self.order, self.blocks(linear, x.dtype) + stiffer)
+        return eliminate(self.order, self.matrix(linear, x) + stiffer)
 
     def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
         """The moves that forces call for."""
@@ -127,9 +131,14 @@ class DenseTangent:
     def of(cls, model: Model) -> DenseTangent:
         return cls(jax.lax.stop_gradient(SMALLEST * soft_scale(model)))
 
+    def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
+        return jax.vmap(linear, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+
+    def dense(self, matrix: jax.Array) -> jax.Array:
+        return matrix
+
     def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> LU:
-        unit = jnp.eye(x.size, dtype=x.dtype)
-        return lu_factor(jax.vmap(linear, out_axes=1)(unit) + kappa * unit)
+        return lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
 
     def apply(self, factor: LU, rows: jax.Array, transposed: bool = False) -> jax.Array:
         return lu_solve(factor, rows, trans=int(transposed))
@@ -190,47 +199,25 @@ class NodeMoves:
         return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
 
 
+def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
+    """K at a pose as the tangent of its moves keeps it: blocks, or one matrix."""
+    return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)
+
+
 @kept(brief=True)
-def stiffness_blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
-    """Blocks (entries, 3, 3) [N/m] of K at a pose, in the order of the pattern."""
-    rows = lambda x: unbalanced_at(model, s, loads, x)[0]  # noqa: E731
-    still = jnp.zeros_like(s.r)
-    return Tangent.of(model).blocks(lambda x: jax.jvp(rows, (still,), (x,))[1], model.dtype)
+def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
+    return stiffness_matrix(NodeMoves.of(model), s, loads)
 
 
 def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
     """How all forces fall as all places change (3 free, 3 free) [N/m], drag and contact included. On the host."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
-    near, axis = Tangent.of(model).pattern, np.arange(3)
-    blocks = np.asarray(stiffness_blocks(model, s, loads))
+    near, axis = pattern(model.geometry, max(model.reach, 1)), np.arange(3)
+    blocks = np.asarray(_blocks(model, s, loads))
     rows = np.broadcast_to(3 * near.row[:, None, None] + axis[:, None], blocks.shape)
     columns = np.broadcast_to(3 * near.column[:, None, None] + axis, blocks.shape)
     return csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * model.free_nodes,) * 2)
-
-
-def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray]:
-    """K (k, k) [N/m] of the motions (3 free, k) that rigid links leave, and these motions; dense, on the host.
-
-    Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
-    """
-    from scipy.linalg import null_space  # noqa: PLC0415
-
-    if model.line.axial.elastic:
-        matrix = stiffness(model, s, jnp.zeros_like(s.r)).toarray()
-        return matrix, np.eye(len(matrix))
-    matrix, size = np.asarray(_rows_by_unknowns(model, s)), s.r.size
-    soft = np.diag(matrix)[size:] != 0.0
-    pull, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
-    compliance = np.diag(matrix)[size:][soft, None]
-    motions = null_space(lengths[~soft])
-    return motions.T @ (matrix[:size, :size] - pull @ (lengths[soft] / compliance)) @ motions, motions
-
-
-@kept(brief=True)
-def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
-    problem = RestProblem(model, s, jnp.zeros_like(s.r))
-    return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
 
 
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:

@@ -15,8 +15,8 @@ from scipy.optimize import brentq, fsolve
 import dropper_jax as dj
 from dropper_jax.run.build import build_model
 from dropper_jax.statics import rest
-from dropper_jax.statics.rest_problem import unbalanced
-from dropper_jax.statics.system import find_rest, guess, relax, system_tolerance
+from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
+from dropper_jax.statics.system import find_rest, guess, relax
 from dropper_jax.statics.tangent import stiffness
 
 G, RHO = 9.81, 1025.0

@@ -27,7 +27,6 @@ from dropper_jax.statics.system import (
     find_rest,
     find_softened,
     guess,
-    relax,
     springy,
     unsettled,
 )
@@ -94,9 +93,8 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     rigid, model = model.line, model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
-    for otherwise in (find_softened, relax)[: 1 if model.ties else 2]:
-        if not residual <= tolerance:
-            s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
+    if not residual <= tolerance:
+        s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
     drifting = (
         not model.ties
         and model.sea is not None
@@ -104,7 +102,7 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
         and bool(np.any(np.asarray(s.tension) <= 0.0))
     )
     if residual <= tolerance and drifting:
-        s, residual = escape(model, s, residual, tolerance, lambda at, _: relax(model, at, loads, tolerance))
+        s, residual = escape(model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance))
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
     friction = outward(full)
     if not message and friction is not None:

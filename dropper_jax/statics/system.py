@@ -7,12 +7,6 @@ of a geometric series that does not overshoot: `F(r + a dx) . dx` may not turn f
 nonlinear finite elements; it needs no energy, so that a current may act). kappa falls while whole steps are taken and
 rises when they are cut: descent far from rest, Newton near it. Descent ends in stable poses. Host-side loop over one
 compiled round.
-
-A system that resists falls slowly through something viscous until it lies, by implicit Euler with the exact K:
-
-    c (r - r_0)/tau = F(r),    r_0 the pose before, c the weight of a mean link per its length
-
-tau grows where that is easy and falls where it fails; as it grows a step becomes Newton's.
 """
 
 from __future__ import annotations
@@ -29,7 +23,7 @@ from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics.bodies import BodyMoves, moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, force_scale, name_of, soft_scale, unbalanced
-from dropper_jax.statics.tangent import Linear, NodeMoves, stiffness
+from dropper_jax.statics.tangent import Linear, NodeMoves
 
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
@@ -47,14 +41,6 @@ OVERSHOOT = 0.5
 SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
 #: Stretch of the springs that stand for rigid links.
 GIVE = 1e-4
-#: Corrections of slow motion until a pose counts as not found, and at most in a step.
-CORRECTIONS, MOST = 3000, 8
-#: Share of the forces at its beginning that a step of it may leave, and corrections of one that was easy.
-LEFT, EASY = 1e-2, 3
-#: Factors on tau after a step that was easy, one that was not, and one that failed.
-LONGER, AS_LONG, SHORTER = 4.0, 1.5, 0.2
-#: Least tau that is tried [s/s].
-SHORTEST = 1e-8
 #: Factors on kappa after a whole, a good and a short step.
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
@@ -148,62 +134,6 @@ def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) ->
     for share in SOFTENING:
         s, residual = find_rest(with_axial(model, model.line.axial.softened(share)), s, loads, tolerance)
     return s, residual
-
-
-def relax(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
-    """The stable pose into which a system moves slowly from `s`, and its largest scaled unbalanced force."""
-    scale, length = float(force_scale(model, np)), float(np.mean(np.asarray(model.line.length)))
-    enough, tau, count = tolerance * scale, 1.0, 0
-    s, force = _placed(model, s, np.asarray(s.r), loads)
-    best = s, float(np.max(np.abs(force)))
-    while count < CORRECTIONS and tau > SHORTEST and best[1] > enough:
-        kappa = max(1.0 / tau, SMALLEST) * scale / length
-        found, left, used = _moved(model, s, force, loads, kappa, REACH * length, enough)
-        count += used
-        if found is None:
-            tau *= SHORTER
-            continue
-        s, force = found, left
-        tau *= LONGER if used <= EASY else AS_LONG
-        size = float(np.max(np.abs(force)))
-        best = (s, size) if size < best[1] else best
-    return best[0], best[1] / scale
-
-
-def _moved(
-    model: Model, s: State, force: np.ndarray, loads: jax.Array, kappa: float, reach: float, enough: float
-) -> tuple[State | None, np.ndarray, int]:
-    """The pose after one step (None: not solved), its forces (free, 3) [N], and the corrections that it took."""
-    from scipy.sparse import eye_array  # noqa: PLC0415
-    from scipy.sparse.linalg import splu  # noqa: PLC0415
-
-    before, rows = np.asarray(s.r), -force
-    limit = max(LEFT * float(np.max(np.abs(rows))), enough)
-    last = np.inf
-    for used in range(1, MOST + 1):
-        matrix = stiffness(model, s, loads) + kappa * eye_array(rows.size)
-        try:
-            r = np.asarray(s.r) - splu(matrix.tocsc()).solve(rows.ravel()).reshape(rows.shape)
-        except RuntimeError:  # singular
-            return None, force, used
-        if not np.max(np.abs(r - before)) <= reach:
-            return None, force, used
-        s, force = _placed(model, s, r, loads)
-        rows = kappa * (r - before) - force
-        size = float(np.max(np.abs(rows)))
-        if size <= limit:
-            return s, force, used
-        if not size < 10.0 * last:
-            return None, force, used
-        last = size
-    return None, force, MOST
-
-
-def _placed(model: Model, s: State, r: np.ndarray, loads: jax.Array) -> tuple[State, np.ndarray]:
-    """The state at places r (free, 3) with its tensions, and the unbalanced forces there."""
-    s = state(model, jnp.asarray(r, model.dtype), t=s.t)
-    rows, tension = unbalanced(model, s, loads)
-    return state(model, s.r, tension=tension, t=s.t), -np.asarray(rows)
 
 
 def with_axial(model: Model, axial: AxialLaw) -> Model:

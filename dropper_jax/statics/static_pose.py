@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,15 +22,15 @@ from dropper_jax.base.place import place
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.residual.unknowns import norm
-from dropper_jax.statics.bodies import BodyMoves, moves_of
+from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import RestProblem, force_scale, rest, rest_tolerance, system_tolerance
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
-from dropper_jax.statics.system import corrected, unbalance
-from dropper_jax.statics.tangent import Linear, NodeMoves, solve_linear
+from dropper_jax.statics.system import descend, unbalance
+from dropper_jax.statics.tangent import Linear, solve_linear
 
-#: Corrections until a pose counts as not found, and such as are always done: the last of them ends at rounding.
-CORRECTIONS, ALWAYS = 100, 2
+#: Corrections until a pose counts as not found.
+CORRECTIONS = 100
 #: Corrections of rigid lines.
 RIGID = 12
 
@@ -152,27 +151,13 @@ def settled(model: Model, near: State, loads: jax.Array, there: bool = False) ->
 
     With `there` it is `near` itself, which is not looked at again: only its derivatives are new.
     """
-    near = replace(jax.lax.stop_gradient(near), t=near.t)
-    moves, held = moves_of(model), moves_of(jax.lax.stop_gradient(model))
-    limit = rest_tolerance(held.model) * force_scale(held.model)
-
-    def find(rows: Linear, x: jax.Array) -> jax.Array:
-        return x if there else _newton(held, rows, x, limit)
-
-    x = jax.lax.custom_root(partial(moves.rows, near, loads), moves.none, find, partial(solve_linear, moves.tangent))
+    t, near = near.t, jax.lax.stop_gradient(near)
+    if not there:
+        held, acting = jax.lax.stop_gradient((model, loads))
+        tolerance, soft = rest_tolerance(held), SMALLEST * soft_scale(held)
+        found, size = descend(held, near, acting, tolerance, soft, CORRECTIONS)
+        near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
+    moves, near = moves_of(model), replace(near, t=t)
+    rows = partial(moves.rows, near, loads)
+    x = jax.lax.custom_root(rows, moves.none, lambda _, x: x, partial(solve_linear, moves.tangent))
     return moves.moved(near, loads, x)
-
-
-def _newton(moves: NodeMoves | BodyMoves, rows_of: Linear, x: jax.Array, limit: jax.Array) -> jax.Array:
-    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
-        _, size, _, count = carry
-        # a NaN compares false: iterating cannot mend it
-        return ((size > limit) & (count < CORRECTIONS)) | (count < ALWAYS)
-
-    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        x, _, kappa, count = carry
-        return *corrected(moves, rows_of, x, kappa), count + 1
-
-    start = x, jnp.full((), jnp.inf, x.dtype), moves.tangent.kappa, jnp.zeros((), jnp.int32)
-    x, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
-    return jnp.where(size <= limit, x, jnp.nan)

@@ -5,14 +5,14 @@
 F holds all forces and the tensions of the links as they lie, K their stiffness (`tangent`). The share a is the largest
 of a geometric series that does not overshoot: `F(r + a dx) . dx` may not turn far negative (the line search of
 nonlinear finite elements; it needs no energy, so that a current may act). kappa falls while whole steps are taken and
-rises when they are cut: descent far from rest, Newton near it. Descent ends in stable poses. Host-side loop over one
-compiled round.
+rises when they are cut: descent far from rest, Newton near it. Descent ends in stable poses.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,9 +21,10 @@ import numpy as np
 from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
+from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import BodyMoves, moves_of
-from dropper_jax.statics.rest_problem import SMALLEST, balanced, force_scale, name_of, soft_scale, unbalanced
-from dropper_jax.statics.tangent import Linear, NodeMoves
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
+from dropper_jax.statics.tangent import NodeMoves
 
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
@@ -45,14 +46,14 @@ GIVE = 1e-4
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
 
-def corrected(
-    moves: NodeMoves | BodyMoves, rows_of: Linear, x: jax.Array, kappa: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """One correction of x: the next x, the largest force [N] that is left there, and the kappa of the next one."""
-    held = jax.lax.stop_gradient(moves.model)
-    soft, reach = soft_scale(held), REACH * jnp.mean(held.line.length)
-    rows, linear = jax.linearize(rows_of, x)
-    dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, x), rows)
+def correct_pose(
+    moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
+) -> tuple[State, jax.Array, jax.Array]:
+    """One correction of the pose s: the next pose, the largest force [N] that is left there, and the next kappa."""
+    soft, reach = soft_scale(moves.model), REACH * jnp.mean(moves.model.line.length)
+    rows_at = partial(moves.rows, s, loads)
+    rows, linear = jax.linearize(rows_at, moves.none)
+    dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
     farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
     dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
     allowed = OVERSHOOT * jnp.sum(rows * dx)
@@ -63,23 +64,15 @@ def corrected(
 
     def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         share = 0.5 * trial[0]
-        after = rows_of(x + share * dx)
+        after = rows_at(share * dx)
         return share, -jnp.sum(after * dx), jnp.max(jnp.abs(after))
 
     # the whole correction is the first that is tried: the rows stand in the program once
-    never = jnp.full((), -jnp.inf, x.dtype)
-    share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, x.dtype), never, -never))
+    never = jnp.full((), -jnp.inf, dx.dtype)
+    share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, dx.dtype), never, -never))
     harder = jnp.maximum(RISE * kappa, FIRST * soft)
     kappa = jnp.where(share == 1.0, FALL * kappa, jnp.where(share >= 0.25, KEEP * kappa, harder))
-    return x + share * dx, size, jnp.maximum(kappa, SMALLEST * soft)
-
-
-@kept(brief=True)
-def _round(model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> tuple[State, jax.Array, jax.Array]:
-    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the next kappa."""
-    moves = moves_of(model)
-    x, size, kappa = corrected(moves, partial(moves.rows, s, loads), moves.none, kappa)
-    return moves.moved(s, loads, x), size / force_scale(model), kappa
+    return moves.moved(s, loads, share * dx), size, jnp.maximum(kappa, SMALLEST * soft)
 
 
 @kept(brief=True)
@@ -109,20 +102,39 @@ def guess(model: Model, t: float = 0.0) -> State:
     return state(model, jnp.asarray(r), t=t)
 
 
+@kept(static=("rounds",), brief=True)
+def descend(
+    model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
+) -> tuple[State, jax.Array]:
+    """The pose that descent from `s` reaches, and its largest scaled unbalanced force: of the best pose on the way.
+
+    It ends with the second pose in a row within the tolerance: the last correction ends at rounding.
+    """
+    moves, scale = moves_of(model), force_scale(model)
+    s = balanced(model, s, loads)
+    first = jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / scale
+
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, size, _, reached, count, (_, least) = carry
+        hopeless = (count > HOPELESS) & ~(least < first)
+        return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        s, _, kappa, reached, count, best = carry
+        s, size, kappa = correct_pose(moves, s, loads, kappa)
+        size = size / scale
+        best = jax.tree.map(lambda new, old: jnp.where(size < best[1], new, old), (s, size), best)
+        return s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, best
+
+    none = jnp.zeros((), jnp.int32)
+    start = s, first, jnp.asarray(kappa, s.r.dtype), none, none, (s, first)
+    return jax.lax.while_loop(unfinished, correct, start)[-1]
+
+
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
-    s = balanced(model, s, loads)
-    residual, reached = float(unbalance(model, s, loads)), 0
-    first, best, kappa = s, (s, residual), soft_scale(model)
-    for count in range(ROUNDS):
-        s, residual, kappa = _round(model, s, loads, kappa)
-        residual = float(residual)
-        if residual < best[1]:
-            best = (s, residual)
-        reached = reached + 1 if residual <= tolerance else 0
-        if not np.isfinite(residual) or reached > 1 or (count > HOPELESS and best[0] is first):
-            break
-    return best
+    found, residual = descend(model, s, loads, tolerance, soft_scale(model), ROUNDS)
+    return found, float(residual)
 
 
 def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
@@ -147,17 +159,16 @@ def springy(model: Model) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 
-def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:
-    """Which node is farthest from balance in a pose that was not found, and why."""
+def unsettled(model: Model, s: State, loads: jax.Array, residual: float, sought: str) -> str:
+    """Which node is farthest from balance in a pose that was not found, and why; `sought` tells how far."""
     if model.ties:
         return f"no equilibrium of lines and bodies found: largest scaled unbalanced force {residual:.1e}"
-    rows = np.asarray(unbalanced(model, s, loads)[0])
-    node = int(np.argmax(np.max(np.abs(rows), axis=1)))
-    if not np.all(np.isfinite(rows)):
-        node = int(np.flatnonzero(~np.all(np.isfinite(rows), axis=1))[0])
+    rows = np.asarray(RestProblem(model, s, loads).residual(Unknowns(jnp.zeros_like(s.r), s.tension)).x)
+    size = np.max(np.abs(rows), axis=1)
+    node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
     force = ", ".join(f"{x:.3g}" for x in rows[node])
     place = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
     return (
-        f"no equilibrium found in {ROUNDS} rounds: largest scaled unbalanced force {residual:.1e}, "
+        f"no equilibrium found {sought}: largest scaled unbalanced force {residual:.1e}, "
         f"{name_of(model, node)} at ({place}) m is left with ({force}) N"
     )

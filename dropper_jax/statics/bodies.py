@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax.base.numerics import cross, dot
 from dropper_jax.base.place import place
 from dropper_jax.model import Model, State, Tie, state
-from dropper_jax.statics.rest_problem import balanced, unbalanced
+from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced
 from dropper_jax.statics.tangent import DenseTangent, NodeMoves
 
 
@@ -106,11 +106,10 @@ class BodyMoves:
     """Coordinates x = q times `arms` [m] as the unknowns of a pose, and forces [N] along them (see `NodeMoves`)."""
 
     model: Model
-    tangent: DenseTangent
 
-    @classmethod
-    def of(cls, model: Model) -> BodyMoves:
-        return cls(model, DenseTangent.of(model))
+    @property
+    def tangent(self) -> DenseTangent:
+        return DenseTangent(jax.lax.stop_gradient(SMALLEST * soft_scale(self.model)))
 
     @property
     def none(self) -> jax.Array:
@@ -129,4 +128,4 @@ class BodyMoves:
 
 def moves_of(model: Model) -> NodeMoves | BodyMoves:
     """The unknowns of the model's pose."""
-    return BodyMoves.of(model) if model.ties else NodeMoves.of(model)
+    return BodyMoves(model) if model.ties else NodeMoves(model)

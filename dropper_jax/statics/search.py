@@ -96,12 +96,8 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
     if not residual <= tolerance:
         s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
-    drifting = (
-        not model.ties
-        and model.sea is not None
-        and model.sea.current is not None
-        and bool(np.any(np.asarray(s.tension) <= 0.0))
-    )
+    current = model.sea is not None and model.sea.current is not None
+    drifting = current and not model.ties and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
         s, residual = escape(model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance))
     message = "" if residual <= tolerance else unsettled(model, s, loads, residual, f"in {ROUNDS} rounds")
@@ -170,8 +166,7 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
     ends = model.ends(t)
     r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
-    k = model.kinematics(r, jnp.zeros_like(r), t, ends)
-    return ends, model.force(model.kinematics(r, jnp.zeros_like(r), t, ends, prepared=model.prepare(k)))
+    return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:

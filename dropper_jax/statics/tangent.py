@@ -127,10 +127,6 @@ class DenseTangent:
 
     kappa: jax.Array
 
-    @classmethod
-    def of(cls, model: Model) -> DenseTangent:
-        return cls(jax.lax.stop_gradient(SMALLEST * soft_scale(model)))
-
     def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
         return jax.vmap(linear, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
 
@@ -179,11 +175,10 @@ class NodeMoves:
     """Moves x (free, 3) [m] of the nodes of lines that stretch as the unknowns of a pose."""
 
     model: Model
-    tangent: Tangent
 
-    @classmethod
-    def of(cls, model: Model) -> NodeMoves:
-        return cls(model, Tangent.of(model))
+    @property
+    def tangent(self) -> Tangent:
+        return Tangent.of(self.model)
 
     @property
     def none(self) -> jax.Array:
@@ -206,7 +201,7 @@ def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
 
 @kept(brief=True)
 def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
-    return stiffness_matrix(NodeMoves.of(model), s, loads)
+    return stiffness_matrix(NodeMoves(model), s, loads)
 
 
 def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:

@@ -1,6 +1,6 @@
 """Poses at rest."""
 
-from dropper_jax.statics.calm import rest
+from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads, settle
 

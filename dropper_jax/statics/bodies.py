@@ -5,8 +5,7 @@ A pinned body has its three turns only, about its pin in place of the middle c o
     corners: x = c + d + R(w) (x_0 - c),    R v = v + 2 (p x v + p x (p x v))/(1 + p.p),  p = w/2
     (K + kappa) dq = Q(q),    Q = (dx/dq)' F
 
-with the seats carried along. The descent is that of `system`: K holds all forces, a share of dq is taken that does not
-overshoot, kappa falls while whole steps are taken. Dense: for hundreds of nodes.
+with the seats carried along. The descent is that of `system`. Dense: for hundreds of nodes.
 """
 
 from __future__ import annotations
@@ -19,30 +18,9 @@ import numpy as np
 
 from dropper_jax.base.numerics import cross, dot
 from dropper_jax.base.place import place
-from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, Tie, state
-from dropper_jax.residual import GRAVITY_SCALE
-from dropper_jax.statics.system import (
-    FALL,
-    HOPELESS,
-    KEEP,
-    OVERSHOOT,
-    RISE,
-    ROUNDS,
-    SHARES,
-    SMALLEST,
-    SOFTENING,
-    guess,
-    unbalanced,
-    with_axial,
-)
-
-#: Largest move of a node in one round [m], and part of a body's weight that residual forces are measured against.
-REACH, PART = 1.0, 1e-2
-#: Unbalanced force, over its scale, of an accepted pose: what rounding leaves of stiff lines and large buoyancies.
-TOLERANCE = 1e-9
-#: Newton's corrections for derivatives of a pose.
-CORRECTIONS = 12
+from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced
+from dropper_jax.statics.tangent import DenseTangent, NodeMoves
 
 
 @dataclass(frozen=True)
@@ -123,99 +101,31 @@ def arms(model: Model) -> jax.Array:
     return jnp.concatenate([jnp.ones(3 * len(where.kept), size.dtype), jnp.repeat(turns.ravel(), 3)[where.moving]])
 
 
-def bodies_scale(model: Model) -> jax.Array:
-    """What residual forces are measured against, a scalar [N]."""
-    heaviest = jnp.max(model.ties[0].mass)
-    return GRAVITY_SCALE * jnp.maximum(jnp.mean(model.line.mass), PART * heaviest)
+@dataclass(frozen=True)
+class BodyMoves:
+    """Coordinates x = q times `arms` [m] as the unknowns of a pose, and forces [N] along them (see `NodeMoves`)."""
+
+    model: Model
+
+    @property
+    def tangent(self) -> DenseTangent:
+        return DenseTangent(jax.lax.stop_gradient(SMALLEST * soft_scale(self.model)))
+
+    @property
+    def none(self) -> jax.Array:
+        """x of the pose that moves are counted from."""
+        return jnp.zeros(Coordinates.of(self.model).size, self.model.dtype)
+
+    def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
+        size = arms(self.model)
+        return generalised(self.model, s, loads, x / size) / size
+
+    def moved(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+        where, (tie,) = Coordinates.of(self.model), self.model.ties
+        r = where.place(tie, s.r, x / arms(self.model))
+        return balanced(self.model, state(self.model, r, t=s.t), loads)
 
 
-@kept(brief=True)
-def _round(model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> tuple[State, jax.Array, jax.Array]:
-    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share taken."""
-    where, (tie,) = Coordinates.of(model), model.ties
-    size = arms(model)
-    rows_of = lambda q: generalised(model, s, loads, q * size) * size  # noqa: E731  all in moves [m] and forces [N]
-    zero = jnp.zeros(where.size, model.dtype)
-    rows, matrix = rows_of(zero), jax.jacfwd(rows_of)(zero)
-    dq = -jnp.linalg.solve(matrix + kappa * jnp.eye(where.size, dtype=model.dtype), rows)
-    dq = dq * jnp.minimum(1.0, REACH / jnp.maximum(jnp.max(jnp.abs(dq)), 1e-300))
-
-    def along(share: jax.Array) -> jax.Array:
-        return -jnp.sum(rows_of(share * dq) * dq)
-
-    shares = jnp.asarray(SHARES, model.dtype)
-    good = jax.lax.map(along, shares) >= OVERSHOOT * jnp.sum(rows * dq)  # rows are minus the forces
-    share = shares[jnp.argmax(good.at[-1].set(True))]
-    r = where.place(tie, s.r, share * dq * size)
-    after, tension = unbalanced(model, state(model, r, t=s.t), loads)
-    s = state(model, r, tension=tension, t=s.t)
-    left = generalised(model, s, loads, zero) / jnp.maximum(size, 1.0)
-    return s, jnp.max(jnp.abs(left)) / bodies_scale(model), share
-
-
-def descend(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
-    """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
-    scale, length = float(bodies_scale(model)), float(jnp.mean(model.line.length))
-    kappa, reached, best = scale / length, 0, (s, np.inf)
-    for count in range(ROUNDS):
-        s, residual, share = _round(model, s, loads, jnp.asarray(kappa, model.dtype))
-        residual, share = float(residual), float(share)
-        kappa *= FALL if share == 1.0 else KEEP if share >= 0.25 else RISE
-        kappa = max(kappa, SMALLEST * scale / length)
-        if residual < best[1]:
-            best = (s, residual)
-        reached = reached + 1 if residual <= TOLERANCE else 0
-        hopeless = count > HOPELESS and best[1] > 1e3 * TOLERANCE
-        if not np.isfinite(residual) or reached > 1 or hopeless:
-            break
-    return best
-
-
-def rest_with_bodies(model: Model, loads: jax.Array, t: float) -> tuple[State, float, str]:
-    """The pose at rest of lines and bodies, its largest scaled unbalanced force, and what is wrong (or nothing)."""
-    start = started(model, t)
-    s, residual = descend(model, start, loads)
-    if not residual <= TOLERANCE:  # by way of softer lines, as `system.find_softened`
-        other = start, np.inf
-        for share in SOFTENING:
-            other = descend(with_axial(model, model.line.axial.softened(share)), other[0], loads)
-        if other[1] < residual:
-            s, residual = other
-    if residual <= TOLERANCE:
-        return s, residual, ""
-    return s, residual, f"no equilibrium of lines and bodies found: largest scaled unbalanced force {residual:.1e}"
-
-
-def started(model: Model, t: float) -> State:
-    """Bodies where the scene puts them, lines straight between their points."""
-    s = guess(model, t)
-    places = np.array([np.asarray(p.position, float) for p in model.points])
-    r = np.array(s.r)
-    points = model.geometry.free_points
-    r[model.geometry.point_node[points]] = places[points]
-    return state(model, jnp.asarray(r), t=t)
-
-
-def settled_with_bodies(model: Model, near: State, loads: jax.Array) -> State:
-    """The pose next to `near`, with derivatives by the implicit function theorem (see `static_pose.settle`)."""
-    where, (tie,) = Coordinates.of(model), model.ties
-    size = arms(model)
-
-    def solve(f: object, q: jax.Array) -> jax.Array:
-        return jax.lax.fori_loop(0, CORRECTIONS, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(f)(y), f(y)), q)
-
-    def tangent(g: object, b: jax.Array) -> jax.Array:
-        return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
-
-    rows = lambda q: generalised(model, near, loads, q * size) * size  # noqa: E731
-    q = jax.lax.custom_root(rows, jnp.zeros(where.size, model.dtype), solve, tangent) * size
-    r = where.place(tie, near.r, q)
-    _, tension = unbalanced(model, state(model, r, t=near.t), loads)
-    return state(model, r, tension=tension, t=near.t)
-
-
-def free_motions(model: Model, pose: State) -> jax.Array:
-    """dx/dq (free, 3, coordinates) at a pose: the motions that leave bodies rigid."""
-    where, (tie,) = Coordinates.of(model), model.ties
-    zero = jnp.zeros(where.size, model.dtype)
-    return jax.jacfwd(lambda q: where.place(tie, pose.r, q))(zero)
+def moves_of(model: Model) -> NodeMoves | BodyMoves:
+    """The unknowns of the model's pose."""
+    return BodyMoves(model) if model.ties else NodeMoves(model)

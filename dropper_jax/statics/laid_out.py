@@ -23,7 +23,7 @@ from dropper_jax.base.place import place
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Model, State
 from dropper_jax.residual import GRAVITY_SCALE
-from dropper_jax.statics.system import force_scale
+from dropper_jax.statics.rest_problem import force_scale
 
 #: K over the stiffness of a link, and the way that full friction gives at most [m]: what is stiffer drowns in rounding.
 GRIP, GIVE = 100.0, 1e-7

@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Ends, Model, State
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.stiffness import verges
+from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.stiffness import stiffness_with_held, verges
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,9 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
     if model.laws:
         raise SceneError(f"effects.{model.laws[0].name}: dry friction has no linear form; allowed: scenes without it")
     loads = jnp.zeros_like(pose.r) if loads is None else loads
-    (stiffness, by_place), (damping, by_speed), (mass, _) = _matrices(rest(model), pose, loads)
+    (damping, by_speed), (mass, _), by_place = _matrices(rest(model), pose)
     f = 3 * model.free_nodes
+    stiffness = stiffness_with_held(rest(model), pose, loads)[:f].toarray()
     names = tuple(model.points[int(i)].name for i in model.geometry.held_points)
     cut = lambda a: (np.asarray(a)[:, :f], np.asarray(a)[:, f:])  # noqa: E731
     (k, kh), (c, ch), (m, mh) = cut(stiffness), cut(damping), cut(mass)
@@ -127,8 +128,8 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
 
 
 @kept(brief=True)
-def _matrices(model: Model, pose: State, loads: jax.Array) -> tuple[tuple[jax.Array, jax.Array], ...]:
-    """Derivatives of the free nodes' rows and of the tensions by places, velocities and accelerations of all."""
+def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | jax.Array, ...]:
+    """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by places."""
     free, held = 3 * model.free_nodes, 3 * model.geometry.ends
     places = model.ends(pose.t).places
 
@@ -138,9 +139,9 @@ def _matrices(model: Model, pose: State, loads: jax.Array) -> tuple[tuple[jax.Ar
         k = model.instant(pose.r + dr, dv, pose.t, Ends(places + du, dw))
         tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
-        left = model.inertia(k, da, db) - model.force(k) - loads - model.pull(tension, direction)
+        left = model.inertia(k, da, db) - model.force(k) - model.pull(tension, direction)
         return left.ravel(), tension
 
     zero = jnp.zeros(free + held, model.dtype)
-    by = (jax.jacfwd(rows, argnums=i)(zero, zero, zero) for i in range(3))
-    return tuple((of_rows, of_tension) for of_rows, of_tension in by)
+    by_place = jax.jacfwd(lambda x: rows(x, zero, zero)[1])(zero)
+    return *(jax.jacfwd(rows, argnums=i)(zero, zero, zero) for i in (1, 2)), by_place

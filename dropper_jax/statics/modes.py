@@ -7,16 +7,14 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import eigh, null_space
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Unknowns
-from dropper_jax.statics.bodies import free_motions, generalised
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.rest_problem import StaticProblem
-from dropper_jax.statics.tangent import unbalanced_rows
+from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.stability import stiffness_and_motions, stiffness_of_motions
 
 #: Stiffness over the largest one (per mass) that is rounding; swinging is 1e-11 of the axial stiffness of a chain.
 ROUNDING = 1e-13
@@ -69,10 +67,9 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
         pose: `equilibrium(...).state`.
         count: how many of the slowest modes; all by default. Modes without stiffness are left out.
     """
-    if model.line.axial.elastic:
-        stiffness, mass, motions = (np.asarray(part) for part in _matrices(model, pose))
-    else:
-        stiffness, mass, motions = _on_free_motions(*map(np.asarray, _with_lengths(model, pose)))
+    still = rest(model)
+    stiffness, motions = stiffness_of_motions(still, pose)
+    stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ np.asarray(_mass(still, pose)) @ motions)
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
     value, vector = value[stiff][:count], vector[:, stiff][:, :count]
@@ -113,7 +110,8 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
             "line.axial.law: 'rigid' links leave motions that turn with the pose: periods have no derivative here; "
             "allowed: elastic, rope, tabulated"
         )
-    stiffness, mass, _ = _symmetric(model, pose)
+    stiffness, motions = stiffness_and_motions(rest(model), pose)
+    stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ _mass(rest(model), pose) @ motions)
     lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
     solved = lambda a: jax.scipy.linalg.solve_triangular(lower, a, lower=True)  # noqa: E731
     value, vector = jnp.linalg.eigh(solved(solved(jax.lax.stop_gradient(stiffness)).T))
@@ -121,34 +119,6 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
     x = jax.scipy.linalg.solve_triangular(lower.T, vector, lower=False)[:, jnp.minimum(number, len(value) - 1)]
     square = jnp.sum(x * (stiffness @ x), axis=0) / jnp.sum(x * (mass @ x), axis=0)
     return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
-
-
-def _on_free_motions(
-    stiffness: np.ndarray, pull: np.ndarray, lengths: np.ndarray, compliance: np.ndarray, mass: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stiffness and mass of the motions that rigid links leave, and these motions.
-
-    Of rows `f(x, T)` and lengths `y(x, T)`: T of a link that stretches follows from x, the others' y must not change.
-    """
-    soft = np.diag(compliance) != 0.0
-    stiffness = stiffness - pull[:, soft] @ (lengths[soft] / np.diag(compliance)[soft, None])
-    motions = null_space(lengths[~soft])
-    return *(motions.T @ (0.5 * (part + part.T)) @ motions for part in (stiffness, mass)), motions
-
-
-@kept(brief=True)
-def _with_lengths(model: Model, pose: State) -> tuple[jax.Array, ...]:
-    """Derivatives of the rows by moves and tensions, of the lengths by both, and the mass matrix."""
-    model = rest(model)
-    problem = StaticProblem(model, pose, jnp.zeros_like(pose.r))
-
-    def rows(x: jax.Array, tension: jax.Array) -> tuple[jax.Array, jax.Array]:
-        found = problem.residual(Unknowns(pose.r + x.reshape(-1, 3), tension))
-        return found.x.ravel(), found.y
-
-    none = jnp.zeros(pose.r.size, model.dtype)
-    (stiffness, pull), (lengths, compliance) = jax.jacfwd(rows, argnums=(0, 1))(none, pose.tension)
-    return stiffness, pull, lengths, compliance, _mass(model, pose)
 
 
 def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
@@ -190,32 +160,11 @@ def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
 
 
+def _symmetric(matrix: ArrayLike) -> ArrayLike:
+    return 0.5 * (matrix + matrix.T)
+
+
 @kept(brief=True)
-def _matrices(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
-    return _symmetric(model, pose)
-
-
-def _symmetric(model: Model, pose: State) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Stiffness and mass (k, k), made symmetric, and the motions of the free nodes (3 free, k) that they are of.
-
-    With rigid bodies only motions that leave these rigid, what forces do as bodies turn included.
-    """
-    full, model = model, rest(model)
-    size = 3 * model.free_nodes
-    loads, none = jnp.zeros_like(pose.r), jnp.zeros(size, model.dtype)
-    mass = _mass(model, pose)
-    if model.ties:
-        motions = free_motions(full, pose).reshape(size, -1)
-        zero = jnp.zeros(motions.shape[1], model.dtype)
-        stiffness = jax.jacfwd(lambda q: generalised(model, pose, loads, q))(zero)
-        mass = motions.T @ mass @ motions
-    else:
-        motions = jnp.eye(size, dtype=model.dtype)
-        rows = lambda x: unbalanced_rows(model, pose, loads, x.reshape(-1, 3)).ravel()  # noqa: E731
-        stiffness = jax.jacfwd(rows)(none)
-    return 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T), motions
-
-
 def _mass(model: Model, pose: State) -> jax.Array:
     """Masses and added mass (3 free, 3 free) [kg]."""
 

@@ -2,85 +2,169 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from types import ModuleType
 
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
+import numpy as np
 
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton
+from dropper_jax.model import Graph, Kinematics, Law, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
-from dropper_jax.solvers.dense import Dense, residual_matrix
 
-#: Largest scaled row (forces by m g, elongations by L) of an accepted pose.
-STATIC_TOLERANCE = 1e-10
+#: Largest scaled row (forces by m g, elongations by L) of a pose that counts as found, and what rounding always leaves,
+#: in units of the last place.
+TOLERANCE, UNITS = 1e-10, 1e4
+#: Part of the heaviest body's weight that residual forces are measured against.
+PART = 1e-2
+#: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
+SMALLEST = 1e-9
 #: Unknowns up to which LU of the whole Jacobian is used.
 DENSE_LIMIT = 200
 
 
-class StaticProblem(StepProblem):
-    """Unknowns: x = r, y = T, at rest at the state's time."""
+def rest(model: Model) -> Model:
+    """The model without laws of their own and without waves.
 
-    def __init__(self, model: Model, s: State, loads: jax.Array) -> None:
+    Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
+    """
+    effects = tuple(e for e in model.effects if not isinstance(e, Law))
+    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
+
+
+class RestProblem(StepProblem):
+    """Unknowns: x = r - (the state's r), y = T, at rest at the state's time.
+
+    kappa [N/m] makes the matrix of corrections stiffer and leaves the rows as they are: `K + kappa` of one correction.
+    """
+
+    def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array | float = 0.0) -> None:
         super().__init__(model, s, jnp.ones((), model.dtype))
-        self.loads = loads
+        self.loads, self.kappa = loads, kappa
         self.ends = model.ends(s.t)
-        k = model.kinematics(s.r, jnp.zeros_like(s.r), s.t, self.ends)
-        self.prepared = model.prepare(k)
+
+    def instant(self, x: jax.Array) -> Kinematics:
+        return self.model.instant(self.s.r + x, jnp.zeros_like(x), self.s.t, self.ends)
+
+    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        stiffer = self.kappa * (x - jax.lax.stop_gradient(x))
+        return stiffer - self.model.force(self.instant(x)) - self.loads, ()
+
+    def link_vectors(self, x: jax.Array) -> jax.Array:
+        return self.model.links(self.s.r + x, self.ends)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        pull = y[:, None] * line.axial.direction(d, d, d, line.length)
+        return pull, line.axial.at_rest(d, y, line.length)
+
+    def tension(self, x: jax.Array) -> jax.Array:
+        """Tensions that belong to the links' lengths (n,) [N]."""
+        line, d = self.model.line, self.link_vectors(x)
+        return line.axial.tension(d, jnp.zeros_like(d), line.length)
 
     def residual(self, u: Unknowns) -> Unknowns:
-        model, line = self.model, self.model.line
-        k = model.kinematics(u.x, jnp.zeros_like(u.x), self.s.t, self.ends, prepared=self.prepared)
-        if model.sea is not None:  # a current meets the line as it lies in the end, not as it was guessed
-            k = model.instant(k.r, k.v, k.t, self.ends)
-        direction = line.axial.direction(k.links, k.links, k.links, line.length)
-        rows = -(model.force(k) + self.loads + model.pull(u.y, direction))
-        return Unknowns(rows, line.axial.at_rest(k.links, u.y, line.length))
+        pull, axial = self.link_rows(self.link_vectors(u.x), u.y)
+        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
 
     def row_scale(self) -> Unknowns:
-        line = self.model.line
-        weight = GRAVITY_SCALE * jnp.mean(line.mass) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
-        return Unknowns(weight, line.length)
+        weight = force_scale(self.model) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
+        return Unknowns(weight, self.model.line.length)
 
 
-def static_solver(model: Model) -> Solver:
-    """The solver of the exact Jacobian that is cheaper for the model."""
-    if SOLVERS["dense"].size(model) <= DENSE_LIMIT:
-        return SOLVERS["dense"]
-    return SOLVERS["banded"]
+def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
+    """What a residual force is measured against, a scalar [N]: the mean weight of a link, or `PART` of that of a body.
+
+    With NumPy on the host: each operation on arrays of JAX would be a program of its own.
+    """
+    mass = xp.mean(xp.asarray(model.line.mass))
+    if model.ties:
+        mass = xp.maximum(mass, PART * xp.max(xp.asarray(model.ties[0].mass)))
+    return GRAVITY_SCALE * mass
 
 
-@dataclass(frozen=True)
-class LeastNorm(Dense):
-    """The shortest correction, where the pose may turn freely (ends above one another) and the Jacobian is singular."""
-
-    name: str = "least_norm"
-
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: None = None) -> jax.Array:
-        return residual_matrix(problem, u)
-
-    def apply(self, factor: jax.Array, rows: Unknowns) -> Unknowns:
-        flat, unravel = ravel_pytree(rows)
-        return unravel(jnp.linalg.lstsq(factor, flat)[0])
+def soft_scale(model: Model) -> jax.Array:
+    """What stiffnesses are measured against, a scalar [N/m]: the mean weight of a link per its length."""
+    return force_scale(model) / jnp.mean(model.line.length)
 
 
-@kept(static=("solver", "iterations"), brief=True)
-def _newton(
-    model: Model, s: State, loads: jax.Array, solver: Solver, iterations: int = 25
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    problem = StaticProblem(model, s, loads)
-    u, residual = damped_newton(problem, solver, Unknowns(s.r, s.tension), iterations)
-    return u.x, u.y, residual
+def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
+    """Largest scaled row of a pose that counts as found, a scalar: `TOLERANCE`, or what rounding leaves of stiff lines.
+
+    With NumPy on the host. Of large buoyancies of bodies rounding leaves 10 times `TOLERANCE`.
+    """
+    line = model.line
+    length = xp.asarray(line.length)
+    stiffness = xp.max(xp.asarray(line.axial.EA) / length) if line.axial.elastic else 0.0
+    bed = model.effect("seabed")
+    if bed is not None:
+        contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
+        stiffness = xp.maximum(stiffness, contact)
+    extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
+    units = xp.maximum(UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
+    return xp.maximum(10.0 * TOLERANCE if model.ties else TOLERANCE, jnp.finfo(model.dtype).eps * units)
 
 
-def static_tolerance(model: Model) -> float:
-    """Largest scaled row of an accepted pose in the model's precision."""
-    return STATIC_TOLERANCE if model.dtype == jnp.float64 else 1e-3
+def system_tolerance(model: Model) -> float:
+    """The same as a number."""
+    return float(rest_tolerance(model, np))
 
 
-def solve_statics(model: Model, s: State, loads: jax.Array, t: float, solver: Solver = None) -> tuple[State, float]:
-    """The pose next to that of `s`, and its largest scaled row."""
-    r, tension, residual = _newton(model, s, loads, solver or static_solver(model))
-    return state(model, r, tension=tension, t=t), float(residual)
+@kept(brief=True)
+def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
+    return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
+
+
+def balanced(model: Model, s: State, loads: jax.Array) -> State:
+    """The pose with the tensions that belong to its lengths."""
+    return state(model, s.r, tension=unbalanced(model, s, loads)[1], t=s.t)
+
+
+def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Unbalanced forces, minus F (free, 3) [N], at places s.r + x, and the tensions of the links as they lie."""
+    problem = RestProblem(model, s, loads)
+    tension = problem.tension(x)
+    return problem.residual(Unknowns(x, tension)).x, tension
+
+
+def rest_solver(model: Model) -> Solver:
+    """The solver of the exact Jacobian that is cheapest for the model; the network's is of systems."""
+    if isinstance(model.geometry, Graph):
+        return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
+    return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= DENSE_LIMIT else SOLVERS["banded"]
+
+
+@kept(static=("iterations", "damped"), brief=True)
+def polish(
+    model: Model, s: State, loads: jax.Array, kappa: jax.Array, iterations: int = 25, damped: bool = True
+) -> tuple[State, jax.Array]:
+    """The pose next to that of `s`, and its largest scaled row: Newton on places and tensions together.
+
+    Tensions are unknowns, as those of rigid links must be. kappa [N/m] stiffens the corrections: a small one holds
+    what may move freely (a line with its ends above one another turns), a large one makes them a slow fall.
+    """
+    problem, start = RestProblem(model, s, loads, kappa), Unknowns(jnp.zeros_like(s.r), s.tension)
+    u, residual = (damped_newton if damped else newton)(problem, rest_solver(model), start, iterations)
+    return state(model, s.r + u.x, tension=u.y, t=s.t), residual
+
+
+def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
+    """`polish` on the host."""
+    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model))
+    return found, float(residual)
+
+
+def name_of(model: Model, node: int) -> str:
+    """A free node in words: its point, or its line and number."""
+    graph = model.geometry
+    if not isinstance(graph, Graph):
+        return f"node {node + 1}"
+    if node >= graph.inner:
+        return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
+    for member, path in zip(graph.members, graph.paths, strict=True):
+        if node in path[1:-1]:
+            return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
+    return f"node {node}"

@@ -18,28 +18,24 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Unknowns
-from dropper_jax.solvers import SOLVERS
-from dropper_jax.statics.bodies import rest_with_bodies
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.catenary import catenary_guess
-from dropper_jax.statics.hanging import hang
+from dropper_jax.residual import GRAVITY_SCALE
+from dropper_jax.statics.catenary import catenary_guess, hang
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.relaxation import relax, steadied
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, LeastNorm, StaticProblem, solve_statics, static_tolerance
-from dropper_jax.statics.stability import leave, stable
+from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
+from dropper_jax.statics.stability import escape, stable
 from dropper_jax.statics.system import (
+    ROUNDS,
     find_rest,
     find_softened,
     guess,
     springy,
-    system_tolerance,
-    tighten,
     unsettled,
 )
 
 #: Smallest share of the loads that continuation tries to add before it gives up.
 SMALLEST_INCREMENT = 1.0 / 1024
+#: Corrections of a slow fall from an unstable pose.
+FALL_STEPS = 80
 
 
 @partial(
@@ -75,18 +71,16 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full, model = model, rest(model)
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
-    if model.ties:
-        return _result(full, *rest_with_bodies(model, loads, t))
     if isinstance(model.geometry, Graph):
         return _by_descent(full, model, loads, t)
     share, message = 1.0, ""
     s, residual = _hang_and_solve(model, loads, t)
-    if not (residual <= static_tolerance(model) and stable(model, s)):
+    if not (residual <= system_tolerance(model) and stable(model, s)):
         s, residual, share = _continue(model, loads, t)
-    if share == 1.0 and residual <= static_tolerance(model) and not stable(model, s):
-        s, residual = leave(model, s, loads, residual)
-    if share < 1.0 or not residual <= static_tolerance(model):
-        message = _complaint(model, s, loads, share, residual)
+    if share == 1.0 and residual <= system_tolerance(model):
+        s, residual = escape(model, s, residual, system_tolerance(model), partial(_fall, model, loads))
+    if share < 1.0 or not residual <= system_tolerance(model):
+        message = unsettled(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, a bed or the surface on the way
@@ -100,32 +94,40 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     rigid, model = model.line, model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t), loads, tolerance)
-    for otherwise in (find_softened, relax):
-        if not residual <= tolerance:
-            s, residual = min((s, residual), otherwise(model, guess(model, t), loads, tolerance), key=itemgetter(1))
-    drifting = model.sea is not None and model.sea.current is not None and bool(np.any(np.asarray(s.tension) <= 0.0))
+    if not residual <= tolerance:
+        s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
+    current = model.sea is not None and model.sea.current is not None
+    drifting = current and not model.ties and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
-        s, residual = steadied(model, s, residual, loads, tolerance)
-    message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+        s, residual = escape(model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance))
+    message = "" if residual <= tolerance else unsettled(model, s, loads, residual, f"in {ROUNDS} rounds")
     friction = outward(full)
     if not message and friction is not None:
         model, rounding = laid_out(model, s, friction.kinetic)
         tolerance = max(tolerance, float(rounding))
         s, residual = find_rest(model, s, loads, tolerance)
-        message = "" if residual <= tolerance else unsettled(model, s, loads, residual)
+        message = "" if residual <= tolerance else unsettled(model, s, loads, residual, f"in {ROUNDS} rounds")
     if not message and model.line is not rigid:
-        s, residual = tighten(replace(model, lines=(rigid,)), s, loads)
-        residual = float(residual)
+        s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
         message = (
             "" if residual <= tolerance else f"no pose of the rigid links found: largest scaled row {residual:.1e}"
         )
     return _result(full, s, residual, message)
 
 
+def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
+    """The pose into which a line moves slowly from `s`, away from one of a (negative) stiffness [N/m]."""
+    drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
+    fallen, _ = polish(model, s, loads, drag, iterations=FALL_STEPS, damped=False)
+    return solve_statics(model, fallen, loads)
+
+
 def outward(full: Model) -> Effect | None:
     """The friction that holds the lines of a system where they were laid, or None."""
     friction = full.effect("seabed_friction")
-    outward = friction is not None and friction.statics == "outward" and isinstance(full.geometry, Graph)
+    outward = (
+        friction is not None and friction.statics == "outward" and isinstance(full.geometry, Graph) and not full.ties
+    )
     return friction if outward else None
 
 
@@ -134,7 +136,7 @@ def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, fl
     s = _hang(model, loads, None, t)
     for _ in range(1 if model.constant_force else 4):
         s = _hang(model, loads, s, t)
-    return solve_statics(model, s, loads, t)
+    return solve_statics(model, s, loads)
 
 
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
@@ -164,21 +166,19 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
     ends = model.ends(t)
     r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
-    k = model.kinematics(r, jnp.zeros_like(r), t, ends)
-    return ends, model.force(model.kinematics(r, jnp.zeros_like(r), t, ends, prepared=model.prepare(k)))
+    return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
     """The loads added little by little to the catenary; returns the share that was reached."""
-    solver = LeastNorm() if SOLVERS["dense"].size(model) <= DENSE_LIMIT else None
-    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads), t, solver)
+    s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share, increment = 0.0, 0.125
-    while residual <= static_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
+    while residual <= system_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
         step = min(increment, 1.0 - share)
-        trial, trial_residual = solve_statics(model, s, (share + step) * loads, t, solver)
-        if trial_residual <= static_tolerance(model) and _near(s.r, trial.r, model):
+        trial, trial_residual = solve_statics(model, s, (share + step) * loads)
+        if trial_residual <= system_tolerance(model) and _near(s.r, trial.r, model):
             s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
             increment = step / 2.0
@@ -197,15 +197,6 @@ def _catenary(model: Model, t: float) -> State:
 def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
     """A load increment that moves a node by more than half a line length may have jumped to another branch."""
     return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
-
-
-def _complaint(model: Model, s: State, loads: jax.Array, share: float, residual: float) -> str:
-    rows = StaticProblem(model, s, share * loads).residual(Unknowns(s.r, s.tension)).x
-    worst = int(jnp.argmax(jnp.max(jnp.abs(rows), axis=1))) + 1
-    return (
-        f"no equilibrium found beyond {share:.1%} of the loads: largest scaled residual {residual:.1e}, "
-        f"node {worst} is farthest from balance"
-    )
 
 
 @kept(brief=True)

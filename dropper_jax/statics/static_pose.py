@@ -8,8 +8,8 @@ follow from the implicit function theorem, by one linear solve at the pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -19,18 +19,20 @@ from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.place import place
-from dropper_jax.model import Graph, Model, State, state
+from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.residual.unknowns import norm
-from dropper_jax.solvers import SOLVERS
-from dropper_jax.statics import bodies
-from dropper_jax.statics.calm import rest
+from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.laid_out import laid_out
-from dropper_jax.statics.rest_problem import DENSE_LIMIT, StaticProblem, static_tolerance
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
-from dropper_jax.statics.settled import settled
-from dropper_jax.statics.system import force_scale, system_tolerance
-from dropper_jax.statics.tangent import unbalanced_rows
+from dropper_jax.statics.system import descend, unbalance
+from dropper_jax.statics.tangent import Linear, solve_linear
+
+#: Corrections until a pose counts as not found.
+CORRECTIONS = 100
+#: Corrections of rigid lines.
+RIGID = 12
 
 
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
@@ -97,20 +99,11 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
 
 def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
     """Largest scaled row of a settled pose, and what it may be (NaN where that is not known in a trace)."""
-    if model.ties:
-        rows = bodies.generalised(model, s, loads, jnp.zeros(bodies.Coordinates.of(model).size, model.dtype))
-        size = jnp.max(jnp.abs(rows / jnp.maximum(bodies.arms(model), 1.0)))
-        return size / bodies.bodies_scale(model), bodies.TOLERANCE
-    if not model.line.axial.elastic:
-        problem = StaticProblem(model, s, loads)
-        return norm(problem.residual(Unknowns(s.r, s.tension)), problem.row_scale()), static_tolerance(model)
-    rows = unbalanced_rows(model, s, loads, jnp.zeros_like(s.r))
     tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
-    return jnp.max(jnp.abs(rows)) / force_scale(model), tolerance
-
-
-def _large(model: Model) -> bool:
-    return SOLVERS["dense"].size(model) > DENSE_LIMIT
+    if model.ties or model.line.axial.elastic:
+        return unbalance(model, s, loads), tolerance
+    problem = RestProblem(model, s, loads)
+    return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), tolerance
 
 
 def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:
@@ -129,27 +122,42 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
     """The pose, and the model that is at rest there."""
     model = rest(full)
-    if model.ties:
-        found = bodies.settled_with_bodies(model, near, loads)
-        return state(full, found.r, tension=found.tension, t=near.t), model
-    if model.line.axial.elastic and (isinstance(model.geometry, Graph) or _large(model)):
+    if model.ties or model.line.axial.elastic:
         friction = outward(full)
         if friction is not None:
             model = laid_out(model, settled(model, near, loads), friction.kinetic)[0]
         found = settled(model, near, loads, there)
         return state(full, found.r, tension=found.tension, t=near.t), model
-    guess = jax.lax.stop_gradient(Unknowns(near.r, near.tension))
-    problem = StaticProblem(model, near, loads)
+    near = replace(jax.lax.stop_gradient(near), t=near.t)
+    guess = Unknowns(jnp.zeros_like(near.r), near.tension)
+    problem = RestProblem(model, near, loads)
     flat, unravel = ravel_pytree(guess)
 
     def rows(x: jax.Array) -> jax.Array:
         return ravel_pytree(problem.residual(unravel(x)))[0]
 
-    def solve(f: Callable[[jax.Array], jax.Array], x: jax.Array) -> jax.Array:
-        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(f)(y), f(y)), x)
+    def find(rows: Linear, x: jax.Array) -> jax.Array:
+        return jax.lax.fori_loop(0, RIGID, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
 
-    def tangent(g: Callable[[jax.Array], jax.Array], b: jax.Array) -> jax.Array:
-        return jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(b)), b)
+    def tangent(linear: Linear, b: jax.Array) -> jax.Array:
+        return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)
 
-    u = unravel(jax.lax.custom_root(rows, flat, solve, tangent))
-    return state(full, u.x, tension=u.y, t=near.t), model
+    u = unravel(jax.lax.custom_root(rows, flat, find, tangent))
+    return state(full, near.r + u.x, tension=u.y, t=near.t), model
+
+
+def settled(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
+    """The pose next to `near`, differentiable; its places are NaN where there is none.
+
+    With `there` it is `near` itself, which is not looked at again: only its derivatives are new.
+    """
+    t, near = near.t, jax.lax.stop_gradient(near)
+    if not there:
+        held, acting = jax.lax.stop_gradient((model, loads))
+        tolerance, soft = rest_tolerance(held), SMALLEST * soft_scale(held)
+        found, size = descend(held, near, acting, tolerance, soft, CORRECTIONS)
+        near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
+    moves, near = moves_of(model), replace(near, t=t)
+    rows = partial(moves.rows, near, loads)
+    x = jax.lax.custom_root(rows, moves.none, lambda _, x: x, partial(solve_linear, moves.tangent))
+    return moves.moved(near, loads, x)

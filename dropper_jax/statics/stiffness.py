@@ -23,18 +23,14 @@ from dropper_jax.base.programs import kept
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.relaxation import stiffness
-from dropper_jax.statics.system import SMALLEST, RestProblem, name_of
-from dropper_jax.statics.tangent import LEFT, REFINEMENTS, free_motion, soft_scale
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, name_of, rest, soft_scale
+from dropper_jax.statics.tangent import LEFT, REFINEMENTS, free_motion, stiffness
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
 #: Degrees of freedom of a point [m], and of a body, [m] and [rad].
 POINT, BODY = ("x", "y", "z"), ("x", "y", "z", "roll", "pitch", "yaw")
-#: Part of the largest singular value below which a motion is free.
-NONE = 1e-13
 #: Stretch of a link, over its length, and its tension over the largest one, of a link on the verge of going slack.
 VERGE = 1e-9
 
@@ -73,7 +69,8 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
     loads = jnp.zeros_like(pose.r) if loads is None else loads
     model = rest(model)
     asked = _asked(model, names)
-    whole = _with_bodies(model, pose, loads, asked) if model.ties else _of_points(model, pose, loads, asked)
+    matrix = _of_bodies(model, pose, loads) if model.ties else stiffness_with_held(model, pose, loads)
+    whole = _condensed(model, pose, loads, matrix, _numbers(model, asked))
     freedoms = tuple(
         f"{name}.{axis}" for name, (kind, _) in asked.items() for axis in (BODY if kind == "body" else POINT)
     )
@@ -127,7 +124,7 @@ def _node(model: Model, point: int) -> int:
 
 def _shifted(model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces, minus F, on free nodes (free, 3) and held points (held, 3) [N], moved by x and u [m]."""
-    problem = RestProblem(model, pose, loads, jnp.zeros((), model.dtype))
+    problem = RestProblem(model, pose, loads)
     problem.ends = Ends(problem.ends.places + u, problem.ends.velocities)
     tension = problem.tension(x)
     pull, _ = problem.link_rows(problem.link_vectors(x), tension)
@@ -135,44 +132,43 @@ def _shifted(model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.A
 
 
 @kept(brief=True)
-def _of_held(model: Model, pose: State, loads: jax.Array, way: jax.Array) -> tuple[jax.Array, ...]:
-    """Held points moved along ways (k, held, 3): rows (k, free, 3), (k, held, 3); and what free nodes do to these."""
-    zero, none = jnp.zeros_like(pose.r), jnp.zeros(way.shape[1:], model.dtype)
-    rows, own = jax.vmap(lambda w: jax.jvp(lambda u: _shifted(model, pose, loads, zero, u), (none,), (w,))[1])(way)
-    _, back = jax.vjp(lambda x: _shifted(model, pose, loads, x, none)[1], zero)
-    return rows, own, jax.vmap(lambda w: back(w)[0])(way)
+def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
+    """By moves of held points: rows (3 free, h) and these points' forces (h, h); these by free nodes (h, 3 free)."""
+    x, u = jnp.zeros_like(pose.r), jnp.zeros((model.geometry.ends, 3), model.dtype)
+    rows, own = jax.jacfwd(lambda u: _shifted(model, pose, loads, x, u))(u)
+    back = jax.jacrev(lambda x: _shifted(model, pose, loads, x, u)[1])(x)
+    return rows.reshape(x.size, u.size), own.reshape(u.size, u.size), back.reshape(u.size, x.size)
 
 
-def _of_points(model: Model, pose: State, loads: jax.Array, asked: dict[str, tuple[str, int]]) -> np.ndarray:
-    free = [np.arange(3 * i, 3 * i + 3) for kind, i in asked.values() if kind == "free"]
-    free = np.concatenate([np.zeros(0, int), *free])
-    held = [i for kind, i in asked.values() if kind == "held"]
-    matrix = stiffness(model, pose, loads)
-    size = matrix.shape[0]
-    k = 3 * len(held)
-    ways = np.zeros((k, model.geometry.ends, 3))
-    for j, i in enumerate(held):
-        ways[3 * j : 3 * j + 3, i] = np.eye(3)
-    if k:
-        rows, own, back = (np.asarray(a) for a in _of_held(model, pose, loads, jnp.asarray(ways, model.dtype)))
-        fh, hf = rows.reshape(k, size).T, back.reshape(k, size)
-        hh = np.stack([np.concatenate([own[j, i] for i in held]) for j in range(k)], axis=1)
-    else:
-        fh, hf, hh = np.zeros((size, 0)), np.zeros((0, size)), np.zeros((0, 0))
-    rest_of = np.setdiff1d(np.arange(size), free)
-    inner, side = matrix[rest_of], matrix[free]
-    whole = np.block([[side[:, free].toarray(), fh[free]], [hf[:, free], hh]])
-    below = np.vstack([side[:, rest_of].toarray(), hf[:, rest_of]])
-    right = np.hstack([inner[:, free].toarray(), fh[rest_of]])
-    if rest_of.size:
-        solve = _solver(model, pose, loads, inner[:, rest_of].tocsc(), rest_of)
-        whole = whole - below @ solve(right)
-    order, at = [], {"free": 0, "held": len(free)}
-    for kind, _ in asked.values():
-        order.append(np.arange(at[kind], at[kind] + 3))
-        at[kind] += 3
-    order = np.concatenate(order)
-    return whole[np.ix_(order, order)]
+def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_array:
+    """K [N/m] of moves of the free nodes, then of the held points (f + h, f + h). On the host."""
+    from scipy.sparse import block_array, csc_array  # noqa: PLC0415
+
+    rows, own, back = (csc_array(np.asarray(part)) for part in _of_held(model, pose, loads))
+    return block_array([[stiffness(model, pose, loads), rows], [back, own]], format="csc")
+
+
+def _numbers(model: Model, asked: dict[str, tuple[str, int]]) -> np.ndarray:
+    """Rows of K of the points and bodies that are asked for, in their order."""
+    where = Coordinates.of(model) if model.ties else None
+    first = {
+        "free": lambda i: 3 * i,
+        "held": lambda i: (3 * model.free_nodes if where is None else where.size) + 3 * i,
+        "body": lambda i: where.first(i),
+    }
+    each = [first[kind](i) + np.arange(6 if kind == "body" else 3) for kind, i in asked.values()]
+    return np.concatenate([np.zeros(0, int), *each])
+
+
+def _condensed(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
+    """K of some freedoms, all other free ones in equilibrium, held points at rest."""
+    others = np.setdiff1d(np.arange(matrix.shape[0] - 3 * model.geometry.ends), picked)
+    rows, inner = matrix[picked], matrix[others]
+    whole = rows[:, picked].toarray()
+    if not others.size:
+        return whole
+    solve = _solver(model, pose, loads, inner[:, others].tocsc(), others)
+    return whole - rows[:, others] @ solve(inner[:, picked].toarray())
 
 
 def _solver(
@@ -198,14 +194,16 @@ def _solver(
         words = free_motion(model, pose, loads)
         if not words:
             node = int(nodes[np.argmax(np.max(np.abs(left), axis=1))]) // 3
-            words = f"nothing holds {name_of(model, node)}"
+            words = "nothing holds " + ("a body" if model.ties else name_of(model, node))
         raise SceneError(f"points: the others have no equilibrium of their own: {words}; allowed: what is held")
 
     return solve
 
 
-def _with_bodies(model: Model, pose: State, loads: jax.Array, asked: dict[str, tuple[str, int]]) -> np.ndarray:
-    """Dense, in the coordinates of `statics.bodies`, and those of held points after them."""
+def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
+    """The same in the coordinates of `statics.bodies`, bodies moved and turned about their reference points."""
+    from scipy.sparse import csc_array  # noqa: PLC0415
+
     where, tie = Coordinates.of(model), model.ties[0]
     held, count = model.geometry.ends, where.size
 
@@ -218,25 +216,9 @@ def _with_bodies(model: Model, pose: State, loads: jax.Array, asked: dict[str, t
     matrix = np.asarray(jax.jit(jax.jacfwd(rows_of))(jnp.zeros(count + 3 * held, model.dtype)))
     reference = np.asarray(tie.pose(model, pose.r)[0])
     centre = np.mean(np.asarray(pose.r)[where.corners], axis=1)
-    picked, turn = [], np.eye(len(matrix))
-    for kind, i in asked.values():
-        if kind == "body":
-            first = where.first(i)
-            picked.append(np.arange(first, first + 6))
-            a, b, c = centre[i] - reference[i]  # the centre moves by w x arm as the body turns about its reference
-            turn[first : first + 3, first + 3 : first + 6] = [[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]]
-        else:
-            first = 3 * i if kind == "free" else count + 3 * i
-            picked.append(np.arange(first, first + 3))
-    picked = np.concatenate(picked)
-    matrix = turn.T @ matrix @ turn
-    others = np.setdiff1d(np.arange(count), picked)
-    inner = matrix[np.ix_(others, others)]
-    below, right = matrix[np.ix_(picked, others)], matrix[np.ix_(others, picked)]
-    whole = matrix[np.ix_(picked, picked)]
-    if not others.size:
-        return whole
-    moved = np.linalg.lstsq(inner, right, rcond=NONE)[0]
-    if np.max(np.abs(inner @ moved - right)) > LEFT * np.max(np.abs(right)):
-        raise SceneError("points: the others have no equilibrium of their own; allowed: what is held on all sides")
-    return whole - below @ moved
+    turn = np.eye(len(matrix))
+    for i in np.flatnonzero(~where.pinned):
+        first = where.first(i)
+        a, b, c = centre[i] - reference[i]  # the centre moves by w x arm as the body turns about its reference
+        turn[first : first + 3, first + 3 : first + 6] = [[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]]
+    return csc_array(turn.T @ matrix @ turn)

@@ -2,16 +2,17 @@
 
     (K + kappa) dx = F(r),    r <- r + a dx
 
-F holds all forces and the tensions of the links as they lie, K their stiffness, which tension-only lines, a seabed and
-floats keep positive. The share a is the largest of a geometric series that does not overshoot: `F(r + a dx) . dx` may
-not turn far negative (the line search of nonlinear finite elements; it needs no energy, so that a current may act).
-kappa falls while whole steps are taken and rises when they are cut: descent far from rest, Newton near it. Descent ends
-in stable poses. Host-side loop over one compiled round.
+F holds all forces and the tensions of the links as they lie, K their stiffness (`tangent`). The share a is the largest
+of a geometric series that does not overshoot: `F(r + a dx) . dx` may not turn far negative (the line search of
+nonlinear finite elements; it needs no energy, so that a current may act). kappa falls while whole steps are taken and
+rises when they are cut: descent far from rest, Newton near it. Descent ends in stable poses.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,10 +20,11 @@ import numpy as np
 
 from dropper_jax.axial import AxialLaw
 from dropper_jax.base.programs import kept
-from dropper_jax.model import Graph, Kinematics, Model, State, state
-from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, add
-from dropper_jax.solvers.dense import Dense
-from dropper_jax.solvers.network import Network
+from dropper_jax.model import Model, State, state
+from dropper_jax.residual import Unknowns
+from dropper_jax.statics.bodies import BodyMoves, moves_of
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
+from dropper_jax.statics.tangent import NodeMoves
 
 #: Rounds until a pose counts as not found.
 ROUNDS = 1000
@@ -30,115 +32,54 @@ ROUNDS = 1000
 HOPELESS = 500
 #: Largest move of a node in one round, in mean link lengths.
 REACH = 1.0
-#: Shares of a correction that are tried.
-SHARES = tuple(0.5**i for i in range(14))
+#: Least share of a correction that is tried.
+LEAST_SHARE = 2.0**-13
+#: Kappa, over the weight of a link per its length, from which it rises where a correction was cut short.
+FIRST = 1e-2
 #: How far the force along a correction may turn against it, over its value at the start.
 OVERSHOOT = 0.5
-#: Least kappa over the weight per length: keeps what nothing holds (a float in calm water) from running off.
-SMALLEST = 1e-9
 #: Shares of the axial stiffness that poses are found with on the way to a stiff one.
 SOFTENING = (1e-5, 1e-3, 1e-1, 1.0)
-#: Stretch of the springs that stand for rigid links, and the corrections from their pose to that of rigid ones.
-GIVE, TIGHTENING = 1e-4, 12
+#: Stretch of the springs that stand for rigid links.
+GIVE = 1e-4
 #: Factors on kappa after a whole, a good and a short step.
 FALL, KEEP, RISE = 0.2, 0.7, 4.0
 
 
-class RestProblem(StepProblem):
-    """Unknowns: x = r - (last round's r), y = T, at rest at the state's time."""
-
-    def __init__(self, model: Model, s: State, loads: jax.Array, kappa: jax.Array) -> None:
-        super().__init__(model, s, jnp.ones((), model.dtype))
-        self.loads, self.kappa = loads, kappa
-        self.ends = model.ends(s.t)
-
-    def place(self, x: jax.Array) -> Kinematics:
-        model, still = self.model, jnp.zeros_like(x)
-        return model.instant(self.s.r + x, still, self.s.t, self.ends)
-
-    def instant(self, x: jax.Array) -> Kinematics:
-        return self.place(x)
-
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        return self.kappa * x - self.model.force(self.place(x)) - self.loads, ()
-
-    def link_vectors(self, x: jax.Array) -> jax.Array:
-        return self.model.links(self.s.r + x, self.ends)
-
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        line = self.model.line
-        pull = y[:, None] * line.axial.direction(d, d, d, line.length)
-        return pull, line.axial.at_rest(d, y, line.length)
-
-    def tension(self, x: jax.Array) -> jax.Array:
-        """Tensions that belong to the links' lengths (n,) [N]."""
-        line, d = self.model.line, self.link_vectors(x)
-        return line.axial.tension(d, jnp.zeros_like(d), line.length)
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        pull, axial = self.link_rows(self.link_vectors(u.x), u.y)
-        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
-
-
-def system_tolerance(model: Model) -> float:
-    """Largest scaled unbalanced force of an accepted pose: 1e-10, or what rounding does to stiff links."""
-    line = model.line
-    length = np.asarray(line.length)  # on the host: each operation on arrays of JAX would be a program of its own
-    stiffness = float(np.max(np.asarray(line.axial.EA) / length))
-    bed = model.effect("seabed")
-    if bed is not None:
-        stiffness = max(stiffness, float(np.asarray(bed.stiffness) * np.max(np.asarray(line.diameter) * length)))
-    extent = max(float(np.max(np.abs(np.asarray(p.position)))) for p in model.points) + float(np.max(length))
-    rounding = 10.0 * float(jnp.finfo(model.dtype).eps) * stiffness * extent
-    return max(1e-10, rounding / host_scale(model))
-
-
-def force_scale(model: Model) -> jax.Array:
-    """What a residual force is measured against, a scalar [N]: the mean weight of a link."""
-    return GRAVITY_SCALE * jnp.mean(model.line.mass)
-
-
-def host_scale(model: Model) -> float:
-    """The same as a number [N]."""
-    return GRAVITY_SCALE * float(np.mean(np.asarray(model.line.mass)))
-
-
-@kept(brief=True)
-def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
-    problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
-    x = jnp.zeros_like(s.r)
-    tension = problem.tension(x)
-    return problem.residual(Unknowns(x, tension)).x, tension
-
-
-def _solver(model: Model) -> Solver:
-    """The network's is of systems."""
-    return Network() if isinstance(model.geometry, Graph) and model.node_reach == 0 else Dense()
-
-
-@kept(brief=True)
-def _round(
-    model: Model, s: State, loads: jax.Array, kappa: jax.Array, reach: jax.Array
+def correct_pose(
+    moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
 ) -> tuple[State, jax.Array, jax.Array]:
-    """One correction of the pose s; the next pose, its largest scaled unbalanced force, and the share."""
-    problem = RestProblem(model, s, loads, kappa)
-    solver = _solver(model)
-    u = Unknowns(jnp.zeros_like(s.r), problem.tension(jnp.zeros_like(s.r)))
-    rows = problem.residual(u)
-    dx = -solver.apply(solver.factor(problem, u), rows).x
-    dx = dx * jnp.minimum(1.0, reach / jnp.maximum(jnp.max(jnp.sqrt(jnp.sum(dx * dx, axis=1))), 1e-300))
+    """One correction of the pose s: the next pose, the largest force [N] that is left there, and the next kappa."""
+    soft, reach = soft_scale(moves.model), REACH * jnp.mean(moves.model.line.length)
+    rows_at = partial(moves.rows, s, loads)
+    rows, linear = jax.linearize(rows_at, moves.none)
+    dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
+    farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
+    dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
+    allowed = OVERSHOOT * jnp.sum(rows * dx)
 
-    def tried(share: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return unbalanced(model, state(model, s.r + share * dx, t=s.t), loads)
+    def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
+        share, along, _ = trial
+        return ~(along >= allowed) & (share > LEAST_SHARE)
 
-    shares = jnp.asarray(SHARES, model.dtype)
-    left, tension = jax.vmap(tried)(shares)
-    good = -jnp.sum(left * dx, axis=(1, 2)) >= OVERSHOOT * jnp.sum(rows.x * dx)  # rows are minus the forces
-    # what the share that is taken leaves stands there: the forces once more would be a quarter of the program
-    i = jnp.argmax(good.at[-1].set(True))
-    after = state(model, s.r + shares[i] * dx, tension=tension[i], t=s.t)
-    return after, jnp.max(jnp.abs(left[i])) / force_scale(model), shares[i]
+    def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        share = 0.5 * trial[0]
+        after = rows_at(share * dx)
+        return share, -jnp.sum(after * dx), jnp.max(jnp.abs(after))
+
+    # the whole correction is the first that is tried: the rows stand in the program once
+    never = jnp.full((), -jnp.inf, dx.dtype)
+    share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, dx.dtype), never, -never))
+    harder = jnp.maximum(RISE * kappa, FIRST * soft)
+    kappa = jnp.where(share == 1.0, FALL * kappa, jnp.where(share >= 0.25, KEEP * kappa, harder))
+    return moves.moved(s, loads, share * dx), size, jnp.maximum(kappa, SMALLEST * soft)
+
+
+@kept(brief=True)
+def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
+    """Largest scaled unbalanced force of a pose."""
+    moves = moves_of(model)
+    return jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / force_scale(model)
 
 
 def guess(model: Model, t: float = 0.0) -> State:
@@ -148,6 +89,8 @@ def guess(model: Model, t: float = 0.0) -> State:
     moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).places, float)
     places[geometry.held_points] = moved
     r = np.zeros((geometry.free, 3))
+    if model.ties:  # corners of bodies are on no line
+        r[geometry.point_node[geometry.free_points]] = places[geometry.free_points]
     length = np.asarray(model.line.length, float)
     for member, path, span in zip(geometry.members, geometry.paths, geometry.spans, strict=True):
         along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
@@ -159,26 +102,39 @@ def guess(model: Model, t: float = 0.0) -> State:
     return state(model, jnp.asarray(r), t=t)
 
 
+@kept(static=("rounds",), brief=True)
+def descend(
+    model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
+) -> tuple[State, jax.Array]:
+    """The pose that descent from `s` reaches, and its largest scaled unbalanced force: of the best pose on the way.
+
+    It ends with the second pose in a row within the tolerance: the last correction ends at rounding.
+    """
+    moves, scale = moves_of(model), force_scale(model)
+    s = balanced(model, s, loads)
+    first = jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / scale
+
+    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+        _, size, _, reached, count, (_, least) = carry
+        hopeless = (count > HOPELESS) & ~(least < first)
+        return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
+
+    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        s, _, kappa, reached, count, best = carry
+        s, size, kappa = correct_pose(moves, s, loads, kappa)
+        size = size / scale
+        best = jax.tree.map(lambda new, old: jnp.where(size < best[1], new, old), (s, size), best)
+        return s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, best
+
+    none = jnp.zeros((), jnp.int32)
+    start = s, first, jnp.asarray(kappa, s.r.dtype), none, none, (s, first)
+    return jax.lax.while_loop(unfinished, correct, start)[-1]
+
+
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable pose that descent from `s` reaches, and its largest scaled unbalanced force."""
-    length, scale = float(np.mean(np.asarray(model.line.length))), host_scale(model)
-    rows, tension = unbalanced(model, s, loads)
-    s = state(model, s.r, tension=tension, t=s.t)
-    residual = float(np.max(np.abs(np.asarray(rows)))) / scale
-    first, best = s, (s, residual)
-    kappa, reach = scale / length, jnp.asarray(REACH * length, model.dtype)
-    reached = 0
-    for count in range(ROUNDS):
-        s, residual, share = _round(model, s, loads, jnp.asarray(kappa, model.dtype), reach)
-        residual, share = float(residual), float(share)
-        kappa *= FALL if share == 1.0 else KEEP if share >= 0.25 else RISE
-        kappa = max(kappa, SMALLEST * scale / length)
-        if residual < best[1]:
-            best = (s, residual)
-        reached = reached + 1 if residual <= tolerance else 0
-        if not np.isfinite(residual) or reached > 1 or (count > HOPELESS and best[0] is first):
-            break
-    return best
+    found, residual = descend(model, s, loads, tolerance, soft_scale(model), ROUNDS)
+    return found, float(residual)
 
 
 def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
@@ -203,47 +159,16 @@ def springy(model: Model) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 
-@kept(brief=True)
-def tighten(model: Model, s: State, loads: jax.Array) -> tuple[State, jax.Array]:
-    """The pose of rigid links next to that of springs, and its largest scaled row (forces, and elongations by length).
-
-    Newton on places and tensions together: tensions of rigid links are unknowns.
-    """
-    scale = force_scale(model)
-    problem = RestProblem(model, s, loads, SMALLEST * scale / jnp.mean(model.line.length))
-    solver = _solver(model)
-
-    def correct(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-        return add(u, solver.apply(solver.factor(problem, u), problem.residual(u)), -1.0), None
-
-    u, _ = jax.lax.scan(correct, Unknowns(jnp.zeros_like(s.r), s.tension), None, length=TIGHTENING)
-    rows = problem.residual(u)
-    size = jnp.maximum(jnp.max(jnp.abs(rows.x)) / scale, jnp.max(jnp.abs(rows.y) / model.line.length))
-    return state(model, s.r + u.x, tension=u.y, t=s.t), size
-
-
-def unsettled(model: Model, s: State, loads: jax.Array, residual: float) -> str:
-    """Which node is farthest from balance in a pose that was not found, and why."""
-    rows = np.asarray(unbalanced(model, s, loads)[0])
-    node = int(np.argmax(np.max(np.abs(rows), axis=1)))
-    if not np.all(np.isfinite(rows)):
-        node = int(np.flatnonzero(~np.all(np.isfinite(rows), axis=1))[0])
+def unsettled(model: Model, s: State, loads: jax.Array, residual: float, sought: str) -> str:
+    """Which node is farthest from balance in a pose that was not found, and why; `sought` tells how far."""
+    if model.ties:
+        return f"no equilibrium of lines and bodies found: largest scaled unbalanced force {residual:.1e}"
+    rows = np.asarray(RestProblem(model, s, loads).residual(Unknowns(jnp.zeros_like(s.r), s.tension)).x)
+    size = np.max(np.abs(rows), axis=1)
+    node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
     force = ", ".join(f"{x:.3g}" for x in rows[node])
     place = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
     return (
-        f"no equilibrium found in {ROUNDS} rounds: largest scaled unbalanced force {residual:.1e}, "
+        f"no equilibrium found {sought}: largest scaled unbalanced force {residual:.1e}, "
         f"{name_of(model, node)} at ({place}) m is left with ({force}) N"
     )
-
-
-def name_of(model: Model, node: int) -> str:
-    """A free node in words: its point, or its line and number."""
-    graph = model.geometry
-    if not isinstance(graph, Graph):
-        return f"node {node + 1}"
-    if node >= graph.inner:
-        return f"point {model.points[int(graph.free_points[node - graph.inner])].name!r}"
-    for member, path in zip(graph.members, graph.paths, strict=True):
-        if node in path[1:-1]:
-            return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
-    return f"node {node}"

@@ -12,19 +12,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.model import Geometry, Model, State
-from dropper_jax.residual import Unknowns
+from dropper_jax.base.programs import kept
+from dropper_jax.model import Geometry, Graph, Model, State, state
+from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import Order, elimination_order
-from dropper_jax.statics.calm import rest
-from dropper_jax.statics.relaxation import Pattern, pattern, stiffness
-from dropper_jax.statics.system import SMALLEST, RestProblem, force_scale, name_of
+from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale, unbalanced_at
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 Linear = Callable[[jax.Array], jax.Array]
 
@@ -34,6 +38,41 @@ REFINEMENTS, LEFT = 20, 1e-7
 FREE = 1e-7
 #: Inverse iterations that find the softest motion; they need not find the softest of several soft ones.
 INVERSE_ITERATIONS = 12
+
+
+class Pattern(NamedTuple):
+    """Which nodes' forces depend on which: entries (row, column), and a colour (free,) to each column."""
+
+    row: np.ndarray
+    column: np.ndarray
+    colour: np.ndarray
+    colours: int
+
+
+@lru_cache(maxsize=64)
+def pattern(geometry: Geometry, reach: int) -> Pattern:
+    """Of forces that reach that many links far; columns that meet in no row share a colour."""
+    from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
+
+    free = geometry.free
+    if isinstance(geometry, Graph):
+        first, last = geometry.first, geometry.last
+    else:
+        first, last = np.arange(free - 1), np.arange(1, free)
+    inside = (first < free) & (last < free)
+    first, last = first[inside], last[inside]
+    beside = coo_array((np.ones(len(first)), (first, last)), shape=(free, free))
+    near = (beside + beside.T + eye_array(free)).tocsr()
+    far = near
+    for _ in range(reach - 1):
+        far = far @ near
+    meeting = (far.T @ far).tocsr()
+    colour = np.full(free, -1)
+    for node in range(free):
+        taken = colour[meeting.indices[meeting.indptr[node] : meeting.indptr[node + 1]]]
+        colour[node] = np.setdiff1d(np.arange(len(taken) + 1), taken)[0]
+    entries = far.tocoo()
+    return Pattern(entries.row, entries.col, colour, int(colour.max(initial=0)) + 1)
 
 
 @lru_cache(maxsize=64)
@@ -56,33 +95,59 @@ class Tangent:
         kappa = SMALLEST * soft_scale(model)
         return cls(pattern(model.geometry, reach), _order(model.geometry, reach), jax.lax.stop_gradient(kappa))
 
-    def blocks(self, linear: Linear, dtype: jnp.dtype) -> jax.Array:
-        """Blocks (entries, 3, 3) [N/m] of a linear map of moves (free, 3) to forces, in the order of the pattern."""
+    def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
+        """Blocks (entries, 3, 3) [N/m] of a linear map of moves like x to forces, in the order of the pattern."""
         row, column, colour, colours = self.pattern
-        picked = jnp.asarray(colour == np.arange(colours)[:, None], dtype)
-        axes = jnp.eye(3, dtype=dtype)
+        picked = jnp.asarray(colour == np.arange(colours)[:, None], x.dtype)
+        axes = jnp.eye(3, dtype=x.dtype)
         seeds = picked[:, None, :, None] * axes[None, :, None, :]
         answer = jax.vmap(jax.vmap(linear))(seeds)  # (colours, axes, free, 3)
         return jnp.swapaxes(answer[colour[column], :, row, :], -1, -2)
 
-    def factor(self, linear: Linear, kappa: jax.Array, dtype: jnp.dtype) -> Elimination:
-        """The factored map, stiffer by kappa [N/m]."""
-        own = jnp.asarray(self.pattern.row == self.pattern.column, dtype)
-        blocks = self.blocks(linear, dtype)
-        return eliminate(self.order, blocks + kappa * own[:, None, None] * jnp.eye(3, dtype=dtype))
+    def dense(self, blocks: jax.Array) -> jax.Array:
+        """The same as one matrix (3 free, 3 free)."""
+        row, column, size = self.pattern.row, self.pattern.column, len(self.pattern.colour)
+        matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
+        return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
 
-    def solve(self, linear: Linear, right: jax.Array) -> jax.Array:
-        """dr (free, 3) [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN where there is none."""
-        factor = self.factor(linear, self.kappa, right.dtype)
+    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Elimination:
+        """The factored map of moves like x, stiffer by kappa [N/m]."""
+        own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
+        stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
+        return eliminate(self.order, self.matrix(linear, x) + stiffer)
 
-        def forward(matrix: Linear, b: jax.Array) -> jax.Array:
-            return refined(matrix, lambda rows: solve(factor, rows), b)
+    def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
+        """The moves that forces call for."""
+        return solve(factor.transposed() if transposed else factor, rows)
 
-        def backward(matrix: Linear, b: jax.Array) -> jax.Array:
-            turned = factor.transposed()
-            return refined(matrix, lambda rows: solve(turned, rows), b)
 
-        return jax.lax.custom_linear_solve(linear, right, forward, backward)
+@dataclass(frozen=True)
+class DenseTangent:
+    """The same for any coordinates (k,), as one matrix."""
+
+    kappa: jax.Array
+
+    def matrix(self, linear: Linear, x: jax.Array) -> jax.Array:
+        return jax.vmap(linear, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+
+    def dense(self, matrix: jax.Array) -> jax.Array:
+        return matrix
+
+    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> LU:
+        return lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
+
+    def apply(self, factor: LU, rows: jax.Array, transposed: bool = False) -> jax.Array:
+        return lu_solve(factor, rows, trans=int(transposed))
+
+
+def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Array) -> jax.Array:
+    """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN where there is none."""
+    factor = tangent.factor(linear, tangent.kappa, right)
+
+    def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
+        return refined(matrix, partial(tangent.apply, factor, transposed=transposed), b)
+
+    return jax.lax.custom_linear_solve(linear, right, partial(solve_with, False), partial(solve_with, True))
 
 
 def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
@@ -105,15 +170,49 @@ def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
     return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
 
 
-def soft_scale(model: Model) -> jax.Array:
-    """What stiffnesses are measured against, a scalar [N/m]: the mean weight of a link per its length."""
-    return force_scale(model) / jnp.mean(model.line.length)
+@dataclass(frozen=True)
+class NodeMoves:
+    """Moves x (free, 3) [m] of the nodes of lines that stretch as the unknowns of a pose."""
+
+    model: Model
+
+    @property
+    def tangent(self) -> Tangent:
+        return Tangent.of(self.model)
+
+    @property
+    def none(self) -> jax.Array:
+        """x of the pose that moves are counted from."""
+        return jnp.zeros((self.model.free_nodes, 3), self.model.dtype)
+
+    def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
+        """Unbalanced forces [N], minus F, at x from the pose s."""
+        return unbalanced_at(self.model, s, loads, x)[0]
+
+    def moved(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+        """The pose at x from the pose s."""
+        return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
 
 
-def unbalanced_rows(model: Model, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
-    """Unbalanced forces, minus F (free, 3) [N], at places s.r + x; tensions follow from the links' lengths."""
-    problem = RestProblem(model, s, loads, jnp.zeros((), model.dtype))
-    return problem.residual(Unknowns(x, problem.tension(x))).x
+def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
+    """K at a pose as the tangent of its moves keeps it: blocks, or one matrix."""
+    return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)
+
+
+@kept(brief=True)
+def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
+    return stiffness_matrix(NodeMoves(model), s, loads)
+
+
+def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
+    """How all forces fall as all places change (3 free, 3 free) [N/m], drag and contact included. On the host."""
+    from scipy.sparse import csc_array  # noqa: PLC0415
+
+    near, axis = pattern(model.geometry, max(model.reach, 1)), np.arange(3)
+    blocks = np.asarray(_blocks(model, s, loads))
+    rows = np.broadcast_to(3 * near.row[:, None, None] + axis[:, None], blocks.shape)
+    columns = np.broadcast_to(3 * near.column[:, None, None] + axis, blocks.shape)
+    return csc_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * model.free_nodes,) * 2)
 
 
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:

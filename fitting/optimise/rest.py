@@ -14,9 +14,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.programs import kept
 from dropper_jax.model import Model, State, state
-from dropper_jax.statics.relaxation import stiffness
+from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
-from dropper_jax.statics.system import find_rest, system_tolerance, unbalanced
+from dropper_jax.statics.system import find_rest
+from dropper_jax.statics.tangent import stiffness
 from fitting.optimise.models import Still
 
 

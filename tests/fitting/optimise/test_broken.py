@@ -5,7 +5,7 @@ import pytest
 
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
-from dropper_jax.statics.system import unbalanced
+from dropper_jax.statics.rest_problem import unbalanced
 from fitting.optimise.broken import link_of, masked
 from fitting.optimise.run import checked, read_problem
 from fitting.site import read_site

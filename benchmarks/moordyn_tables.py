@@ -1,4 +1,4 @@
-"""Tables of docs/moordyn.md and docs/longlines.md from `results/moordyn.json`, which `benchmarks/moordyn.py` writes."""
+"""Tables on MoorDyn and steps in docs/ from `results/moordyn.json`, which `benchmarks/moordyn.py` writes."""
 
 from __future__ import annotations
 

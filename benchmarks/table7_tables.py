@@ -1,4 +1,4 @@
-"""Tables of docs/moordyn.md from `results/table7.json`, which `benchmarks/table7.py` writes."""
+"""Tables of docs/moordyn-compared.md from `results/table7.json`, which `benchmarks/table7.py` writes."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
     python benchmarks/table7.py [--only cases|moordyn|conventions|edulis]
 
 Needs the extra `moordyn`; takes about an hour on one core. Writes results/table7.json beside this file, from which
-`python benchmarks/tables.py` makes the tables of docs/moordyn.md.
+`python benchmarks/tables.py` makes the tables of docs/moordyn-compared.md.
 """
 
 from __future__ import annotations

@@ -117,14 +117,15 @@ def workshop(tmp_path_factory):
         write_video(folder / name, film(Motion(solution.t, solution.positions), view, fps=60.0), 60.0)
     for i, image in enumerate(chessboards(view, count=4), 1):
         opencv().imwrite(str(folder / f"board-{i}.png"), image)
-    (folder / "loop.toml").write_text(blocks(ROOT / "docs" / "quick-start.md", "toml")[0])
+    for page, name in (("quick-start.md", "loop.toml"), ("tutorial-longline.md", "longline.toml")):
+        (folder / name).write_text(blocks(ROOT / "docs" / page, "toml")[0])
     (folder / "my_scene.toml").write_text((ROOT / "dropper_jax/data/scenes/dropper-release-a.toml").read_text())
     (folder / "SITE.toml").write_bytes(site_text("exposed-bay"))
     long = dj.simulate("paper-case-1", duration=80.0, dt=0.05)
     short = dj.simulate("paper-case-1", duration=1.0, dt=0.05)
-    for name in ("run.nc", "calm.nc", "storm.nc", "first.npz"):
+    for name in ("run.nc", "calm.nc", "storm.nc", "second.nc", "first.npz"):
         short.save(folder / name)
-    for name in ("seed-1.npz", "seed-2.npz", "seed-3.npz", "case-1.npz"):
+    for name in ("seed-1.npz", "seed-2.npz", "seed-3.npz", "case-1.npz", "longline.nc"):
         long.save(folder / name)
     assert main(["scenes", "paper-case-4", "--moordyn", str(folder / "mooring.txt"), "--dt", "0.001"]) == 0
     return folder

@@ -98,7 +98,13 @@ def leaves(table: dict, before: str = "") -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("page", ["calibration", "longlines", "moordyn", "quick-start", "report", "water"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        *("bodies", "calibration", "line-behaviour", "longlines", "moordyn"),
+        *("quick-start", "report", "tutorial-longline", "water"),
+    ],
+)
 def test_pieces_of_scenes_on_the_pages_use_keys_that_there_are(page):
     keys = {key.path for section in sections() for key in section.keys}
     known = re.compile("|".join(re.escape(key).replace(r"\*", r"[^.]+") + r"(\..+)?" for key in keys))

@@ -1,4 +1,4 @@
-"""The tables of docs/calibration.md, from the results that benchmarks/calibration.py and measured_pendulums.py wrote.
+"""The tables of docs/statistics-of-fits.md, from the results that benchmarks/calibration.py and measured_pendulums.py wrote.
 
 python benchmarks/calibration_tables.py
 """
@@ -35,8 +35,8 @@ def held_out_table() -> str:
 
 
 def twin_table() -> str:
-    """Twin experiments: how many converge, errors over standard errors, cover, and how large the errors are."""
-    rows = [("twin", "method", "converged", "RMS of error/std error", "90 % intervals cover", "median std error")]
+    """Fits of synthetic data: how many converge, errors over standard errors, cover, and how large the errors are."""
+    rows = [("synthetic data", "method", "converged", "RMS of error/std error", "90 % intervals cover", "median std error")]
     dry = {f"dry friction, {links}": found for links, found in load("calibration_dry").items()}
     twins = {"linear + quadratic": load("calibration_twin"), "60 draws": load("calibration_coverage"), **dry}
     for title, methods in twins.items():
@@ -57,7 +57,7 @@ def law_table(rig: str) -> str:
     """Damping laws of one rig on windows before the held-out part."""
     laws = load(f"measured_{rig}_pendulum")["laws_on_windows_before_the_held_out_part"]
     least = min(law["bic"] for law in laws)
-    rows = [("law", "coefficients", "fitted [mrad]", "not fitted [mrad]", "BIC - least", "")]
+    rows = [("law", "coefficients", "fitted [mrad]", "not fitted [mrad]", "BIC - minimum", "")]
     for law in laws:
         note = "simplest within one standard error" if law["chosen"] else "" if law["status"] == "ok" else law["status"]
         numbers = (f"{1e3 * law['rms']:.3g}", f"{1e3 * law['held_out']:.3g}", f"{law['bic'] - least:.0f}")

@@ -22,7 +22,7 @@ def kind_of(name: str) -> str:
     """A first name without its numbers."""
     if "lost frames" in name:
         return "lost frames"
-    return re.sub(r" (\d|\(.*\))", "", name) or "nothing"
+    return re.sub(r" (\d|\(.*\))", "", name).replace("place of", "position of") or "nothing"
 
 
 def right(row: dict[str, Any]) -> bool:
@@ -38,7 +38,7 @@ def right(row: dict[str, Any]) -> bool:
 def main() -> None:
     rows = json.loads(Path(sys.argv[1] if len(sys.argv) > 1 else RESULTS).read_text())
     clean = np.median([row["std_error"] for row in rows if row["spoiler"] == "clean"], axis=0)
-    print("| spoiler | draws | right name first | cover b_l, b_q | RMS error/SE | SE/bound | largest | SE/clean |")
+    print("| systematic error | draws | right name first | cover b_l, b_q | RMS error/SE | SE/bound | largest | SE/clean |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     kinds = list(dict.fromkeys(row["spoiler"] for row in rows))
     for kind in kinds:

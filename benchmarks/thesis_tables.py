@@ -9,8 +9,8 @@ Rows = list[tuple[str, ...]]
 
 def north_sea(found: dict[str, Any]) -> Rows:
     """Angles, tensions and speeds of the dropper in the North Sea, effect by effect."""
-    head = ("effects", "least polar [rad]", "largest", "largest azimuth [rad]", "peak [Hz]", "first link at most [N]")
-    rows = [(*head, "last", "least [N]", "fastest [m/s]", "status")]
+    head = ("effects", "minimum polar [rad]", "maximum", "maximum azimuth [rad]", "peak [Hz]", "first link at most [N]")
+    rows = [(*head, "last", "minimum [N]", "fastest [m/s]", "status")]
     keys = {"polar_min_rad": 2, "polar_max_rad": 2, "azimuth_max_rad": 2, "azimuth_peak_hz": 2}
     keys |= {"tension_first_max_n": 0, "tension_last_max_n": 0, "tension_min_n": 0, "speed_max_m_s": 1}
     for row in found["rows"]:

@@ -1,4 +1,4 @@
-"""The tables of docs/statistics-of-fits.md, from the results that benchmarks/calibration.py and measured_pendulums.py wrote.
+"""The tables of docs/statistics-of-fits.md, from results of benchmarks/calibration.py and measured_pendulums.py.
 
 python benchmarks/calibration_tables.py
 """
@@ -36,7 +36,9 @@ def held_out_table() -> str:
 
 def twin_table() -> str:
     """Fits of synthetic data: how many converge, errors over standard errors, cover, and how large the errors are."""
-    rows = [("synthetic data", "method", "converged", "RMS of error/std error", "90 % intervals cover", "median std error")]
+    rows = [
+        ("synthetic data", "method", "converged", "RMS of error/std error", "90 % intervals cover", "median std error")
+    ]
     dry = {f"dry friction, {links}": found for links, found in load("calibration_dry").items()}
     twins = {"linear + quadratic": load("calibration_twin"), "60 draws": load("calibration_coverage"), **dry}
     for title, methods in twins.items():

@@ -19,7 +19,7 @@ CASES = {
 def channels(found: dict[str, Any]) -> list[tuple[str, ...]]:
     """Rows of cases and parameters, with a heading."""
     rows = [
-        ("case", "parameter", "draws", "90 % intervals cover", "RMS of error/std error", "median std error", "said")
+        ("case", "parameter", "draws", "90 % intervals cover", "RMS of error/std error", "median std error", "verdict")
     ]
     for place, words in CASES.items():
         case = found

@@ -38,7 +38,8 @@ def right(row: dict[str, Any]) -> bool:
 def main() -> None:
     rows = json.loads(Path(sys.argv[1] if len(sys.argv) > 1 else RESULTS).read_text())
     clean = np.median([row["std_error"] for row in rows if row["spoiler"] == "clean"], axis=0)
-    print("| systematic error | draws | right name first | cover b_l, b_q | RMS error/SE | SE/bound | largest | SE/clean |")
+    head = ("systematic error", "draws", "right name first", "cover b_l, b_q", "RMS error/SE", "SE/bound", "maximum")
+    print("| " + " | ".join((*head, "SE/clean")) + " |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     kinds = list(dict.fromkeys(row["spoiler"] for row in rows))
     for kind in kinds:

@@ -136,7 +136,7 @@ def accuracy_north_sea(found: dict[str, Any]) -> str:
 
 def peers(found: dict[str, Any]) -> str:
     """How many times faster than others at equal or smaller error, where that is least and where it is most."""
-    rows = [("line", "against", "wanted", "least", "most", "reached everywhere")]
+    rows = [("line", "against", "goal", "minimum", "maximum", "reached everywhere")]
     for scene in found["scenes"]:
         for goal in scene["goals"]:
             least, most = (
@@ -267,7 +267,7 @@ def one_kernel(found: dict[str, Any]) -> str:
 
 def films(found: dict[str, Any]) -> str:
     """Films of known motion, tracked with boards and without."""
-    head = ("film", "boards", "order", "RMS error [mrad]", "largest [mrad]", "stated over true error", "of each link")
+    head = ("film", "boards", "order", "RMS error [mrad]", "maximum [mrad]", "stated over true error", "of each link")
     rows = [(*head, "left empty", "marked")]
     for row in found["films"]:
         first = (row["film"], "yes" if row["calibrated"] else "no")

@@ -112,7 +112,7 @@ def main() -> None:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """The rows counted, as docs/calibration.md has them."""
+    """The rows counted, as docs/statistics-of-fits.md has them."""
     lines = ["| links | right law alone | right law possible | weak parts: right law possible | of these undecided |"]
     lines.append("| --- " * 5 + "|")
     for links in sorted({row["links"] for row in rows}):

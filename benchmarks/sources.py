@@ -45,7 +45,7 @@ def thesis() -> Iterator[Row]:
         "8.3, 8.4 pairs of damping coefficients",
         "(0.010, 0), (0.010, 0.001), (0.010, 0.030); (0.001, 0.001), (0.002, 0.001), (0.001, 0.002)",
         "the same, in `dropper figure thesis-8.14` to `thesis-8.27`",
-        "the measured trace is not published, so that which pair is best cannot be checked. A fit by gradients finds a "
+        "the measured trace is not published, so the best pair cannot be checked. A fit by gradients finds a "
         "pair with errors from one trace ([sweeps](sweeps-and-sensitivity.md))",
     )
     yield from north_sea()
@@ -58,7 +58,7 @@ def thesis() -> Iterator[Row]:
         f"m_A {(19.5 + far) / 1e3:.4f}, m_B {(18.6 + far) / 1e3:.4f} kg; "
         f"L_A {lengths['A']:.4f}, L_B {lengths['B']:.4f} m",
         "L_B does not follow from the table. The packaged scenes have the printed 0.1040 m. I_A and I_B are second "
-        "moments of area [mm^4], which times a density are no moments of inertia",
+        "moments of area [mm^4], which times a density are not moments of inertia",
     )
     yield (
         "E.1 pairs for sweeps",
@@ -97,7 +97,7 @@ def lab_dropper() -> Iterator[Row]:
         "8.1 lab dropper, total mass M",
         "0.2621 kg (E_max = 2.5624 N: 0.2612 kg)",
         f"{float(np.sum(line.mass)):.4f} kg",
-        "3 links A and 4 B of the same table; 4 A and 3 B have 0.2308 kg. M is no sum of its links",
+        "3 links A and 4 B of the same table; 4 A and 3 B have 0.2308 kg. M is not the sum of its links",
     )
     yield (
         "8.1 total length L",
@@ -209,8 +209,8 @@ def paper() -> Iterator[Row]:
     yield (
         "wakes in a tide",
         "not modelled",
-        "refused where the current turns",
-        "wakes are laid out behind the lines for one direction of the current as the scene is built",
+        "an error if the current turns",
+        "wakes are computed for one direction of the current when the scene is built",
     )
 
 

@@ -174,9 +174,9 @@ def peers(found: Found) -> Rows:
         ({"scene": scene["scene"], **goal} for scene in found["scenes"] for goal in scene["goals"]),
         ("line", "{scene}"),
         ("against", "{goal}"),
-        ("wanted", "{wanted:g}"),
-        ("least", end("least")),
-        ("most", end("largest")),
+        ("goal", "{wanted:g}"),
+        ("minimum", end("least")),
+        ("maximum", end("largest")),
         ("reached everywhere", lambda goal: "yes" if goal["met"] else "**no**"),
     )
 
@@ -353,7 +353,7 @@ def films(found: Found) -> str:
         ("boards", lambda r: "yes" if r["calibrated"] else "no"),
         ("order", order),
         ("RMS error [mrad]", if_known("{rms_mrad:.2f}")),
-        ("largest [mrad]", if_known("{largest_mrad:.1f}")),
+        ("maximum [mrad]", if_known("{largest_mrad:.1f}")),
         ("stated over true error", if_known("{stated_over_true:.2f}")),
         ("of each link", if_known("{of_links[0]:.2f} to {of_links[1]:.2f}")),
         ("left empty", lambda r: _share(r["empty_share"], 1) if "rms_mrad" in r else "-"),
@@ -440,7 +440,7 @@ def calibration_twins(twin: Found, coverage: Found, dry: Found) -> Rows:
             for method in ("windows", "shooting")
             if method in methods
         ),
-        ("twin", "{twin}"),
+        ("synthetic data", "{twin}"),
         ("method", "{method}"),
         ("converged", "{converged} of {fits}"),
         ("RMS of error/std error", lambda r: joined(r["z_rms"], "{:.2f}")),
@@ -461,7 +461,7 @@ def calibration_laws(found: Found) -> Rows:
         ("coefficients", "{coefficients}"),
         ("fitted [mrad]", lambda r: f"{1e3 * r['rms']:.3g}"),
         ("not fitted [mrad]", lambda r: f"{1e3 * r['held_out']:.3g}"),
-        ("BIC - least", lambda r: f"{r['bic'] - least:.0f}"),
+        ("BIC - minimum", lambda r: f"{r['bic'] - least:.0f}"),
         ("", lambda r: "simplest within one standard error" if r["chosen"] else r["status"].replace("ok", "")),
     )
 
@@ -492,13 +492,13 @@ def spoilers(rows: list[Found]) -> Rows:
 
     return columns(
         map(judged, dict.fromkeys(row["spoiler"] for row in rows)),
-        ("spoiler", "{spoiler}"),
+        ("systematic error", "{spoiler}"),
         ("draws", "{draws}"),
         ("right name first", "{named}"),
         ("cover b_l, b_q", "{cover[0]}, {cover[1]}"),
         ("RMS error/SE", "{z[0]:.2f}, {z[1]:.2f}"),
         ("SE/bound", lambda r: f"{np.median(r['ratio']):.2f}"),
-        ("largest", lambda r: f"{r['ratio'].max():.2f}"),
+        ("maximum", lambda r: f"{r['ratio'].max():.2f}"),
         ("SE/clean", "{over_clean:.2f}"),
     )
 
@@ -517,7 +517,7 @@ def _kind_of(name: str) -> str:
     """A first name without its numbers."""
     if "lost frames" in name:
         return "lost frames"
-    return re.sub(r" (\d|\(.*\))", "", name) or "nothing"
+    return re.sub(r" (\d|\(.*\))", "", name).replace("place of", "position of") or "nothing"
 
 
 def _rightly_named(row: Found) -> bool:
@@ -560,7 +560,7 @@ def channels(found: Found) -> Rows:
         ("90 % intervals cover", "{cover}"),
         ("RMS of error/std error", "{rms_of_error_over_std_error:.2f}"),
         ("median std error", lambda r: error(r["median_relative_error"])),
-        ("said", lambda r: ", ".join(f"{words} in {r[key]}" for key, words in verdicts.items() if r[key])),
+        ("verdict", lambda r: ", ".join(f"{words} in {r[key]}" for key, words in verdicts.items() if r[key])),
     )
 
 
@@ -682,7 +682,7 @@ def moordyn_speed(found: Found) -> Rows:
         ("here, dt [s]", "{ours[shown]:.3g}"),
         ("[ms]", lambda r: _milli(r["ours"]["cpu_per_s"])),
         ("errors of mean, deviation", lambda r: _pair(r["ours"]["errors"])),
-        ("wanted", "{wanted:g} times"),
+        ("goal", "{wanted:g} times"),
         ("as exact", _as_exact),
     )
 
@@ -1069,13 +1069,13 @@ def north_sea(found: Found) -> Rows:
     return columns(
         found["rows"],
         ("effects", "{name}"),
-        ("least polar [rad]", between("polar_min_rad")),
-        ("largest", between("polar_max_rad")),
-        ("largest azimuth [rad]", between("azimuth_max_rad")),
+        ("minimum polar [rad]", between("polar_min_rad")),
+        ("maximum", between("polar_max_rad")),
+        ("maximum azimuth [rad]", between("azimuth_max_rad")),
         ("peak [Hz]", between("azimuth_peak_hz")),
         ("first link at most [N]", between("tension_first_max_n", 0)),
         ("last", between("tension_last_max_n", 0)),
-        ("least [N]", between("tension_min_n", 0)),
+        ("minimum [N]", between("tension_min_n", 0)),
         ("fastest [m/s]", between("speed_max_m_s", 1)),
         ("status", ended),
     )

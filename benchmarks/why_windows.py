@@ -1,4 +1,4 @@
-"""The picture of docs/calibration.md: why one long run cannot be fitted, and windows can.
+"""The picture of docs/statistics-of-fits.md: why one long run cannot be fitted, and windows can.
 
 The loss against one parameter, by a single run and by windows, and the growth of its gradient.
 

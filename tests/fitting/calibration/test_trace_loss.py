@@ -84,8 +84,8 @@ def test_a_release_whose_windows_have_no_start_is_refused():
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory, chain):
-    """What the program of docs/calibration.md leaves after it ran on three links for 3 s, from ten times off."""
-    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "calibration.md").read_text(), re.M | re.S)
+    """What the program of docs/statistics-of-fits.md leaves after it ran on three links for 3 s, from ten times off."""
+    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "statistics-of-fits.md").read_text(), re.M | re.S)
     (text,) = (block for block in text if "lax.scan" in block)
     effects = {"weight": {}, "linear_damping": {"b_l": 0.002}, "quadratic_damping": {"b_q": 0.001}}
     start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
@@ -96,7 +96,7 @@ def program(tmp_path_factory, chain):
     for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file")):
         assert text.count(old) == 1
         text = text.replace(old, new)
-    exec(compile(text, "calibration.md", "exec"), names)
+    exec(compile(text, "statistics-of-fits.md", "exec"), names)
     return names
 
 

@@ -12,11 +12,15 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from dropper_jax.base.renamed import OldModules, old_names
+
 #: Public names and their modules, as the stub beside this file tells editors too.
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _HOME_OF = {name.name: node.module for node in _STUB.body[1:] for name in node.names}
 
 __all__ = sorted(_HOME_OF)
+
+sys.meta_path.append(OldModules())
 
 if "JAX_ENABLE_X64" not in os.environ:
     if "jax" in sys.modules:
@@ -34,7 +38,7 @@ def __getattr__(name: str) -> object:
         return found
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
         return import_module(f"{__name__}.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return old_names(__name__, above=1)(name)
 
 
 def __dir__() -> list[str]:

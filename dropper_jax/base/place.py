@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.renamed import old_names
+
 
 def place(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
     """`zeros(size, ...)` with `values` (k, ...) added at the rows `where` (k,)."""
@@ -40,3 +42,6 @@ def summed(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
     if not len(where) or np.bincount(where, minlength=size).max() <= FEW:
         return place(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)
+
+
+__getattr__ = old_names(__name__)

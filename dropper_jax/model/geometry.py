@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.renamed import old_attribute
 from dropper_jax.model.shares import Part
 
 
@@ -19,6 +20,8 @@ class Ends(NamedTuple):
 
     places: jax.Array
     velocities: jax.Array | None = None
+
+    __getattr__ = old_attribute
 
     @property
     def start(self) -> jax.Array:

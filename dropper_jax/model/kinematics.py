@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import jax
 
 from dropper_jax.base.numerics import cross, safe_norm
+from dropper_jax.base.renamed import old_attribute
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.line import Line
 from dropper_jax.model.view import ModelView
@@ -35,6 +36,8 @@ class Kinematics:
         h: the step [s] of which this is the middle; None at a plain instant.
         before: velocities (nodes, 3) [m/s] at the beginning of that step; None at a plain instant.
     """
+
+    __getattr__ = old_attribute
 
     def __init__(
         self,

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
+from dropper_jax.base.renamed import old_attribute
 from dropper_jax.model.effect import Effect, Law, Tie
 from dropper_jax.model.geometry import Ends, Geometry
 from dropper_jax.model.kinematics import Frozen, Kinematics
@@ -47,6 +48,8 @@ class Model:
     sea: Sea | None = None
     #: `node_mass` where it is at hand: in the equations of a step, which need it in many places.
     lump: jax.Array | None = None
+
+    __getattr__ = old_attribute
 
     @property
     def line(self) -> Line:

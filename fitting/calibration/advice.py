@@ -87,8 +87,8 @@ class Candidate:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike", "named", "told")
-        return {key: getattr(self, key) for key in keys}
+        keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
+        return {**{key: getattr(self, key) for key in keys}, "named": self.named, "told": self.told}
 
     def __str__(self) -> str:
         if not self.changes and not self.gain:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.renamed import old_names
 from dropper_jax.model import Model, State
 from dropper_jax.run.start import from_angles
 
@@ -107,3 +108,6 @@ def wrap(angle: jax.Array) -> jax.Array:
     """The angle as the shortest turn, in [-pi, pi] [rad]."""
     host = np if isinstance(angle, np.ndarray) else jnp  # operations of JAX outside a program compile one by one
     return angle - 2 * np.pi * host.round(angle / (2 * np.pi))
+
+
+__getattr__ = old_names(__name__)

@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
+from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.angles import four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
@@ -62,6 +63,8 @@ class Tracked:
     marks: Marks
     slant: tuple[float, float] | None = None
     exposure: float = 0.0
+
+    __getattr__ = old_attribute
 
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:

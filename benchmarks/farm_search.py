@@ -18,7 +18,7 @@ from study import store, stored
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.run import read_problem
-from fitting.optimise.search import PRICE, ROUNDING, Search, sought, violation
+from fitting.optimise.search import PRICE, ROUNDING, Search, run_search, violation
 from fitting.optimise.storms import full_storm
 from fitting.optimise.variables import with_design
 from fitting.site import read_site
@@ -51,7 +51,7 @@ class Judge:
 
     def values(self, x):
         known = {}
-        stands = [self.design.stand(x, case, known) for case in self.design.cases]
+        stands = [self.design.run_start(x, case, known) for case in self.design.cases]
         scene = with_design(self.design.site.scene, self.design.variables, x)
         full = []
         for case, stand in zip(self.design.cases, stands, strict=True):
@@ -59,7 +59,7 @@ class Judge:
             full.append(full_storm(self.design.site, scene, case, quantities, stand.rest.state))
             if full[-1].message:
                 raise SceneError(full[-1].message)
-        return self.design.measured(x, full)
+        return self.design.measure_full_runs(x, full)
 
     def seen(self, x, found):
         self.runs += 1
@@ -84,15 +84,15 @@ def by_gradient(judge):
     """The package's own search; processor time and best design after every renewal."""
     design = judge.design
     search = Search(design.start, design.settings.reach)
-    plain = design.measured
+    plain = design.measure_full_runs
 
     def measured(x, full):
         found = plain(x, full)
         judge.seen(x, found)
         return found
 
-    design.measured = measured
-    sought(search, design, lambda: None, lambda *_: None)
+    design.measure_full_runs = measured
+    run_search(search, design, lambda: None, lambda *_: None)
 
 
 def by_evolution(judge, seed):
@@ -125,7 +125,7 @@ def main():
     start = judge.values(design.start)  # compiles the whole run
     judge.scale = start.objective
     if args.way == "gradient":  # and here the windows
-        windows, _ = design.renewed(design.start, lambda *_: None)
+        windows, _ = design.renew_windows(design.start, lambda *_: None)
         design.values(design.start, windows, lambda *_: None)
     judge.begun = time.process_time()
     try:

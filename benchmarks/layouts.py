@@ -42,7 +42,7 @@ def unbalanced(model: dj.Model, s: dj.State) -> np.ndarray:
     k = model.instant(s.r, jnp.zeros_like(s.r), s.t)
     total = np.array(model.force(k))
     graph, line = model.geometry, model.line
-    field = np.concatenate([np.asarray(s.r), np.asarray(model.ends(s.t).places)])
+    field = np.concatenate([np.asarray(s.r), np.asarray(model.ends(s.t).positions)])
     length, EA = np.asarray(line.length), np.asarray(line.axial.EA)
     for first, last, size, stiffness in zip(graph.first, graph.last, length, EA, strict=True):
         d = field[last] - field[first]
@@ -63,7 +63,7 @@ def stiffness(model: dj.Model, s: dj.State) -> jax.Array:
     def forces(r: jax.Array) -> jax.Array:
         d = model.links(r, model.ends(s.t))
         pull = model.line.axial.tension(d, jnp.zeros_like(d), model.line.length)
-        away = model.pull(pull, model.line.axial.direction(d, d, d, model.line.length))
+        away = model.tension_force(pull, model.line.axial.direction(d, d, d, model.line.length))
         return -(model.force(model.instant(r, jnp.zeros_like(r), s.t)) + away).ravel()
 
     return jax.jacfwd(lambda x: forces(x.reshape(s.r.shape)))(s.r.ravel())

@@ -110,7 +110,7 @@ def _rows(
         start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
         s, alive = seen(carry)
-        place = model.geometry.everywhere(s.r, model.ends(s.t).places)[model.geometry.last[0]]
+        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[0]]
         return carry, (total / every, square / every, least, most, place, alive)
 
     return jax.lax.scan(save, carry, None, length=saves)

@@ -131,7 +131,7 @@ def _ratio(row: dict[str, Any], ours: list[dict[str, Any]]) -> dict[str, Any] | 
     }
 
 
-@style.look()
+@style.plot_style()
 def picture(result: dict[str, Any], path: Path) -> Path:
     """RMS position error against wall time per simulated second, ours filled, the others open, log-log."""
     figure = style.new_figure(9.0, 5.8)

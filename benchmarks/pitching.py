@@ -85,7 +85,7 @@ def pitch_period(scene: dj.Scene) -> float | None:
 def _upward(pose: dj.Equilibrium, scene: dj.Scene) -> float:
     """Cosine between the spar's axis and the vertical at rest."""
     model = build_model(scene)
-    axes = np.asarray(model.ties[0].pose(model, pose.state.r)[1])[0]
+    axes = np.asarray(model.constraints[0].pose(model, pose.state.r)[1])[0]
     return float(axes[2, 2])
 
 

@@ -24,11 +24,11 @@ from study import RESULTS, options, store
 
 from fitting.calibration.advice import wide
 from fitting.calibration.estimating import estimate, with_sound_windows
-from fitting.calibration.freeing import doubts, free_by_advice, with_freed
+from fitting.calibration.freeing import free_by_advice, omitted_parameter_bias, with_freed
 from fitting.calibration.preparation import prepare
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.noise import Noise
-from fitting.estimate.own_noise import Told
+from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.shooting import joined_step
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
@@ -207,7 +207,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     decay = -np.log(d.kept) / interval if d.kept else np.inf
     claimed = np.array(prepared.sigma)
     noise = Noise(NOISE / claimed, np.full(claimed.shape, decay), np.array([d.jitter]))
-    point = Told(solution, prepared.windows, prepared.traces, prepared.floor).at(noise)
+    point = ResidualNoiseModel(solution, prepared.windows, prepared.traces, prepared.floor).at(noise)
     wide = np.full(len(point.values), np.inf)
     step = joined_step(replace(point, gap_weight=CLOSED), -wide, wide)
     return np.sqrt(np.diag(np.linalg.inv(step.information)))[:2]
@@ -225,7 +225,7 @@ def one(kind: str, number: int, shared: list[Simulator]) -> dict[str, Any]:
     prepared = with_sound_windows(with_freed(prepared, [], None, shared[0]), keep_jumps=True)
     at = free_by_advice(prepared, estimate, "shooting", simulator=shared[0])
     solution = at.solution
-    known = replace(solution.problem.known, doubt=doubts(at.names, solution.problem.parameters))
+    known = replace(solution.problem.known, doubt=omitted_parameter_bias(at.names, solution.problem.parameters))
     solution.problem = replace(solution.problem, known=known)
     u = uncertainty(solution)
     kind_of_noise = "white" if solution.problem.noise is None else solution.problem.noise.kind

@@ -70,7 +70,7 @@ def scan(prepared: Prepared, name: str, values: np.ndarray, best: Solution | Non
 
 def draw_scan(found: Scan, name: str, truth: float | None, path: str | Path) -> Path:
     """One picture: loss of single shooting, loss of windows, growth of the gradient."""
-    with style.look():
+    with style.plot_style():
         figure = style.new_figure(9.5, 3.4)
         left, right = figure.subplots(1, 2)
         left.semilogy(found.values, found.single, color=style.SECOND, marker=".", ms=3, label="one long run")

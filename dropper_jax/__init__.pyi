@@ -24,7 +24,7 @@ from dropper_jax.run.start import initial_state as initial_state
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle
 from dropper_jax.statics.stiffness import mooring_stiffness as mooring_stiffness
-from dropper_jax.stepping.adaptive import followed_steps as followed_steps
+from dropper_jax.stepping.adaptive import adaptive_step_lengths as adaptive_step_lengths
 from dropper_jax.stepping.choose import make_stepper as make_stepper
 from dropper_jax.stepping.controlled import controlled_steps as controlled_steps
 from dropper_jax.stepping.controlled import integrate_along as integrate_along

@@ -96,7 +96,7 @@ def step(model, r0, v0, tension):  # Newton's method, with the Jacobian of the r
 def angle_errors(b, start, measured):  # of a window's angles (frames * links,) with damping b = (b_l, b_q)
     weight, linear, quadratic = model.effects
     damped = replace(model, effects=(weight, replace(linear, b_l=b[0]), replace(quadratic, b_q=b[1])))
-    begin = planar.to_state(damped, *planar.closed(damped, *start))  # the links end at the second hook
+    begin = planar.to_state(damped, *planar.close_chain(damped, *start))  # the links end at the second hook
 
     def frame(state, _):
         state, _ = jax.lax.scan(lambda state, _: (step(damped, *state), None), state, length=STEPS)

@@ -40,14 +40,14 @@ ALL = [*PACKAGED, *MADE]
 #: Hard cases whose scenes have the effect: module of `study.stability`, what makes the scene, name of the case.
 HARD = {
     "weight": ("sea_cases", "streaming", "strong-current"),
-    "linear_damping": ("damping_cases", "overdamped", "heavy-damping-position"),
+    "linear_damping": ("damping_cases", "overdamped_pendulum", "heavy-damping-position"),
     "quadratic_damping": ("damping_cases", "fast", "quadratic-damping-fast"),
     "joint_friction": ("damping_cases", "sticky", "dry-friction-two-joints"),
     "end_motion": ("rod_cases", "clamped_rod", "clamped-rod"),
     "buoyancy": ("sea_cases", "streaming", "strong-current"),
     "morison_drag": ("flow_cases", "rough", "flow-coefficients"),
     "morison_inertia": ("sea_cases", "pendulum", "pendulum-in-waves"),
-    "seabed": ("contact_cases", "dropped", "bed-impact-depth"),
+    "seabed": ("contact_cases", "dropped_weight", "bed-impact-depth"),
     "seabed_friction": ("contact_cases", "sledge", "stick-slip"),
     "bending": ("rod_cases", "clamped_rod", "clamped-rod"),
     "line_contact": ("line_cases", "falling_rope", "rope-on-rope"),
@@ -126,15 +126,15 @@ def answers(model, e, leaves, r, v, a, law, kept):
     parts = jax.tree.flatten(e)
     changed = jax.tree.unflatten(parts[1], leaves)
     model = replace(model, effects=tuple(changed if other is e else other for other in model.effects))
-    model = model.entered(kept)
+    model = model.with_internal_state(kept)
     k = model.instant(r, v, jnp.asarray(0.7))
-    found = [model.force(k), model.inertia(k, a), model.ends(0.7).places, model.ends(0.7).velocities]
+    found = [model.force(k), model.inertia(k, a), model.ends(0.7).positions, model.ends(0.7).velocities]
     for one, z in zip(model.laws, law, strict=False):
         found += [one.law_force(k, z), one.law_residual(k, z, jnp.asarray(0.01))]
-    for tie in model.ties:
+    for tie in model.constraints:
         found.append(tie.gap(model, r))
     if kept:
-        found.append(jax.tree.leaves(model.advanced(k, k, jnp.ones(model.line.links), jnp.asarray(0.01))))
+        found.append(jax.tree.leaves(model.advance_internal_state(k, k, jnp.ones(model.line.links), jnp.asarray(0.01))))
     return ravel_pytree(found)[0]
 
 
@@ -173,7 +173,9 @@ def test_its_derivatives_are_those_of_differences(name):
 def test_it_has_a_row_of_costs(name):
     model, _ = model_of(name)
     rows = [row.removeprefix("without ") for row, _ in _variants(model)]
-    assert (name in rows) != bool(model.ties and name == model.ties[0].name)  # bodies without it would be four masses
+    assert (name in rows) != bool(
+        model.constraints and name == model.constraints[0].name
+    )  # bodies without it would be four masses
 
 
 def test_every_effect_has_a_hard_case_in_the_catalogue():

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.markdown import prose
-from dropper_jax.cli.commands import _load, _Parser, found
+from dropper_jax.cli.commands import _load, _Parser, find_commands
 from dropper_jax.cli.reference import as_markdown
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS
@@ -155,7 +155,7 @@ def _module(cls: type) -> str | None:
 def commands() -> str:
     """What `dropper` does."""
     made = MADE.format(what="the parsers")
-    loaded = {entry.name: _load(entry) for entry in found()}
+    loaded = {entry.name: _load(entry) for entry in find_commands()}
     parts = [
         f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 input to mend, 3 a run "
         "that failed, 130 one that was interrupted.",

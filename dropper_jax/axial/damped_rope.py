@@ -21,8 +21,8 @@ class DampedRope(Rope):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        step, size = _Step.of(self, start, length, h), safe_norm(self.seen(d1, length))
-        spring = lambda x: length / self.EA * self._unlimited(step, x)  # noqa: E731
+        step, size = _Step.of(self, start, length, h), safe_norm(self.unstretch_broken(d1, length))
+        spring = lambda x: length / self.EA * self._unclipped_spring(step, x)  # noqa: E731
         damper = self._damper_over(step, size, spring(size))
         return taut_or_slack(spring, size, length, length / self.EA * (tension - damper))
 
@@ -32,7 +32,7 @@ class DampedRope(Rope):
             tension = tension - self.damping / length * stretching
         return self.at_rest(d, tension, length)
 
-    def _pull(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
+    def _link_tension(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
         spring = self.spring(size, length)
         return spring if self.damping is None else spring + self.damping / length * stretching
 

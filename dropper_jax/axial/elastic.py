@@ -33,16 +33,16 @@ class Elastic(AxialLaw):
     def work_names(self) -> tuple[str, ...]:
         return (AXIAL_RINGING,) if self.damping is None else (INTERNAL_DAMPING, AXIAL_RINGING)
 
-    def softened(self, share: float) -> AxialLaw:
+    def soften(self, share: float) -> AxialLaw:
         return replace(self, EA=share * self.EA)
 
-    def seen(self, d: jax.Array, length: jax.Array) -> jax.Array:
+    def unstretch_broken(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Link vectors (n, 3) [m] as the law sees them: one that has parted lies unstretched."""
         if self.intact is None:
             return d
         return jnp.where(self.intact[:, None] > 0.0, d, length[:, None] * jnp.eye(1, 3, dtype=d.dtype))
 
-    def kept(self, per_link: jax.Array) -> jax.Array:
+    def zero_broken(self, per_link: jax.Array) -> jax.Array:
         """Values (n,) of links, zero of those that have parted."""
         return per_link if self.intact is None else self.intact * per_link
 
@@ -59,12 +59,12 @@ class Elastic(AxialLaw):
         EA -> infinity.
         """
         step = _Step.of(self, start, length, h)
-        size = safe_norm(self.seen(d1, length))
+        size = safe_norm(self.unstretch_broken(d1, length))
         spring = self._spring_over(step, size)
         return length / self.EA * (spring + self._damper_over(step, size, spring) - tension)
 
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        return safe_norm(self.seen(d, length)) - length - length * tension / self.EA
+        return safe_norm(self.unstretch_broken(d, length)) - length - length * tension / self.EA
 
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
         """Pull (n,) [N] that does exactly the work by which the stored energy changes over a step."""
@@ -91,10 +91,10 @@ class Elastic(AxialLaw):
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         """Tension (n,) [N] of links d stretching at d' = `rate`, for explicit integrators."""
         size = safe_norm(d)
-        pull = self.EA * (size - length) / length
+        tension = self.EA * (size - length) / length
         if self.damping is not None:
-            pull = pull + self.damping / length * dot(d, rate) / size
-        return self.kept(pull)
+            tension = tension + self.damping / length * dot(d, rate) / size
+        return self.zero_broken(tension)
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         """The law at one instant, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s]."""
@@ -104,20 +104,20 @@ class Elastic(AxialLaw):
 
     def _stretching(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Link vectors as the law sees them, and rates of length (n,) [m/s]."""
-        stretching = self.kept(dot(d, rate) / safe_norm(d))
-        return self.seen(d, length), stretching
+        stretching = self.zero_broken(dot(d, rate) / safe_norm(d))
+        return self.unstretch_broken(d, length), stretching
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
-        return jnp.sum(self._stored(safe_norm(self.seen(d, length)), length))
+        return jnp.sum(self._stored_energy(safe_norm(self.unstretch_broken(d, length)), length))
 
-    def _stored(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy of each link (n,) [J]."""
         return 0.5 * self.EA / length * (size - length) ** 2
 
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
         """Work over a step by name, scalars [J], never positive: of the damper, and what the spring takes."""
-        step, size = _Step.of(self, start, length, h), safe_norm(self.seen(d1, length))
+        step, size = _Step.of(self, start, length, h), safe_norm(self.unstretch_broken(d1, length))
         spring, longer = self._spring_over(step, size), size - step.size
         found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
         if self.damping is not None:
@@ -132,7 +132,7 @@ class Elastic(AxialLaw):
 
     def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         """Part of the tension (n,) [N] that the internal damping gives."""
-        return self.kept(self.damping / length * stretching)
+        return self.zero_broken(self.damping / length * stretching)
 
 
 class _Step(NamedTuple):

@@ -36,16 +36,16 @@ class ForceTable:
             columns[key] = np.array(
                 [read_number(x, f"{where}.{i}", {"unit": unit}) for i, x in enumerate(items)], float
             )
-        e, pull = columns["strain"], columns["tension"]
+        e, force = columns["strain"], columns["tension"]
         if len(e) < 2:
             raise refuse(f"{path}.strain", plain(e), "has too few rows", ROWS)
-        if len(pull) != len(e):
-            raise refuse(f"{path}.tension", plain(pull), f"has {len(pull)} rows", f"{len(e)}, as many as `strain`")
+        if len(force) != len(e):
+            raise refuse(f"{path}.tension", plain(force), f"has {len(force)} rows", f"{len(e)}, as many as `strain`")
         if e[0] < 0.0 or np.any(np.diff(e) <= 0.0):
             raise refuse(f"{path}.strain", plain(e), "does not rise from 0 or above", ROWS)
-        if pull[0] != 0.0 or np.any(np.diff(pull) < 0.0) or pull[-1] == pull[-2]:
-            raise refuse(f"{path}.tension", plain(pull), "does not rise from 0", ROWS)
-        return cls(e, pull)
+        if force[0] != 0.0 or np.any(np.diff(force) < 0.0) or force[-1] == force[-2]:
+            raise refuse(f"{path}.tension", plain(force), "does not rise from 0", ROWS)
+        return cls(e, force)
 
     @classmethod
     def straight(cls, EA: float) -> ForceTable:
@@ -93,7 +93,7 @@ def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceT
     for key, column in (("strain", strain), ("tension", tension)):
         read_list(column, f"{path}.{key}", links, f"{links} lists, one per link")
     return tuple(
-        ForceTable.read(e, pull, f"{path}.{i}") for i, (e, pull) in enumerate(zip(strain, tension, strict=True))
+        ForceTable.read(e, force, f"{path}.{i}") for i, (e, force) in enumerate(zip(strain, tension, strict=True))
     )
 
 
@@ -105,7 +105,7 @@ def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
     return {key: [plain(getattr(t, key)) for t in tables] for key in ("strain", "tension")}
 
 
-def stacked(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Strain, tension and slope, each (n, k), of tables brought to equal rows along their last slope."""
     rows = max(len(t.strain) for t in tables)
     found = []

@@ -52,7 +52,7 @@ class Groups(AxialLaw):
         """Values of the groups in the order of the links."""
         return jnp.concatenate(found)[np.argsort(np.concatenate(self.members))]
 
-    def _changed(self, change: Callable[[AxialLaw, np.ndarray], AxialLaw]) -> Groups:
+    def _change_each(self, change: Callable[[AxialLaw, np.ndarray], AxialLaw]) -> Groups:
         return replace(self, laws=tuple(change(law, m) for law, m in self._each()))
 
     def rigid(self, links: int) -> np.ndarray:
@@ -62,13 +62,13 @@ class Groups(AxialLaw):
         return found
 
     def springs(self, EA: jax.Array) -> AxialLaw:
-        return self._changed(lambda law, m: law.springs(EA[m]))
+        return self._change_each(lambda law, m: law.springs(EA[m]))
 
-    def softened(self, share: float) -> AxialLaw:
-        return self._changed(lambda law, _: law.softened(share))
+    def soften(self, share: float) -> AxialLaw:
+        return self._change_each(lambda law, _: law.soften(share))
 
-    def parted(self, intact: jax.Array) -> AxialLaw:
-        return self._changed(lambda law, m: law.parted(intact[m]))
+    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
+        return self._change_each(lambda law, m: law.with_broken_links(intact[m]))
 
     @property
     def work_names(self) -> tuple[str, ...]:
@@ -107,12 +107,12 @@ class Groups(AxialLaw):
         return sum(law.energy(d[m], length[m]) for law, m in self._each())
 
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        return self._added([law.works(_of(start, m), d1[m], length[m], h) for law, m in self._each()])
+        return self._add_tables([law.works(_of(start, m), d1[m], length[m], h) for law, m in self._each()])
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
-        return self._added([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
+        return self._add_tables([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
 
-    def _added(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
+    def _add_tables(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
         return {name: sum(table[name] for table in tables if name in table) for name in self.work_names}
 
 

@@ -39,11 +39,11 @@ class AxialLaw(ABC):
         """The same law where it stretches, ropes of stiffness EA (n,) [N] in place of rigid links."""
         return self
 
-    def softened(self, share: float) -> AxialLaw:
+    def soften(self, share: float) -> AxialLaw:
         """The law with that share of its stiffness."""
         return self
 
-    def parted(self, intact: jax.Array) -> AxialLaw:
+    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         """The law of links of which some have parted: `intact` (n,) is 0 there, else 1."""
         return replace(self, intact=intact)
 

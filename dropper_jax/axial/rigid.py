@@ -22,7 +22,7 @@ class Rigid(AxialLaw):
     def springs(self, EA: jax.Array) -> AxialLaw:
         return Rope(EA=EA)  # springs that push would hold a line straight between near points
 
-    def parted(self, intact: jax.Array) -> AxialLaw:
+    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         return self  # scenes let no rigid link part
 
     def residual(

@@ -11,24 +11,24 @@ from dropper_jax.axial.elastic import Elastic, _Step
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import mean_pull, never_more
+from dropper_jax.base.springs import mean_positive_part, never_more
 
 #: How much a guessed stretch counts beside a guessed tension for whether a link is taut, any number in (0, 1].
 STRETCH_COUNTS = 1e-3
 
 
 def taut_or_slack(
-    pull: Callable[[jax.Array], jax.Array], size: jax.Array, slack: jax.Array, held: jax.Array
+    stretch: Callable[[jax.Array], jax.Array], size: jax.Array, slack: jax.Array, held: jax.Array
 ) -> jax.Array:
-    """`max(pull(size), 0) = held` (n,) [m] by active sets; `pull` rises and has a kink at the length `slack` [m].
+    """`max(stretch(size), 0) = held` (n,) [m] by active sets; `stretch` rises and has a kink at the length `slack` [m].
 
     On which side of the kink a link is follows from its tension (`held`) rather than from its stretch (primal-dual
     active set): a guess of the step is off by far more than links stretch, its tensions are good.
     """
-    at, beyond = jnp.maximum(pull(slack), 0.0), size - slack
-    above = pull(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
+    at, beyond = jnp.maximum(stretch(slack), 0.0), size - slack
+    above = stretch(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
     taut = held - at + STRETCH_COUNTS * (above - at) > 0.0
-    return jnp.where(taut, above, jnp.maximum(pull(jnp.minimum(size, slack)), 0.0)) - held
+    return jnp.where(taut, above, jnp.maximum(stretch(jnp.minimum(size, slack)), 0.0)) - held
 
 
 @component
@@ -49,7 +49,7 @@ class Rope(Elastic):
         """Largest length (n,) [m] of slack links."""
         return length
 
-    def _stretched(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _elongation(self, size: jax.Array, length: jax.Array) -> jax.Array:
         """Elongation (n,) [m] of what is taut."""
         return jnp.maximum(size - self._slack(length), 0.0)
 
@@ -58,57 +58,62 @@ class Rope(Elastic):
     ) -> jax.Array:
         step = _Step.of(self, start, length, h)
 
-        def pull(size: jax.Array) -> jax.Array:
-            spring = self._unlimited(step, size)
+        def elastic_elongation(size: jax.Array) -> jax.Array:
+            spring = self._unclipped_spring(step, size)
             return length / self.EA * (spring + jnp.minimum(self._damper_of(step, size), spring))
 
-        return taut_or_slack(pull, safe_norm(self.seen(d1, length)), self._slack(length), length * tension / self.EA)
+        return taut_or_slack(
+            elastic_elongation,
+            safe_norm(self.unstretch_broken(d1, length)),
+            self._slack(length),
+            length * tension / self.EA,
+        )
 
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        size = safe_norm(self.seen(d, length))
+        size = safe_norm(self.unstretch_broken(d, length))
         spring = lambda x: length / self.EA * self.spring(x, length)  # noqa: E731
         return taut_or_slack(spring, size, self._slack(length), length * tension / self.EA)
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         d, stretching = self._stretching(d, rate, length)
 
-        def pull(size: jax.Array) -> jax.Array:
+        def elastic_elongation(size: jax.Array) -> jax.Array:
             spring = self.spring(size, length)
             damper = 0.0 if self.damping is None else self.damping / length * stretching
             return length / self.EA * (spring + jnp.minimum(damper, spring))
 
-        return taut_or_slack(pull, safe_norm(d), self._slack(length), length * tension / self.EA)
+        return taut_or_slack(elastic_elongation, safe_norm(d), self._slack(length), length * tension / self.EA)
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d)
-        return self.kept(self._pull(size, dot(d, rate) / size, length))
+        return self.zero_broken(self._link_tension(size, dot(d, rate) / size, length))
 
-    def _pull(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
+    def _link_tension(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
         """Tension (n,) [N] of links of length `size` that stretch at that rate (n,) [m/s]."""
         spring = self.spring(size, length)
         return spring if self.damping is None else spring + never_more(self.damping / length * stretching, spring)
 
     def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        return tension - self.kept(self.spring(safe_norm(d), length))
+        return tension - self.zero_broken(self.spring(safe_norm(d), length))
 
-    def _stored(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
         return 0.5 * self.EA / length * jnp.maximum(size - length, 0.0) ** 2
 
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
-        return self.EA / step.length * mean_pull(step.size - step.length, size - step.length)
+        return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
-    def _unlimited(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _unclipped_spring(self, step: _Step, size: jax.Array) -> jax.Array:
         """Spring's pull over a step; where a link goes slack it may lag below nothing."""
         return super()._spring_over(step, size)
 
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
-        return jnp.maximum(self._unlimited(step, size), 0.0)
+        return jnp.maximum(self._unclipped_spring(step, size), 0.0)
 
     def _damper_of(self, step: _Step, size: jax.Array) -> jax.Array:
         """What a dashpot alone would pull (n,) [N]; it acts on what is taut."""
         if self.damping is None:
             return jnp.zeros_like(size)
-        longer = self._stretched(size, step.length) - self._stretched(step.size, step.length)
+        longer = self._elongation(size, step.length) - self._elongation(step.size, step.length)
         return self.damping / step.length * longer / step.h
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:

@@ -29,7 +29,7 @@ class Tabulated(Rope):
     force: jax.Array | None = None  # (n, k) [N]
     slope: jax.Array | None = None  # (n, k) [N]
 
-    def softened(self, share: float) -> AxialLaw:
+    def soften(self, share: float) -> AxialLaw:
         return replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 
     def _shares(self, size: jax.Array, length: jax.Array) -> tuple[jax.Array, ...]:
@@ -49,7 +49,7 @@ class Tabulated(Rope):
         _, a, b, c = self._cubics(width)
         return jnp.sum(s * (a + s * (b + s * c)), axis=-1) + self.slope[:, -1] * beyond[:, -1]
 
-    def _stored(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
         """The integral of the curve, times the length."""
         s, beyond, width = self._shares(size, length)
         rise, a, b, c = self._cubics(width)
@@ -62,6 +62,6 @@ class Tabulated(Rope):
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
         length, longer = step.length, size - step.size
         little = jnp.abs(longer) < LITTLE * length
-        work = self._stored(size, length) - self._stored(step.size, length)
+        work = self._stored_energy(size, length) - self._stored_energy(step.size, length)
         middle = self.spring(0.5 * (step.size + size), length)
         return jnp.where(little, middle, work / jnp.where(little, 1.0, longer))

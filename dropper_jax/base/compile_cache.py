@@ -69,21 +69,21 @@ def compile_cache(folder: str | Path) -> Path | None:
     store = _jax_store()
     if store is None:
         return None
-    place = Path(folder) / f"jax-{jax.__version__}-{_processor()}"
+    cache_folder = Path(folder) / f"jax-{jax.__version__}-{_processor()}"
     try:
-        place.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=place).close()
+        cache_folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=cache_folder).close()
     except OSError:
         return None
-    jax.config.update("jax_compilation_cache_dir", str(place))
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     store.reset_cache()
-    store._cache, store._cache_initialized = Entries(place), True
+    store._cache, store._cache_initialized = Entries(cache_folder), True
     if not isinstance(store.get_executable_and_time, _Quietly):
         store.get_executable_and_time = _Quietly(store.get_executable_and_time)
     # programs of another kind of processor are compiled again and replaced
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
-    return place
+    return cache_folder
 
 
 class Entries:
@@ -107,20 +107,20 @@ class Entries:
             os.utime(file)
         return program
 
-    def put(self, key: str, value: bytes) -> None:
+    def store(self, key: str, value: bytes) -> None:
         """Keep a program, in place of one that may be there."""
         with suppress(OSError):
             with tempfile.NamedTemporaryFile(dir=self._path, suffix=UNFINISHED, delete=False) as beside:
                 beside.write(MARK + hashlib.sha256(value).digest() + value)
             os.replace(beside.name, self._path / key)
-            self._make_room()
+            self._evict_old()
 
     def remove(self, key: str) -> None:
         """Forget a program."""
         with suppress(OSError):
             (self._path / key).unlink()
 
-    def _make_room(self) -> None:
+    def _evict_old(self) -> None:
         files = []
         for file in self._path.iterdir():
             with suppress(OSError):

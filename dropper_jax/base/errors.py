@@ -34,8 +34,8 @@ class SimulationError(RuntimeError):
         self.solution = solution
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
+def nearest(word: str, candidates: Iterable[str]) -> str:
     """A hint naming the nearest valid name, or all valid names when nothing is near."""
-    known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(known)}"
+    candidates = sorted(candidates)
+    close = difflib.get_close_matches(word, candidates, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(candidates)}"

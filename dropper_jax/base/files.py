@@ -113,13 +113,13 @@ def remove_leftovers(path: Path) -> list[Path]:
 def leftovers(path: Path) -> list[Path]:
     """What processes that are gone were writing for `path`, files or folders."""
     begins, written = f".{path.name}.", re.compile(rf"(\w+)-(\d+)-.*{re.escape(PART)}")
-    gone = []
+    removed = []
     with suppress(OSError):
         for name in [name for name in os.listdir(path.parent) if name.startswith(begins)]:
             found, item = written.fullmatch(name.removeprefix(begins)), path.parent / name
             if found and _is_left(item, found[1], int(found[2])):
-                gone.append(item)
-    return gone
+                removed.append(item)
+    return removed
 
 
 def _is_left(item: Path, machine: str, process: int) -> bool:

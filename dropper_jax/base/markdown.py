@@ -23,7 +23,7 @@ def prose(text: str, table: bool = False) -> str:
     parts = " ".join(str(text).split()).split("`")
     if len(parts) % 2 == 0:  # a backtick without its partner
         return literal(text)
-    return "".join(_code(part, table) if i % 2 else _spaced(part) for i, part in enumerate(parts))
+    return "".join(_code(part, table) if i % 2 else _keep_blanks(part) for i, part in enumerate(parts))
 
 
 def _code(text: str, table: bool) -> str:
@@ -32,7 +32,7 @@ def _code(text: str, table: bool) -> str:
     return f"`{text}`"
 
 
-def _spaced(text: str) -> str:
+def _keep_blanks(text: str) -> str:
     """A part of a text, with the blanks at its ends."""
     if not text.strip():
         return text

@@ -29,7 +29,7 @@ def one_kernel() -> bool:
     """
     if in_force():
         return True
-    if _begun():
+    if _devices_started():
         return False
     os.environ["XLA_FLAGS"] = with_option(os.environ.get("XLA_FLAGS", ""))
     return True
@@ -54,8 +54,8 @@ def in_force() -> bool:
     return False
 
 
-def _begun() -> bool:
+def _devices_started() -> bool:
     """Whether JAX has started its devices, after which options are not read any more."""
     bridge = sys.modules.get("jax._src.xla_bridge")
-    begun = getattr(bridge, "backends_are_initialized", None)
-    return bool(begun()) if begun else False
+    is_started = getattr(bridge, "backends_are_initialized", None)
+    return bool(is_started()) if is_started else False

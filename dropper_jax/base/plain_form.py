@@ -20,7 +20,7 @@ from jax.tree_util import PyTreeDef, default_registry
 Plain: TypeAlias = None | bool | int | str | list["Plain"]
 
 #: Packages whose names mean the same in every process that has the same sources.
-OWN = ("dropper_jax", "fitting")
+PROJECT = ("dropper_jax", "fitting")
 #: Types of trees that are not of this project, by the name they are written with.
 BUILT_IN: dict[str, type] = {"tuple": tuple, "list": list, "dict": dict, "none": type(None)}
 
@@ -29,7 +29,7 @@ class NoPlainForm(ValueError):
     """A value that may mean something else in another process."""
 
 
-def written(value: object) -> Plain:
+def to_plain(value: object) -> Plain:
     """The plain form of a static value.
 
     Raises:
@@ -40,18 +40,18 @@ def written(value: object) -> Plain:
     if isinstance(value, float):
         return ["float", float(value).hex()]
     if type(value) in (tuple, list):
-        return [type(value).__name__, *map(written, value)]
+        return [type(value).__name__, *map(to_plain, value)]
     if type(value) is dict:
-        return ["dict", *([written(key), written(one)] for key, one in value.items())]
+        return ["dict", *([to_plain(key), to_plain(one)] for key, one in value.items())]
     if isinstance(value, frozenset):
-        return ["frozenset", *sorted((written(one) for one in value), key=repr)]
+        return ["frozenset", *sorted((to_plain(one) for one in value), key=repr)]
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         return ["array", value.dtype.str, [*value.shape], value.tobytes().hex()]
     if isinstance(value, tuple):  # a named one
-        return ["made", name_of(type(value)), *map(written, value)]
+        return ["made", name_of(type(value)), *map(to_plain, value)]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = ((f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
-        return ["of", name_of(type(value)), *([name, written(one)] for name, one in fields)]
+        return ["of", name_of(type(value)), *([name, to_plain(one)] for name, one in fields)]
     if isinstance(value, type) or callable(value):
         return ["name", name_of(value)]
     raise NoPlainForm(f"{type(value).__name__} has no plain form")
@@ -76,11 +76,11 @@ def read(plain: Plain) -> object:
         dtype, shape, data = parts
         return np.frombuffer(bytes.fromhex(data), dtype).reshape(shape)
     if kind == "name":
-        return named(parts[0])
+        return import_named(parts[0])
     if kind == "made":
-        return named(parts[0])(*map(read, parts[1:]))
+        return import_named(parts[0])(*map(read, parts[1:]))
     if kind == "of":
-        return named(parts[0])(**{name: read(one) for name, one in parts[1:]})
+        return import_named(parts[0])(**{name: read(one) for name, one in parts[1:]})
     raise NoPlainForm(f"{kind!r} is no kind of plain form")
 
 
@@ -91,29 +91,29 @@ def name_of(value: type | Callable[..., object]) -> str:
         NoPlainForm: another's, or one that is made as a program runs.
     """
     module, name = getattr(value, "__module__", None) or "", getattr(value, "__qualname__", "")
-    known = module.partition(".")[0] in OWN and "<" not in name and name
-    if not known or _found(module, name) is not value:
+    known = module.partition(".")[0] in PROJECT and "<" not in name and name
+    if not known or _import_attribute(module, name) is not value:
         raise NoPlainForm(f"{module}.{name or type(value).__name__} is no name of this project")
     return f"{module}:{name}"
 
 
-def named(name: str) -> Callable[..., object]:
+def import_named(name: str) -> Callable[..., object]:
     """What `name_of` gave that name.
 
     Raises:
         NoPlainForm: there is no such thing any more.
     """
     module, _, inner = name.partition(":")
-    if module.partition(".")[0] not in OWN:
+    if module.partition(".")[0] not in PROJECT:
         raise NoPlainForm(f"{name} is no name of this project")
     try:
         importlib.import_module(module)
-        return _found(module, inner)
+        return _import_attribute(module, inner)
     except (ImportError, AttributeError) as error:
         raise NoPlainForm(f"{name} is not there any more") from error
 
 
-def _found(module: str, name: str) -> Callable[..., object]:
+def _import_attribute(module: str, name: str) -> Callable[..., object]:
     found = importlib.import_module(module)
     for part in name.split("."):
         found = getattr(found, part, None)
@@ -133,7 +133,7 @@ def tree_written(tree: PyTreeDef) -> Plain:
         return ["leaf"] if tree == jax.tree.structure(0) else ["nothing"]
     kind, beside = node
     name = next((word for word, type_ in BUILT_IN.items() if type_ is kind), None) or name_of(kind)
-    return ["node", name, written(beside), *branches]
+    return ["node", name, to_plain(beside), *branches]
 
 
 def tree_read(plain: Plain) -> PyTreeDef:
@@ -148,6 +148,6 @@ def tree_read(plain: Plain) -> PyTreeDef:
     if kind == "nothing":
         return jax.tree.structure(None)
     name, beside, *branches = parts
-    type_ = BUILT_IN.get(name) or named(name)
+    type_ = BUILT_IN.get(name) or import_named(name)
     branches = [tree_read(branch) for branch in branches]
     return PyTreeDef.from_node_data_and_children(default_registry, (type_, read(beside)), branches)

@@ -24,7 +24,7 @@ import jax
 import jaxlib
 
 from dropper_jax.base.compile_cache import Entries, open_cache
-from dropper_jax.base.kept_traces import open_traces
+from dropper_jax.base.export_cache import open_traces
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -61,7 +61,7 @@ def supported_options() -> dict[str, str | bool]:
             jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
             found[name] = value
     if entries is not None:
-        entries.put(key, json.dumps([*found]).encode())
+        entries.store(key, json.dumps([*found]).encode())
     return found
 
 
@@ -134,7 +134,7 @@ FOLDER = open_cache()
 TRACES = open_traces(FOLDER)
 
 
-def lowered(
+def lower_cached(
     function: Callable[..., object],
     settings: Mapping[str, object],
     values: Sequence[object],
@@ -146,11 +146,11 @@ def lowered(
         function, settings: what it is known by: a function of this project, and all else that tracing depends on;
             arrays among it as `Constants`.
     """
-    found = None if TRACES is None else TRACES.lowered(function, settings, values, one)
+    found = None if TRACES is None else TRACES.lower(function, settings, values, one)
     return found or jax.jit(one).lower(*values)
 
 
-class Kept(Generic[P, R]):
+class CachedJit(Generic[P, R]):
     """A function compiled as by `jax.jit`, its programs in a store; inside another trace it is `jax.jit` itself."""
 
     def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, brief: bool):
@@ -181,8 +181,8 @@ class Kept(Generic[P, R]):
     def _program(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
         leaves, tree = jax.tree.flatten(values)
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
-        place = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
-        key = self._function, frozenset(settings.items()), tree, kinds, place, self._brief
+        device_settings = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
+        key = self._function, frozenset(settings.items()), tree, kinds, device_settings, self._brief
         return self._store.get(key, lambda: self._compile(settings, values))
 
     def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
@@ -194,13 +194,13 @@ class Kept(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature has the static arguments
-        program = lowered(self._function, settings, values, one)
+        program = lower_cached(self._function, settings, values, one)
         return program.compile(brief_options() if self._brief else None)
 
 
-def kept(
+def cached_jit(
     static: Iterable[str] = (), store: Store = STORE, brief: bool = False
-) -> Callable[[Callable[P, R]], Kept[P, R]]:
+) -> Callable[[Callable[P, R]], CachedJit[P, R]]:
     """`jax.jit` for a function of whole scenes.
 
     Args:
@@ -208,4 +208,4 @@ def kept(
         brief: never make one kernel of it, where others are (see `one_kernel`): for what runs too briefly to be
             worth the compilation.
     """
-    return lambda function: Kept(function, static, store, brief)
+    return lambda function: CachedJit(function, static, store, brief)

@@ -35,10 +35,10 @@ class Declared(Protocol):
 
 def refuse(path: str, value: Plain, reason: str, allowed: str) -> SceneError:
     """The error line for a value that cannot be used."""
-    return SceneError(f"{path}: {shown(value)} {reason}; allowed: {allowed}")
+    return SceneError(f"{path}: {short_text(value)} {reason}; allowed: {allowed}")
 
 
-def shown(value: Plain) -> str:
+def short_text(value: Plain) -> str:
     """A value on one short line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
@@ -60,13 +60,13 @@ def read_table(value: Plain, path: str) -> Mapping[str, Any]:
     return value
 
 
-def check_keys(table: Mapping[str, Any], known: Iterable[str], path: str) -> None:
+def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> None:
     """Refuse a key that is not known, naming the nearest one."""
-    known = list(known)
+    allowed = list(allowed)
     for key in table:
-        if key not in known:
+        if key not in allowed:
             name = " ".join(str(key).split())
-            raise SceneError(f"{join(path, name)}: unknown key; {nearest(name, known)}")
+            raise SceneError(f"{join(path, name)}: unknown key; {nearest(name, allowed)}")
 
 
 def join(path: str, key: str) -> str:
@@ -126,7 +126,9 @@ def read_text(value: Plain, path: str, choices: Iterable[str] | None = None) -> 
     if not isinstance(value, str):
         raise refuse(path, value, "is not a text", "one of " + ", ".join(choices) if choices else "a text")
     if choices is not None and value not in choices:
-        raise SceneError(f"{path}: {shown(value)} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}")
+        raise SceneError(
+            f"{path}: {short_text(value)} is unknown; {nearest(value, choices)}; allowed: {', '.join(choices)}"
+        )
     if path.rpartition(".")[2] == "name" and len(value) > LONGEST_NAME:
         raise refuse(path, value, f"has {len(value)} characters", f"at most {LONGEST_NAME}")
     return value
@@ -220,13 +222,13 @@ def read_fields(
             more = (counts,) if field.metadata["kind"] == "parameter" else ()
             values[field.name] = read(table[key], join(path, key), field.metadata, *more)
         elif field.default is dataclasses.MISSING:
-            raise SceneError(f"{join(path, key)}: missing; needed: {_needed(field)}")
+            raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")
         else:
             values[field.name] = field.default
     return values
 
 
-def _needed(field: dataclasses.Field) -> str:
+def _describe_missing(field: dataclasses.Field) -> str:
     """Meaning, unit and range of a missing field."""
     words = limits(field.metadata) or _in_unit(field.metadata)
     return field.metadata["meaning"] + (f", {words}" if words else "")

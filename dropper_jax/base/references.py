@@ -27,7 +27,7 @@ def references_of(folder: Path | None) -> Iterator[None]:
         _FOLDER.reset(token)
 
 
-def referenced(text: str | Path, path: str, beside: Path | None = None) -> Path:
+def find_referenced(text: str | Path, path: str, beside: Path | None = None) -> Path:
     """The file that a scene names at `path`.
 
     Args:

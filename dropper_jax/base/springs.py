@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 
-def mean_pull(e0: jax.Array, e1: jax.Array) -> jax.Array:
+def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
     """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
     pulled, way = jnp.maximum(e0, 0.0) + jnp.maximum(e1, 0.0), jnp.abs(e0) + jnp.abs(e1)
     return 0.5 * pulled * (pulled / jnp.where(way > 0.0, way, 1.0))

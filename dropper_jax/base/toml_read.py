@@ -25,11 +25,11 @@ def parsed_toml(text: str) -> dict[str, Any]:
         raise
     except ValueError as error:  # a number of more digits than Python reads
         raise tomllib.TOMLDecodeError(str(error).split(";")[0]) from None
-    _look_at(found)
+    _check_depth(found)
     return found
 
 
-def _look_at(table: dict[str, Any]) -> None:
+def _check_depth(table: dict[str, Any]) -> None:
     """Refuse what is nested too deeply, and whole numbers of more than 64 bits."""
     open_, depth = [table], 0
     while open_:

@@ -30,13 +30,13 @@ _LIBRARY = ContextVar("whether the device's library solves, whatever a run becom
 
 
 @contextmanager
-def library(wanted: bool) -> Iterator[None]:
-    """Leave the systems traced inside to the device's library, where `wanted`.
+def library(enabled: bool) -> Iterator[None]:
+    """Leave the systems traced inside to the device's library, where `enabled`.
 
     Batches gain nothing from one kernel: their operations are long, and one function for all of them is optimised less
     well than each alone (windows of a fit: 0.8 of the time, 0.7 of the compilation).
     """
-    token = _LIBRARY.set(wanted or _LIBRARY.get())
+    token = _LIBRARY.set(enabled or _LIBRARY.get())
     try:
         yield
     finally:
@@ -72,7 +72,7 @@ def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rh
     For systems inside inner loops: XLA's CPU compiler makes one function of a short loop even where that holds a call
     of a library, which then is not found (JAX 0.10.1).
     """
-    return _halved(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
+    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= WHOLE else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp
@@ -86,7 +86,7 @@ def _cyclic_reduction_jvp(
     return x, cyclic_reduction(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
-def _halved(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, least: int) -> jax.Array:
+def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, least: int) -> jax.Array:
     """The same, every second row put into its neighbours, again and again until at most `least` rows are left."""
     n = diagonal.shape[0]
     if n == 1:
@@ -97,18 +97,18 @@ def _halved(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Ar
     even = n - odd
     pivot = 1.0 / diagonal[1::2]
     low, up, b = lower[1::2] * pivot, upper[1::2] * pivot, rhs[1::2] * pivot
-    low0, up0, b0 = (_shifted(a, 1, even) for a in (low, up, b))
-    low1, up1, b1 = (_shifted(a, 0, even) for a in (low, up, b))
+    low0, up0, b0 = (_shift_rows(a, 1, even) for a in (low, up, b))
+    low1, up1, b1 = (_shift_rows(a, 0, even) for a in (low, up, b))
     left, right = lower[0::2], upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0
-    kept = _halved(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, least)
-    following = kept[1 : odd + 1] if even > odd else _shifted(kept[1:], 0, odd)
+    kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, least)
+    following = kept[1 : odd + 1] if even > odd else _shift_rows(kept[1:], 0, odd)
     between = b - low * kept[:odd] - up * following
-    both = jnp.stack([kept, _shifted(between, 0, even)], axis=1)
+    both = jnp.stack([kept, _shift_rows(between, 0, even)], axis=1)
     return both.reshape(2 * even)[:n]
 
 
-def _shifted(a: jax.Array, before: int, length: int) -> jax.Array:
+def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:
     """`a` with `before` zeros in front, cut or filled up with zeros to `length`."""
     a = a[: length - before]
     return jnp.pad(a, (before, length - before - a.shape[0]))

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dropper_jax.cli.before_jax import prepare
 from dropper_jax.cli.codes import OK
 from dropper_jax.cli.commands import parse
-from dropper_jax.cli.faults import last_words, let_go_of_output, terminated_as_interrupted, with_streams
+from dropper_jax.cli.faults import close_stdout, report_error, terminated_as_interrupted, with_streams
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,13 +29,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return code
         except BrokenPipeError:  # `dropper scenes | head`: the reader has what it wanted
-            let_go_of_output()
+            close_stdout()
             return OK
         except (Exception, KeyboardInterrupt) as error:
-            return last_words(error, "--json" in argv)
+            return report_error(error, "--json" in argv)
         except SystemExit:  # --help and --version
             try:
                 sys.stdout.flush()
             except OSError as error:
-                return last_words(error, False)
+                return report_error(error, False)
             raise

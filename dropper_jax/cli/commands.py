@@ -41,18 +41,18 @@ class _Version(argparse.Action):
     """Print versions and stop; they are looked up only when asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        print("\n".join(f"{package} {_installed(package)}" for package in PACKAGES))
+        print("\n".join(f"{package} {_version_of(package)}" for package in PACKAGES))
         parser.exit()
 
 
-def _installed(package: str) -> str:
+def _version_of(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
         return "not installed"
 
 
-def found() -> list[EntryPoint]:
+def find_commands() -> list[EntryPoint]:
     """All commands, by name."""
     return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
 
@@ -69,7 +69,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser = _Parser(prog="dropper", description="Simulate mussel droppers, pendulums and strings.", allow_abbrev=False)
     parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for entry in found():
+    for entry in find_commands():
         if entry.name == asked:
             command = _load(entry)
             own = commands.add_parser(entry.name, description=command.help)

@@ -40,10 +40,10 @@ def run(args: argparse.Namespace) -> int:
 
     found = solve_design(scene, path.strip(), low, high, args.target, args.value)
     values = {"path": found.path, "value": found.value, "target": found.target}
-    more = {"wanted": found.wanted, "reached": found.reached, "solves": found.solves}
+    more = {"wanted": found.requested, "reached": found.reached, "solves": found.solves}
     text = [
         (found.path, f"{found.value:.9g}"),
-        (found.target, f"{found.reached:.9g}, wanted {found.wanted:g}"),
+        (found.target, f"{found.reached:.9g}, wanted {found.requested:g}"),
         ("static poses", str(found.solves)),
     ]
     if found.end_forces is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, read_scene, whole_number
+from dropper_jax.cli.options import add_scene, positive_integer, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_line, print_warnings, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder, weights_table
 
@@ -25,7 +25,7 @@ help = "find the static pose of a scene, held by its release force where it has 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--tide", action="store_true", help="poses through a cycle of current and level")
-    parser.add_argument("--times", type=whole_number, default=13, help="of the cycle, both ends included (13)")
+    parser.add_argument("--times", type=positive_integer, default=13, help="of the cycle, both ends included (13)")
     add_plot(parser, "the pose, or curves through the tide,")
     add_out(parser)
 
@@ -102,7 +102,7 @@ def _tide_text(found: dict[str, Any]) -> str:
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, Any]:
     from dropper_jax.run.weights import line_weights
-    from dropper_jax.scene.slices import held_loads, line_places
+    from dropper_jax.scene.slices import held_loads, line_offsets
 
     failed = found.status != "ok"
     result = {
@@ -116,7 +116,7 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray) -> dict[str, A
     if not failed:
         result |= {"end_forces_n": _forces(scene, found), "line_weights": line_weights(scene)}
     if scene.branched:
-        result |= {"lines": line_places(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
+        result |= {"lines": line_offsets(scene), "held_load_n": held_loads(scene, found.positions, found.tension)}
     return result
 
 

@@ -55,7 +55,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def defer_signals() -> Iterator[None]:
     """What is begun here is ended before a signal is heeded; a second one is heeded at once."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -83,15 +83,15 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def last_words(error: BaseException, as_json: bool) -> int:
+def report_error(error: BaseException, as_json: bool) -> int:
     """Tell what ended the command; returns its exit code."""
     nameless = isinstance(error, OSError) and error.filename is None and error.errno in REFUSALS
     if nameless or _output_is_stuck():  # what is written to files has their names
-        let_go_of_output()
+        close_stdout()
         reason = getattr(error, "strerror", None) or "is closed"
         print_line(f"error: standard output: cannot be written: {reason}")
         return FAILED
-    status, message, code = told(error)
+    status, message, code = classify_error(error)
     if status == "internal_error" and os.environ.get(TRACEBACK):
         traceback.print_exception(error)
     message = " ".join(message.split())
@@ -100,13 +100,13 @@ def last_words(error: BaseException, as_json: bool) -> int:
         try:
             print_json(failure_object(status, message))
         except OSError as refused:
-            let_go_of_output()
+            close_stdout()
             print_line(f"error: standard output: cannot be written: {refused.strerror}")
             return FAILED
     return code
 
 
-def told(error: BaseException) -> tuple[str, str, int]:
+def classify_error(error: BaseException) -> tuple[str, str, int]:
     """Status, message and exit code of what ended a command."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted", "interrupted", INTERRUPTED
@@ -144,7 +144,7 @@ def _output_is_stuck() -> bool:
     return False
 
 
-def let_go_of_output() -> None:
+def close_stdout() -> None:
     """Nothing more goes to standard output: else Python complains as it flushes at the end."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

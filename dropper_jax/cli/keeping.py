@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import PART, part_prefix, remove, unwritable
-from dropper_jax.cli.faults import undisturbed
+from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.output import print_line
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def scratch_beside(out: Path | None) -> Iterator[Path | None]:
         remove(folder)
 
 
-def recovered(out: Path | None) -> None:
+def recover_leftovers(out: Path | None) -> None:
     """Keep and name what a killed run left beside `out`."""
     if out is None:
         return
@@ -43,11 +43,11 @@ def recovered(out: Path | None) -> None:
         print_line(f"warning: {line}")
 
 
-def saved(solution: Solution, out: Path | None) -> str | None:
+def save_or_report(solution: Solution, out: Path | None) -> str | None:
     """Save a run; where that fails, save it where temporary files go, and return what is wrong in one line."""
     if out is None:
         return None
-    with undisturbed():
+    with defer_signals():
         try:
             solution.save(out)
             return None

@@ -40,6 +40,6 @@ def run(args: argparse.Namespace) -> int:
         print_json(done_object(section=section, part=values, source=source))
         return OK
     pasted = {**values, "name": name}
-    place = {"position": [0.0, 0.0, -5.0]} if section == "point" else {}
-    print(f"# {source}\n{as_toml({section: [{**pasted, **place}]})}", end="")
+    position = {"position": [0.0, 0.0, -5.0]} if section == "point" else {}
+    print(f"# {source}\n{as_toml({section: [{**pasted, **position}]})}", end="")
     return OK

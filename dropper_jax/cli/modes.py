@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_scene, number, read_scene, whole_number
+from dropper_jax.cli.options import add_scene, number, positive_integer, read_scene
 from dropper_jax.cli.output import done_object, failure_object, print_json, print_line, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
@@ -22,7 +22,7 @@ help = "natural periods, damping ratios and modes about the static pose"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--count", type=whole_number, default=10, help="how many, the slowest first (10)")
+    parser.add_argument("--count", type=positive_integer, default=10, help="how many, the slowest first (10)")
     parser.add_argument(
         "--amplitude", type=number, metavar="A", help="damping ratios of swings of A metres too, with quadratic drag"
     )

@@ -158,7 +158,7 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
 
 
-def whole_number(text: str) -> int:
+def positive_integer(text: str) -> int:
     """A whole number of the command line, at least 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")

@@ -23,14 +23,14 @@ def as_text(sections: Sequence[Section]) -> str:
     """Sections for people at a terminal."""
     parts = []
     for section in sections:
-        parts.append("\n".join(x for x in (section.head or "(top of the file)", _wrapped(section.about)) if x))
+        parts.append("\n".join(x for x in (section.head or "(top of the file)", _indent(section.about)) if x))
         parts += [_lines(key) for key in section.keys]
         if section.source:
             parts.append(f"  source: {section.source}")
     return "\n".join(parts)
 
 
-def _wrapped(text: str) -> str:
+def _indent(text: str) -> str:
     return f"  {text}" if text else ""
 
 

@@ -107,11 +107,11 @@ def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", RUN_SUFFIXES, folders=(".zarr",))
     film = output_file(args.animate, "--animate", (".gif", ".mp4"))
     plot = _plot_target(args.plot)
-    tables, told = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
+    tables, report_folder = output_folder(args.tables, "--tables"), output_folder(args.report, "--report")
     before = None if args.start is None else read_run(args.start)
     scene = read_scene(args, OVERRIDES) if before is None else _further(args, before)
 
-    from dropper_jax.cli.keeping import recovered, saved, scratch_beside
+    from dropper_jax.cli.keeping import recover_leftovers, save_or_report, scratch_beside
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import netcdf_packages, zarr_packages
 
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
         check_animation(film)
     if tables:
         tables.mkdir(parents=True, exist_ok=True)
-    recovered(out)
+    recover_leftovers(out)
     with scratch_beside(out) as scratch:
         solution = simulate(
             scene,
@@ -137,26 +137,26 @@ def run(args: argparse.Namespace) -> int:
             step_check=args.step_check,
         )
         print_warnings(solution.warnings)
-        refused = saved(solution, out)
+        refused = save_or_report(solution, out)
         if refused is not None:
-            return _unsaved(args, solution, refused)
-        return _after(args, solution, plot, film, tables, told)
+            return _report_unsaved(args, solution, refused)
+        return _write_outputs(args, solution, plot, film, tables, report_folder)
 
 
-def _unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:
+def _report_unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:
     """The result of a run whose file cannot be written."""
     print_line(f"error: {refused}")
     report(solution, args.json, {"status": "not_saved", "error": refused} if solution.status == "ok" else None)
     return FAILED
 
 
-def _after(
+def _write_outputs(
     args: argparse.Namespace,
     solution: Solution,
     plot: Path | None,
     film: Path | None,
     tables: Path | None,
-    told: Path | None,
+    report_folder: Path | None,
 ) -> int:
     """Tables and pictures of a run, and its report."""
     from dropper_jax.run.tables import write_angles, write_bodies, write_tensions
@@ -171,8 +171,8 @@ def _after(
             _write_channels(args.scene or "", solution, tables / "moordyn.out")
     if plot:
         draw(solution, plot)
-    if told:
-        _write_report(solution, told)
+    if report_folder:
+        _write_report(solution, report_folder)
     if film:
         from dropper_jax import plots
 
@@ -331,9 +331,9 @@ def _errors(solution: Solution) -> list[str]:
     return ["", table(rows), *_about_errors(found, kept)]
 
 
-def _about_errors(found: dict[str, Any], kept: list[dict[str, Any]]) -> list[str]:
+def _about_errors(found: dict[str, Any], reported: list[dict[str, Any]]) -> list[str]:
     """What the errors are of, and what else would change the loads."""
-    worst = kept[0]["maximum"]
+    worst = reported[0]["maximum"]
     of_links = "not known" if worst["links"] is None else f"{worst['links']:.2g} N"
     lines = [f"errors: of the step and of the links together; in the largest load {worst['step']:.2g} N and {of_links}"]
     if worst["chance"] is not None:

@@ -74,7 +74,7 @@ class Bending(Effect):
     def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
         links = k.model.links(r, k.ends)
         directions = links / jnp.sqrt(dot(links, links) + 1e-30)[:, None]
-        first = k.model.geometry.before
+        first = k.model.geometry.previous_links
         bend = directions[first + 1] - directions[first]
         inside = jnp.sum(self._stiffness(k, first, first + 1) * dot(bend, bend))
         if not self.clamped:
@@ -106,13 +106,13 @@ class Bending(Effect):
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The three nodes of every joint, then those of the clamped links, the wall's twice."""
         graph = model.geometry
-        first = graph.before
+        first = graph.previous_links
         inner = np.stack([graph.first[first], graph.last[first], graph.last[first + 1]], axis=1)
         at, _ = self._clamps(model)
         return np.concatenate([inner, np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)])
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        first, (at, leaving) = k.model.geometry.before, self._clamps(k.model)
+        first, (at, leaving) = k.model.geometry.previous_links, self._clamps(k.model)
         stiffness = self._stiffness(k, first, first + 1)
         if self.clamped:
             stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])

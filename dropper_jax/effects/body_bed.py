@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.springs import REST, lag, mean_pull, never_more
+from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
@@ -44,13 +44,13 @@ class BodyBed(Effect):
         along = ends[:, 1] - ends[:, 0]
         tilt = along[:, :2] / safe_norm(along)[:, None]
         reach = self.pieces.radius * (jnp.sqrt(jnp.sum(tilt**2, axis=1) + LEVEL**2) - LEVEL) / LYING
-        places = jnp.concatenate([ends[:, 0], ends[:, 1]])
+        positions = jnp.concatenate([ends[:, 0], ends[:, 1]])
         below = jnp.concatenate([reach, reach])
         if self.pieces.sphere_of:
-            places = jnp.concatenate([places, self.pieces.centres(model, r)])
+            positions = jnp.concatenate([positions, self.pieces.centres(model, r)])
             below = jnp.concatenate([below, self.pieces.ball])
-        up = self.bed.upward(places)
-        return (self.bed.bed(places) - places[:, 2] + below) * up[..., 2]
+        up = self.bed.upward(positions)
+        return (self.bed.bed_height(positions) - positions[:, 2] + below) * up[..., 2]
 
     def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """Depths [m] and how fast they grow [m/s]."""
@@ -72,14 +72,14 @@ class BodyBed(Effect):
             before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
             pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
-            spring = jnp.maximum(stiffness * (mean_pull(before, after) + lag(*pressed, expected, REST)), 0.0)
+            spring = jnp.maximum(stiffness * (mean_positive_part(before, after) + lag(*pressed, expected, REST)), 0.0)
             rate = (pressed[1] - pressed[0]) / k.h
         return area * (spring + never_more(damping * rate, spring))
 
     def force(self, k: Kinematics) -> jax.Array:
-        return self._pressed(k, self.normal(k))
+        return self._contact_force(k, self.normal(k))
 
-    def _pressed(self, k: Kinematics, normal: jax.Array) -> jax.Array:
+    def _contact_force(self, k: Kinematics, normal: jax.Array) -> jax.Array:
         _, back = jax.vjp(lambda r: self.depths(k.model, r), k.r)
         return -back(normal)[0]
 
@@ -102,17 +102,19 @@ class BodyBedFriction(BodyBed):
         # from the middle of the circle down along its plane, as far as the circle reaches
         down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
         arm = self.pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
-        turned = self._turned(model, r, v, self.pieces.cylinder_of, arm)
-        places, found = [ends[:, 0], ends[:, 1]], [moved[:, 0] + turned, moved[:, 1] + turned]
+        turned = self._rotation_velocity(model, r, v, self.pieces.cylinder_of, arm)
+        positions, found = [ends[:, 0], ends[:, 1]], [moved[:, 0] + turned, moved[:, 1] + turned]
         if self.pieces.sphere_of:
-            places.append(self.pieces.centres(model, r))
+            positions.append(self.pieces.centres(model, r))
             arm = -self.pieces.ball[:, None] * jnp.array([0.0, 0.0, 1.0], r.dtype)
-            turned = self._turned(model, r, v, self.pieces.sphere_of, arm)
+            turned = self._rotation_velocity(model, r, v, self.pieces.sphere_of, arm)
             found.append(self.pieces.centres(model, v) + turned)
-        up, velocity = self.bed.upward(jnp.concatenate(places)), jnp.concatenate(found)
+        up, velocity = self.bed.upward(jnp.concatenate(positions)), jnp.concatenate(found)
         return velocity - dot(velocity, up)[:, None] * up
 
-    def _turned(self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array) -> jax.Array:
+    def _rotation_velocity(
+        self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array
+    ) -> jax.Array:
         """`w x arm` (items, 3) of the bodies `of`, from three edges E of theirs: `E'(E^-1 arm)`."""
         corners = self.pieces.body_nodes(model, of)
         edges, rates = (a[corners[:, 1:]] - a[corners[:, :1]] for a in (r, v))
@@ -123,4 +125,4 @@ class BodyBedFriction(BodyBed):
         normal = self.normal(k)
         slip, back = jax.vjp(lambda v: self.slips(k.model, k.r, v), k.v)
         rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + CREEP**2))[:, None] * slip
-        return self._pressed(k, normal) - back(rub)[0]
+        return self._contact_force(k, normal) - back(rub)[0]

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import upright
-from dropper_jax.base.place import place
+from dropper_jax.base.scatter import scatter_add
 from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_volume
 from dropper_jax.model import Effect, Kinematics, ModelView
 
@@ -43,11 +43,11 @@ class Pieces:
 
     def axes(self, model: ModelView, nodal: jax.Array) -> jax.Array:
         """A nodal field (free, 3) at the ends of the axes (c, 2, 3)."""
-        return mixed(self.ends, nodal[self.body_nodes(model, self.cylinder_of)][:, None])
+        return mix_corners(self.ends, nodal[self.body_nodes(model, self.cylinder_of)][:, None])
 
     def centres(self, model: ModelView, nodal: jax.Array) -> jax.Array:
         """A nodal field at the spheres' centres (s, 3)."""
-        return mixed(self.spheres, nodal[self.body_nodes(model, self.sphere_of)])
+        return mix_corners(self.spheres, nodal[self.body_nodes(model, self.sphere_of)])
 
     def cut(self, model: ModelView, r: jax.Array, level: jax.Array) -> Cylinders:
         """The cylinders as the surface at `level` (c + s,) [m] over the pieces sees them."""
@@ -76,11 +76,11 @@ class Pieces:
         ends = self.cut(model, r, level).push()
         found = jnp.zeros_like(r)
         if count:
-            found = scattered(np.concatenate([corners, corners]), _both(self.ends), _both(ends), free)
+            found = scatter_to_corners(np.concatenate([corners, corners]), _both(self.ends), _both(ends), free)
         if not self.sphere_of:
             return found
         lift = upright(self._balls(model, r, level))
-        return found + scattered(self.body_nodes(model, self.sphere_of), self.spheres, lift, free)
+        return found + scatter_to_corners(self.body_nodes(model, self.sphere_of), self.spheres, lift, free)
 
     def middles(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Middles of the cylinders' axes and centres of the spheres (c + s, 3)."""
@@ -92,20 +92,22 @@ class Pieces:
         """Forces (c + s, 3) [N] in the middles and centres, on the free nodes (free, 3)."""
         count = len(self.cylinder_of)
         share = 0.5 * (self.ends[:, 0] + self.ends[:, 1])
-        found = scattered(self.body_nodes(model, self.cylinder_of), share, force[:count], model.free_nodes)
+        found = scatter_to_corners(self.body_nodes(model, self.cylinder_of), share, force[:count], model.free_nodes)
         if not self.sphere_of:
             return found
-        return found + scattered(self.body_nodes(model, self.sphere_of), self.spheres, force[count:], model.free_nodes)
+        return found + scatter_to_corners(
+            self.body_nodes(model, self.sphere_of), self.spheres, force[count:], model.free_nodes
+        )
 
 
-def mixed(share: jax.Array, corners: jax.Array) -> jax.Array:
+def mix_corners(share: jax.Array, corners: jax.Array) -> jax.Array:
     """Mixtures (..., 3) of corners (..., 4, 3) by shares (..., 4)."""
     return jnp.sum(share[..., None] * corners, axis=-2)
 
 
-def scattered(corners: np.ndarray, share: jax.Array, force: jax.Array, free: int) -> jax.Array:
+def scatter_to_corners(corners: np.ndarray, share: jax.Array, force: jax.Array, free: int) -> jax.Array:
     """Forces (items, 3) on the free nodes (free, 3): each on its body's corners by its shares (items, 4)."""
-    return place(corners.ravel(), (share[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
+    return scatter_add(corners.ravel(), (share[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
 
 
 def _both(of_ends: jax.Array) -> jax.Array:

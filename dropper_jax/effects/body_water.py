@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.effects.body_buoyancy import Pieces, mixed, scattered
+from dropper_jax.effects.body_buoyancy import Pieces, mix_corners, scatter_to_corners
 from dropper_jax.model import Effect, Kinematics, ModelView
 
 #: Part of its radius over which an end enters the water, where it is level.
@@ -54,13 +54,13 @@ class BodyWater(Effect):
 
     def _ends(self, model: ModelView, nodal: jax.Array) -> jax.Array:
         """A nodal field at the ends (e, 3)."""
-        return mixed(self.end, nodal[self.pieces.body_nodes(model, self.end_of)])
+        return mix_corners(self.end, nodal[self.pieces.body_nodes(model, self.end_of)])
 
     def _axes(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """Unit vectors along the slices (c, 3) and at the ends (e, 3)."""
         ends = self.pieces.axes(k.model, k.r)
         along = ends[:, 1] - ends[:, 0]
-        out = mixed(self.outward, k.r[self.pieces.body_nodes(k.model, self.end_of)])
+        out = mix_corners(self.outward, k.r[self.pieces.body_nodes(k.model, self.end_of)])
         return along / safe_norm(along)[:, None], out / safe_norm(out)[:, None]
 
     def _across(self, along: jax.Array, field: jax.Array) -> jax.Array:
@@ -71,9 +71,9 @@ class BodyWater(Effect):
 
     def prepare(self, k: Kinematics) -> Around:
         sea = k.model.sea
-        places = self.pieces.middles(k.model, k.r)
-        motion = sea.at(jnp.concatenate([places, self._ends(k.model, k.r)]), k.t)
-        count = places.shape[0]
+        positions = self.pieces.middles(k.model, k.r)
+        motion = sea.at(jnp.concatenate([positions, self._ends(k.model, k.r)]), k.t)
+        count = positions.shape[0]
         return Around(*(part[at] for at in (slice(None, count), slice(count, None)) for part in motion))
 
     def _under(self, k: Kinematics, out: jax.Array, level: jax.Array) -> jax.Array:
@@ -113,7 +113,7 @@ class BodyWater(Effect):
         return total + self._at_ends(model, push[:, None] * out)
 
     def _at_ends(self, model: ModelView, force: jax.Array) -> jax.Array:
-        return scattered(self.pieces.body_nodes(model, self.end_of), self.end, force, model.free_nodes)
+        return scatter_to_corners(self.pieces.body_nodes(model, self.end_of), self.end, force, model.free_nodes)
 
     def _cut(self, k: Kinematics, levels: tuple[jax.Array, jax.Array] | None = None) -> tuple[jax.Array, ...]:
         """Axes of slices and ends, wet volumes of pieces (p,) [m^3] and wet parts of ends (e,).
@@ -121,12 +121,12 @@ class BodyWater(Effect):
         Under the surface as it was frozen, or under `levels` over pieces and ends.
         """
 
-        def look() -> tuple[jax.Array, ...]:
+        def find_water() -> tuple[jax.Array, ...]:
             level, end_level = (k.prepared(self).level, k.prepared(self).end_level) if levels is None else levels
             along, out = self._axes(k)
             return along, out, self.pieces.wet(k.model, k.r, level), self._under(k, out, end_level)
 
-        return k.seen(self.name, look) if levels is None else look()
+        return k.compute_once(self.name, find_water) if levels is None else find_water()
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         density = k.model.sea.density
@@ -139,8 +139,8 @@ class BodyWater(Effect):
         return total + self._at_ends(k.model, (end_mass * dot(self._ends(k.model, a), out))[:, None] * out)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
-        sea, places = k.model.sea, self.pieces.middles(k.model, k.r)
-        levels = sea.elevation(places, k.t), sea.elevation(self._ends(k.model, k.r), k.t)
+        sea, positions = k.model.sea, self.pieces.middles(k.model, k.r)
+        levels = sea.elevation(positions, k.t), sea.elevation(self._ends(k.model, k.r), k.t)
         along, out, wet, under = self._cut(k, levels)
         across = self._across(along, self.pieces.middles(k.model, k.v))
         mass = sea.density * self.can * wet

@@ -13,7 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
 from dropper_jax.base.read import Plain
-from dropper_jax.effects.wetting import parts, wetted
+from dropper_jax.effects.wetting import parts, wet_share
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import LineSpec, SceneData
 
@@ -47,7 +47,7 @@ class Buoyancy(Effect):
         lift = sea.density * sea.gravity * k.line.volume
         up = jnp.zeros_like(k.r[:, 2])
         for part in parts(k):
-            wet = wetted(k, part, water.tangents, water.motion.elevation)
+            wet = wet_share(k, part, water.tangents, water.motion.elevation)
             up = up + part.collect(part.share * part.take(lift) * wet)
         return upright(up)
 

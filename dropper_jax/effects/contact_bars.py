@@ -37,7 +37,7 @@ class Bars:
 
     Attributes:
         reach: sums of radii (pieces,) [m].
-        spread: see `segments.nearest_places`, (pieces,) [m^2].
+        spread: see `segments.nearest_points`, (pieces,) [m^2].
     """
 
     @classmethod
@@ -64,14 +64,14 @@ class Bars:
 
     def axes(self, r: jax.Array) -> jax.Array:
         """Ends of both axes (pieces, 4, 3) [m] of pieces whose nodes are at r (pieces, m, 3)."""
-        p = self.moved(r)
+        p = self.mix_velocities(r)
         if self.offset is None:
             return p
         none = jnp.zeros((self.pairs, 4, 3), p.dtype)
         more = jnp.concatenate([jnp.zeros_like(self.offset), self.offset], axis=1)
         return p + jnp.concatenate([none, more])
 
-    def moved(self, v: jax.Array) -> jax.Array:
+    def mix_velocities(self, v: jax.Array) -> jax.Array:
         """The same of velocities."""
         if self.shares is None:
             return v
@@ -95,13 +95,13 @@ def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.nd
         own = [[graph.members[i] for i in group] for group in groups]
         points = [{end for member in members for end in (member.start, member.end)} for members in own]
         shared = points[0] & points[1]
-        kept = [_kept(graph, group, shared) for group in groups]
+        kept = [_links_except(graph, group, shared) for group in groups]
         found.append(np.stack([part.ravel() for part in np.meshgrid(*kept, indexing="ij")]))
     first, second = np.concatenate(found, axis=1)
     return first, second
 
 
-def _kept(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
+def _links_except(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
     """Links of a group of lines, but those that end in some points."""
     kept = []
     for i in group:
@@ -115,7 +115,7 @@ def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple
     """Links and the bars that they may touch; those that end in a buoy's point are left out."""
     found = [np.zeros((2, 0), int)]
     for bar, (group, owner) in enumerate(along):
-        links = _kept(graph, group, {-1 - owner} if owner < 0 else set())
+        links = _links_except(graph, group, {-1 - owner} if owner < 0 else set())
         found.append(np.stack([links, np.full_like(links, bar)]))
     links, bars = np.concatenate(found, axis=1)
     return links, bars

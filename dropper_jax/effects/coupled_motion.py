@@ -56,7 +56,9 @@ class CoupledMotion(Effect):
         return x0 - self.home[0] + moved
 
     @classmethod
-    def uniform(cls, points: tuple[str, ...], places: np.ndarray, velocities: np.ndarray, bent: bool) -> CoupledMotion:
+    def uniform(
+        cls, points: tuple[str, ...], positions: np.ndarray, velocities: np.ndarray, bent: bool
+    ) -> CoupledMotion:
         """Points that leave their places (c, 3) [m] at time 0 with velocities [m/s]; `bent` with accelerations."""
-        ends, rates = np.stack([places, places + velocities]), np.stack([velocities, velocities])
-        return cls(np.array(0.0), np.array(1.0), places, ends, rates, np.zeros_like(ends) if bent else None, points)
+        ends, rates = np.stack([positions, positions + velocities]), np.stack([velocities, velocities])
+        return cls(np.array(0.0), np.array(1.0), positions, ends, rates, np.zeros_like(ends) if bent else None, points)

@@ -54,14 +54,14 @@ class EndMotion(HeldMotion):
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
         if self.time is not None:
-            row = interpolated(t, self.time, self.displacement)
-            return row if self.ramp is None else self._ramped(t - self.time[0], row, self.displacement[0])
+            row = interpolate_quintic(t, self.time, self.displacement)
+            return row if self.ramp is None else self._apply_ramp(t - self.time[0], row, self.displacement[0])
         phase = 0.0 if self.phase is None else self.phase
         wave = jnp.sin(2 * jnp.pi * t / self.period + phase)
         motion = self.amplitude * wave
-        return motion if self.ramp is None else self._ramped(t, motion, jnp.zeros_like(motion))
+        return motion if self.ramp is None else self._apply_ramp(t, motion, jnp.zeros_like(motion))
 
-    def _ramped(self, since: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
+    def _apply_ramp(self, since: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
         u = jnp.clip(since / self.ramp, 0.0, 1.0)
         return first + (full - first) * (u**3 * (10 - 15 * u + 6 * u * u))
 
@@ -79,7 +79,7 @@ class EndMotion(HeldMotion):
         return ramp if self.time is None else jnp.concatenate([self.time, ramp])
 
 
-def interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
+def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
     """Quintic Hermite interpolation of rows (k, 3), twice differentiable; the end values are held outside the table."""
     t = jnp.clip(t, time[0], time[-1])
     slopes, bends = _derivatives(time, values)
@@ -88,13 +88,13 @@ def interpolated(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
     s = (t - time[i]) / width
     q = 1 - s
     # the three basis functions of the left row at s are, up to the sign of the slope's, those of the right row at 1 - s
-    place, slope, bend = (
+    position, slope, bend = (
         lambda s, q: q**3 * (1 + 3 * s + 6 * s * s),
         lambda s, q: q**3 * s * (1 + 3 * s),
         lambda s, q: 0.5 * q**3 * s * s,
     )
-    left = place(s, q) * values[i] + width * slope(s, q) * slopes[i] + width**2 * bend(s, q) * bends[i]
-    right = place(q, s) * values[i + 1] - width * slope(q, s) * slopes[i + 1] + width**2 * bend(q, s) * bends[i + 1]
+    left = position(s, q) * values[i] + width * slope(s, q) * slopes[i] + width**2 * bend(s, q) * bends[i]
+    right = position(q, s) * values[i + 1] - width * slope(q, s) * slopes[i + 1] + width**2 * bend(q, s) * bends[i + 1]
     return left + right
 
 

@@ -15,7 +15,7 @@ from dropper_jax.base.numerics import dot
 from dropper_jax.base.pairs import Pairs
 from dropper_jax.effects.contact_bars import Bars, Group, nodes_of_bars
 from dropper_jax.effects.rigid_bodies import tetrahedron
-from dropper_jax.effects.segments import nearest_places, pushed, relative_motion
+from dropper_jax.effects.segments import contact_force, nearest_points, relative_motion
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
@@ -144,33 +144,33 @@ class LinksInContact(LineContact):
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
         bars = Bars.of(self, k)
-        p, speed = bars.axes(r), bars.moved(v)
-        near = nearest_places(p, bars.reach, bars.spread)
-        _, push = pushed(near.distance, bars.reach, self.stiffness)
-        total = push[..., None] * near.apart
+        p, speed = bars.axes(r), bars.mix_velocities(v)
+        near = nearest_points(p, bars.reach, bars.spread)
+        _, push = contact_force(near.distance, bars.reach, self.stiffness)
+        total = push[..., None] * near.separation
         force = near.shares[..., None] * total[..., None, :]
         if k.h is not None:  # the middle of a step
-            force = force + self._mended(bars, p, k.h * speed, force)
-        return bars.spread_out(force + self._taken(near, push, speed))
+            force = force + self._correct_push(bars, p, k.h * speed, force)
+        return bars.spread_out(force + self._dissipative_force(near, push, speed))
 
-    def held(self, k: Kinematics) -> jax.Array:
+    def contact_energy(self, k: Kinematics) -> jax.Array:
         """Energy of what is pressed together, scalar [J]."""
         bars = Bars.of(self, k)
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
     def _energy(self, bars: Bars, p: jax.Array) -> jax.Array:
-        near = nearest_places(p, bars.reach, bars.spread)
-        return pushed(near.distance, bars.reach, self.stiffness)[0]
+        near = nearest_points(p, bars.reach, bars.spread)
+        return contact_force(near.distance, bars.reach, self.stiffness)[0]
 
-    def _mended(self, bars: Bars, p: jax.Array, way: jax.Array, force: jax.Array) -> jax.Array:
+    def _correct_push(self, bars: Bars, p: jax.Array, displacement: jax.Array, force: jax.Array) -> jax.Array:
         """What the push over a step lacks beside that in its middle, along the way (pieces, 4, 3) [N]."""
-        gained = self._energy(bars, p + 0.5 * way) - self._energy(bars, p - 0.5 * way)
-        lacking = gained + jnp.sum(force * way, axis=(-2, -1))
-        own = way - jnp.mean(way, axis=-2, keepdims=True)  # the push moves nothing as a whole
+        gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
+        lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
+        own = displacement - jnp.mean(displacement, axis=-2, keepdims=True)  # the push moves nothing as a whole
         size = jnp.sum(own**2, axis=(-2, -1)) + (STILL * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
-    def _taken(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
         """Damping and friction (pieces, 4, 3) [N]."""
         relative = jnp.sum(near.shares[..., None] * speed, axis=-2)
         unit = near.apart / jnp.sqrt(dot(near.apart, near.apart) + 1e-30)[..., None]
@@ -184,7 +184,7 @@ class LinksInContact(LineContact):
         bars, nodes = Bars.of(self, before), self.piece_nodes(before.model)
         start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
         way = relative_motion(start, end)
-        distance = nearest_places(start, bars.reach, bars.spread).distance
+        distance = nearest_points(start, bars.reach, bars.spread).distance
         return jnp.any((way > PACE * bars.reach) & (distance - way < bars.reach))
 
 
@@ -192,20 +192,20 @@ class LinksInContact(LineContact):
 class LinksPushed(LinksInContact):
     """Contact without damping and friction: conservative."""
 
-    def _taken(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
         return jnp.zeros((), speed.dtype)
 
     def potential(self, k: Kinematics) -> jax.Array:
-        return self.held(k)
+        return self.contact_energy(k)
 
 
-def _mixture(scene: SceneData, owner: int, places: np.ndarray) -> np.ndarray:
+def _mixture(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
     """Shares (2, 4) of places (2, 3) of a body in its corners; a buoy's, of as many nodes, hang on its point."""
     if owner < 0:
         return np.array([[1.0, 0.0, 0.0, 0.0]] * 2)
     body = scene.bodies[owner]
     corners = tetrahedron(body.mass, body.centre_of_mass, body.inertia_matrix)
-    return np.column_stack([places, np.ones(2)]) @ np.linalg.inv(np.column_stack([corners, np.ones(4)]))
+    return np.column_stack([positions, np.ones(2)]) @ np.linalg.inv(np.column_stack([corners, np.ones(4)]))
 
 
 def _lines_of(scene: SceneData) -> dict[str, Group]:

@@ -15,7 +15,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.effects.drag_velocity import drag_velocity
-from dropper_jax.effects.wetting import parts, split, wetted
+from dropper_jax.effects.wetting import parts, split, wet_share
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -99,7 +99,7 @@ class MorisonDrag(Effect):
             if self.shelter is not None:
                 flow = flow - part.at(water.current) * part.take((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
             across, along = split(flow, part.take(tangents))
-            wet = part.share * wetted(k, part, tangents, water.motion.elevation)
+            wet = part.share * wet_share(k, part, tangents, water.motion.elevation)
             normal = (wet * part.take(skin * self.cdn) * safe_norm(across))[:, None] * across
             axial = (wet * part.take(jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
             total = total + part.collect(normal + axial)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.cylinder import SOURCES, check_source
-from dropper_jax.effects.wetting import parts, split, wetted
+from dropper_jax.effects.wetting import parts, split, wet_share
 from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import SceneData
 
@@ -28,7 +28,7 @@ class _InertiaForce(Effect):
 
     def _wet_mass(self, k: Kinematics, part: Part) -> jax.Array:
         """Mass of the water that the wet rows of a part displace (rows, 1) [kg]."""
-        wet = wetted(k, part, k.water.tangents, k.water.motion.elevation)
+        wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
         return (part.share * part.take(k.model.sea.density * k.line.volume) * wet)[:, None]
 
     def force(self, k: Kinematics) -> jax.Array:
@@ -143,8 +143,8 @@ class MorisonInertia(_InertiaForce):
             start, mean, end = (part.take(d) for d in (middle - turn, middle, middle + turn))
             momentum = end * dot(end, after) - start * dot(start, before)
             total = total + mass * (can * a + (cat - can) * momentum / h)
-            pull = 0.5 * mass * (cat - can) * (before * dot(mean, after) + after * dot(mean, before))
-            total = total + k.model.gather(part.spread(pull, k.line.links) / length)
+            force = 0.5 * mass * (cat - can) * (before * dot(mean, after) + after * dot(mean, before))
+            total = total + k.model.gather(part.spread(force, k.line.links) / length)
         return total
 
     def kinetic(self, k: Kinematics) -> jax.Array:
@@ -153,7 +153,7 @@ class MorisonInertia(_InertiaForce):
         elevation = sea.elevation(k.r, k.t)
         total = jnp.zeros((), k.r.dtype)
         for part in parts(k):
-            wet = wetted(k, part, k.tangents, elevation)
+            wet = wet_share(k, part, k.tangents, elevation)
             mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
             can, cat = self._coefficients(part)
             v = part.at(k.v)

@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.place import place
+from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -81,4 +81,4 @@ class NodalForce(Effect):
     def force(self, k: Kinematics) -> jax.Array:
         index = np.array(self.nodes) - 1
         movable = index < k.free  # a force on a held node moves nothing
-        return place(index[movable], self.factor(k.t) * self.force_n[np.flatnonzero(movable)], k.free)
+        return scatter_add(index[movable], self.factor(k.t) * self.force_n[np.flatnonzero(movable)], k.free)

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.place import place
+from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import SceneData
 
@@ -54,12 +54,12 @@ class PointBodies(Effect):
         return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + SMALLEST**3), SMALLEST)
 
     def point_mass(self, model: ModelView) -> jax.Array:
-        return place(self.nodes(model), self.mass, model.free_nodes)
+        return scatter_add(self.nodes(model), self.mass, model.free_nodes)
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]: of the sphere of the volume."""
         area = 0.25 * jnp.pi * self._diameter() ** 2
-        return place(self.nodes(model), area, model.free_nodes)
+        return scatter_add(self.nodes(model), area, model.free_nodes)
 
     def _wet_mass(self, k: Kinematics) -> jax.Array:
         """Mass of the displaced water (bodies,) [kg]."""
@@ -80,7 +80,7 @@ class PointBodies(Effect):
             drag = 0.5 * k.model.sea.density * self.drag_area * share * safe_norm(u)
             total = total - (displaced * k.model.sea.gravity)[:, None] * down + drag[:, None] * u
             total = total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
-        return place(nodes, total, k.free)
+        return scatter_add(nodes, total, k.free)
 
 
 @component
@@ -91,7 +91,7 @@ class WetPointBodies(PointBodies):
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
-        return place(nodes, (self.added_mass * self._wet_mass(k))[:, None] * a[nodes], k.free)
+        return scatter_add(nodes, (self.added_mass * self._wet_mass(k))[:, None] * a[nodes], k.free)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)

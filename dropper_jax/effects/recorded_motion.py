@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.effects.end_motion import interpolated
+from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.scene import SceneData
 
@@ -65,7 +65,7 @@ class RecordedMotion(Effect):
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from the scene's place at time t [s]."""
-        return interpolated(t, self.time, self.places[: self.time.shape[0]]) - self.home[0]
+        return interpolate_quintic(t, self.time, self.places[: self.time.shape[0]]) - self.home[0]
 
     @property
     def kinks(self) -> jax.Array | None:

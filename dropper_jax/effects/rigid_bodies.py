@@ -12,8 +12,8 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import cross, dot, upright
-from dropper_jax.base.place import place
-from dropper_jax.model import Kinematics, ModelView, Tie
+from dropper_jax.base.scatter import scatter_add
+from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 
 #: Pairs of corners of a body, whose distances stay.
 FIRST, SECOND = np.triu_indices(4, 1)
@@ -27,7 +27,7 @@ MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @component
-class RigidBodies(Tie):
+class RigidBodies(HolonomicConstraint):
     """Bodies of `[[body]]` as four nodes each, the corners of a tetrahedron whose six edges keep their length.
 
     Every point s of a body (in its own axes) is a fixed mixture of its corners, `x = sum_i w_i(s) r_i` with
@@ -67,13 +67,13 @@ class RigidBodies(Tie):
     def seats(self, model: ModelView) -> np.ndarray:
         return model.geometry.point_node[np.array(self.points, int)]
 
-    def _own_shares(self) -> jax.Array:
+    def _seat_shares(self) -> jax.Array:
         """Shares of the seats in the corners of their own body (seats, 4)."""
         return shares(self.affine[np.array(self.owner, int)], self.seat)
 
     def seat_shares(self) -> jax.Array:
         one = np.eye(self.count)[np.array(self.owner, int)]
-        return (one[:, :, None] * self._own_shares()[:, None, :]).reshape(len(self.owner), -1)
+        return (one[:, :, None] * self._seat_shares()[:, None, :]).reshape(len(self.owner), -1)
 
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Reference points (bodies, 3) [m], and the bodies' axes (bodies, 3, 3), of places r (free nodes, 3).
@@ -86,17 +86,19 @@ class RigidBodies(Tie):
     def references(self, corners: jax.Array) -> jax.Array:
         return jnp.sum(self.affine[:, 3, :, None] * corners, axis=1)
 
-    def started(self, model: ModelView, r: jax.Array) -> jax.Array:
+    def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Velocities (free nodes, 3) [m/s] of the bodies' corners and seats at the start, at places r."""
         _, axes = self.pose(model, r)
 
-        def moved(body: np.ndarray, own: jax.Array) -> jax.Array:
-            turning = cross(self.spin[body], own - self.centre_of_mass[body])
+        def body_velocity(body: np.ndarray, local: jax.Array) -> jax.Array:
+            turning = cross(self.spin[body], local - self.centre_of_mass[body])
             return self.velocity[body] + jnp.einsum("bck,bk->bc", axes[body], turning)
 
-        corners = moved(np.repeat(np.arange(self.count), 4), self.corner.reshape(-1, 3))
-        found = place(self.body_nodes(model).ravel(), corners, model.free_nodes)
-        return found + place(self.seats(model), moved(np.array(self.owner, int), self.seat), model.free_nodes)
+        corners = body_velocity(np.repeat(np.arange(self.count), 4), self.corner.reshape(-1, 3))
+        found = scatter_add(self.body_nodes(model).ravel(), corners, model.free_nodes)
+        return found + scatter_add(
+            self.seats(model), body_velocity(np.array(self.owner, int), self.seat), model.free_nodes
+        )
 
     def lengths(self) -> jax.Array:
         """Edges (bodies, 6) [m]."""
@@ -114,7 +116,7 @@ class RigidBodies(Tie):
         gaps = [stretch.ravel()]
         if self.owner:
             own = corners[np.array(self.owner)]
-            gaps.append((r[self.seats(model)] - jnp.sum(self._own_shares()[..., None] * own, axis=1)).ravel())
+            gaps.append((r[self.seats(model)] - jnp.sum(self._seat_shares()[..., None] * own, axis=1)).ravel())
         if self.pinned:
             gaps.append((self.references(corners)[np.array(self.pinned)] - self.pin).ravel())
         return jnp.concatenate(gaps)
@@ -123,7 +125,7 @@ class RigidBodies(Tie):
         # nothing finer than rounding of places a kilometre away allows
         return self._per_row(GAP * jnp.maximum(jnp.max(self.lengths(), axis=1), 1.0))
 
-    def pull_size(self, model: ModelView) -> jax.Array:
+    def force_size(self, model: ModelView) -> jax.Array:
         return self._per_row(GRAVITY * self.mass)
 
     def _per_row(self, per_body: jax.Array) -> jax.Array:
@@ -142,37 +144,37 @@ class RigidBodies(Tie):
             products = products.at[:, j, i].set(value)
         trace = self.moments[:, 0] + self.moments[:, 1] + self.moments[:, 2]
         second = 0.5 * trace[:, None, None] * jnp.eye(3, dtype=trace.dtype) - products
-        place = jnp.concatenate([self.centre_of_mass, jnp.ones_like(self.mass)[:, None]], axis=1)
-        moments = self.mass[:, None, None] * place[:, :, None] * place[:, None, :]
+        homogeneous = jnp.concatenate([self.centre_of_mass, jnp.ones_like(self.mass)[:, None]], axis=1)
+        moments = self.mass[:, None, None] * homogeneous[:, :, None] * homogeneous[:, None, :]
         moments = moments + jnp.pad(second, ((0, 0), (0, 1), (0, 1)))
         total = jnp.einsum("bji,bjk,bkl->bil", self.affine, moments, self.affine)
         if not self.owner:
             return total
-        own = self._own_shares()
-        carried = self._carried()[:, None, None] * own[:, :, None] * own[:, None, :]
-        return total - place_rows(self.owner, carried, self.count)
+        own = self._seat_shares()
+        carried = self._carried_mass()[:, None, None] * own[:, :, None] * own[:, None, :]
+        return total - scatter_rows(self.owner, carried, self.count)
 
     def at_hand(self) -> RigidBodies:
         return replace(self, matrix=self.mass_matrix())
 
-    def _carried(self) -> jax.Array:
+    def _carried_mass(self) -> jax.Array:
         return CARRIED * self.mass[np.array(self.owner, int)]
 
     def point_mass(self, model: ModelView) -> jax.Array:
         own = jnp.diagonal(self.mass_matrix(), axis1=1, axis2=2).ravel()
-        found = place(self.body_nodes(model).ravel(), own, model.free_nodes)
-        return found + place(self.seats(model), self._carried(), model.free_nodes) if self.owner else found
+        found = scatter_add(self.body_nodes(model).ravel(), own, model.free_nodes)
+        return found + scatter_add(self.seats(model), self._carried_mass(), model.free_nodes) if self.owner else found
 
     def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
         corners = self.body_nodes(model)
         between = self.mass_matrix() * (1.0 - np.eye(4))
         force = jnp.sum(between[..., None] * a[corners][:, None, :, :], axis=2)
-        return place(corners.ravel(), force.reshape(-1, 3), model.free_nodes)
+        return scatter_add(corners.ravel(), force.reshape(-1, 3), model.free_nodes)
 
     def node_size(self, model: ModelView) -> jax.Array:
         size = MOVE * jnp.max(self.lengths(), axis=1)
-        found = place(self.body_nodes(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
-        return found + place(self.seats(model), size[np.array(self.owner, int)], model.free_nodes)
+        found = scatter_add(self.body_nodes(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
+        return found + scatter_add(self.seats(model), size[np.array(self.owner, int)], model.free_nodes)
 
     def _weights(self) -> jax.Array:
         """Weight on each corner (4 bodies,) [N]."""
@@ -180,7 +182,7 @@ class RigidBodies(Tie):
         return (self.gravity * self.mass[:, None] * own).ravel()
 
     def force(self, k: Kinematics) -> jax.Array:
-        return place(self.body_nodes(k.model).ravel(), upright(-self._weights()), k.free)
+        return scatter_add(self.body_nodes(k.model).ravel(), upright(-self._weights()), k.free)
 
     def potential(self, k: Kinematics) -> jax.Array:
         return jnp.sum(self._weights() * k.r[self.body_nodes(k.model).ravel(), 2])
@@ -191,9 +193,9 @@ def shares(affine: jax.Array, s: jax.Array) -> jax.Array:
     return jnp.sum(s[..., :, None] * affine[..., :3, :], axis=-2) + affine[..., 3, :]
 
 
-def place_rows(where: tuple[int, ...], values: jax.Array, size: int) -> jax.Array:
-    """`place` of values with further axes."""
-    flat = place(np.array(where), values.reshape(len(where), -1), size)
+def scatter_rows(where: tuple[int, ...], values: jax.Array, size: int) -> jax.Array:
+    """`scatter_add` of values with further axes."""
+    flat = scatter_add(np.array(where), values.reshape(len(where), -1), size)
     return flat.reshape(size, *values.shape[1:])
 
 

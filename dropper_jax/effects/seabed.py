@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot
-from dropper_jax.base.springs import REST, lag, mean_pull, never_more
+from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -67,7 +67,7 @@ class Seabed(Effect):
             values["depth"] = scene.sea.depth
         return cls(**values)
 
-    def bed(self, r: jax.Array, rounded: float = ROUNDED) -> jax.Array:
+    def bed_height(self, r: jax.Array, rounded: float = ROUNDED) -> jax.Array:
         """Height z of the bed (nodes,) [m] under places r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None:
             return -self.depth * jnp.ones_like(r[:, 2])
@@ -80,7 +80,10 @@ class Seabed(Effect):
         """Unit normals (nodes, 3) of the bed under places r (nodes, 3), or (3,) of a flat one."""
         if self.bed_x is None:
             return jnp.array([0.0, 0.0, 1.0], r.dtype)
-        x, y = (jax.jvp(self.bed, (r,), (jnp.broadcast_to(jnp.eye(3, dtype=r.dtype)[i], r.shape),))[1] for i in (0, 1))
+        x, y = (
+            jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(jnp.eye(3, dtype=r.dtype)[i], r.shape),))[1]
+            for i in (0, 1)
+        )
         n = jnp.stack([-x, -y, jnp.ones_like(x)], axis=-1)
         return n / jnp.sqrt(dot(n, n))[:, None]
 
@@ -100,7 +103,7 @@ class Seabed(Effect):
         area = k.line.node_share(k.line.diameter * k.line.length)
         area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
         n = self.upward(k.r)
-        deep, down = (self.bed(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n)
+        deep, down = (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n)
         if k.h is None:
             spring = self.stiffness * jnp.maximum(deep, 0.0)
             rate = down
@@ -108,7 +111,9 @@ class Seabed(Effect):
             before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
             pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(self), 0.0)
-            spring = jnp.maximum(self.stiffness * (mean_pull(before, after) + lag(*pressed, expected, REST)), 0.0)
+            spring = jnp.maximum(
+                self.stiffness * (mean_positive_part(before, after) + lag(*pressed, expected, REST)), 0.0
+            )
             rate = (pressed[1] - pressed[0]) / k.h
         return area * (spring + never_more(self.damping * rate, spring))
 

@@ -94,7 +94,7 @@ class SeabedFriction(Law):
         return 2
 
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
-        first, second = _bed(k).tangents(k.r)
+        first, second = _find_seabed(k).tangents(k.r)
         return z[:, :1] * first + z[:, 1:] * second
 
     def prepare(self, k: Kinematics) -> jax.Array | None:
@@ -103,12 +103,12 @@ class SeabedFriction(Law):
             return None
         speed = _size(_along_bed(k, k.v))
         if self.law == "moordyn":
-            return self.kinetic * self.damping * speed > self.static * _bed(k).normal(k)[:, None]
+            return self.kinetic * self.damping * speed > self.static * _find_seabed(k).normal(k)[:, None]
         return speed > AT_REST
 
     def _limit(self, k: Kinematics) -> jax.Array:
         """Largest friction (nodes, 1) [N]."""
-        normal = _bed(k).normal(k)[:, None]
+        normal = _find_seabed(k).normal(k)[:, None]
         if self.static is None:
             return self.kinetic * normal
         return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
@@ -120,16 +120,16 @@ class SeabedFriction(Law):
 
     def _creep(self, k: Kinematics) -> jax.Array:
         """Friction (nodes, 2) [N] of a law that grows with speed, before its limit."""
-        normal = _bed(k).normal(k)[:, None]
+        normal = _find_seabed(k).normal(k)[:, None]
         rate = self.damping if self.law == "moordyn" else normal / self.speed
         return -self.kinetic * rate * _along_bed(k, k.v)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
-        return z - _within(*self._trial(k, z, h), self._limit(k))
+        return z - _clip_to_limit(*self._trial(k, z, h), self._limit(k))
 
     def at(self, k: Kinematics) -> jax.Array:
         p = self._creep(k)
-        return _within(p, _size(p), self._limit(k))
+        return _clip_to_limit(p, _size(p), self._limit(k))
 
     def admissible(self, z: jax.Array) -> jax.Array:
         return z  # the bound is the contact force, which the step determines too
@@ -151,15 +151,15 @@ def _size(p: jax.Array) -> jax.Array:
     return jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
 
-def _within(p: jax.Array, size: jax.Array, limit: jax.Array) -> jax.Array:
+def _clip_to_limit(p: jax.Array, size: jax.Array, limit: jax.Array) -> jax.Array:
     """p, or its direction at the limit."""
     return jnp.where(size <= limit, p, limit * p / size)
 
 
-def _bed(k: Kinematics) -> Seabed:
+def _find_seabed(k: Kinematics) -> Seabed:
     return k.model.having(Seabed)[0]
 
 
 def _along_bed(k: Kinematics, v: jax.Array) -> jax.Array:
     """Components (nodes, 2) of vectors (nodes, 3) along the bed."""
-    return jnp.stack([dot(v, tangent) for tangent in _bed(k).tangents(k.r)], axis=-1)
+    return jnp.stack([dot(v, tangent) for tangent in _find_seabed(k).tangents(k.r)], axis=-1)

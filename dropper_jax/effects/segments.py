@@ -24,16 +24,16 @@ class Nearest(NamedTuple):
 
     Attributes:
         distance: (...,) [m].
-        apart: gradient of the distance by the place on the first axis (..., 3): a unit vector from the second.
+        separation: gradient of the distance by the place on the first axis (..., 3): a unit vector from the second.
         shares: what the ends of the axes have of the place on the first less that on the second (..., 4).
     """
 
     distance: jax.Array
-    apart: jax.Array
+    separation: jax.Array
     shares: jax.Array
 
 
-def nearest_places(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest:
+def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest:
     """The least of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
 
     Strictly convex in s and t, so that the places move continuously and the root of the least has the gradient of the
@@ -55,7 +55,7 @@ def nearest_places(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest
     return Nearest(distance, apart / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
 
 
-def pushed(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -> tuple[jax.Array, jax.Array]:
+def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Energy [J] and force [N] of bars pressed together: `V = k/2 p^2 R/d`, `N = k p (R/d) (1 + p/(2 d))`, p = R - d.
 
     A spring k at first touch; with d of at least `CORE` R the axes meet at 49 k R^2.

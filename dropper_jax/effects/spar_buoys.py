@@ -11,12 +11,12 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.place import place
+from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Sea
 
 #: Gauss-Legendre points and weights over the draught: three integrate what a wave does over 10 m to 1e-4.
-PLACES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0
+NODES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0
 #: Part of the height over which the buoy's ends enter and leave the water smoothly.
 EDGE = 0.02
 
@@ -71,11 +71,11 @@ class SparBuoys(Effect):
         return 0.25 * jnp.pi * self.diameter**2
 
     def point_mass(self, model: ModelView) -> jax.Array:
-        return place(self.nodes(model), self.mass, model.free_nodes)
+        return scatter_add(self.nodes(model), self.mass, model.free_nodes)
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]."""
-        return place(self.nodes(model), self.area, model.free_nodes)
+        return scatter_add(self.nodes(model), self.area, model.free_nodes)
 
     def draught(self, base: jax.Array, elevation: jax.Array) -> jax.Array:
         """Wet height (buoys,) [m], smooth at either end."""
@@ -87,12 +87,12 @@ class SparBuoys(Effect):
         sea = k.model.sea
         elevation = sea.elevation(r, k.t)
         wet = self.draught(base, elevation)
-        heights = base[:, None] + wet[:, None] * PLACES
-        places = jnp.stack(
+        heights = base[:, None] + wet[:, None] * NODES
+        positions = jnp.stack(
             [jnp.broadcast_to(r[:, :1], heights.shape), jnp.broadcast_to(r[:, 1:2], heights.shape), heights], axis=-1
         )
-        motion = sea.at(places.reshape(-1, 3), k.t)
-        return Around(elevation, motion.velocity.reshape(places.shape), motion.acceleration.reshape(places.shape))
+        motion = sea.at(positions.reshape(-1, 3), k.t)
+        return Around(elevation, motion.velocity.reshape(positions.shape), motion.acceleration.reshape(positions.shape))
 
     def force(self, k: Kinematics) -> jax.Array:
         nodes, sea, around = self.nodes(k.model), k.model.sea, k.prepared(self)
@@ -115,7 +115,7 @@ class SparBuoys(Effect):
         under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
         heave = 0.5 * sea.density * self.cdt * self.area * under * jnp.abs(base) * base
         total = jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1)
-        return place(nodes, total, k.free)
+        return scatter_add(nodes, total, k.free)
 
     def _end_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
         """Added mass along (buoys,) [kg]."""
@@ -124,7 +124,7 @@ class SparBuoys(Effect):
         under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
         return sea.density * self.cat * under * jnp.pi / 12.0 * self.diameter**3
 
-    def _added(self, sea: Sea, wet: jax.Array) -> jax.Array:
+    def _added_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
         """Added mass per direction (buoys, 3) [kg]."""
         across = sea.density * self.area * wet * self.can
         return jnp.stack([across, across, self._end_mass(sea, wet)], axis=-1)
@@ -132,12 +132,12 @@ class SparBuoys(Effect):
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
         wet = self.draught(k.r[nodes, 2] - self.attachment, k.prepared(self).elevation)
-        return place(nodes, self._added(k.model.sea, wet) * a[nodes], k.free)
+        return scatter_add(nodes, self._added_mass(k.model.sea, wet) * a[nodes], k.free)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
         wet = self.draught(k.r[nodes, 2] - self.attachment, k.model.sea.elevation(k.r[nodes], k.t))
-        return 0.5 * jnp.sum(dot(self._added(k.model.sea, wet) * k.v[nodes], k.v[nodes]))
+        return 0.5 * jnp.sum(dot(self._added_mass(k.model.sea, wet) * k.v[nodes], k.v[nodes]))
 
 
 def _between(s: jax.Array) -> jax.Array:

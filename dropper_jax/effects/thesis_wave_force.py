@@ -96,13 +96,13 @@ class RelativeThesisWaveForceWithAddedMass(RelativeThesisWaveForce):
 
     name: ClassVar[str] = "thesis_wave_force"
 
-    def _added(self, k: Kinematics) -> jax.Array:
+    def _added_mass(self, k: Kinematics) -> jax.Array:
         return (k.line.node_share(k.model.sea.density * k.line.volume) * self.c_a)[:, None]
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force (nodes, 3) [N] of the added mass."""
-        return self._added(k) * a
+        return self._added_mass(k) * a
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         """Kinetic energy of the added mass [J]."""
-        return 0.5 * jnp.sum(self._added(k) * k.v**2)
+        return 0.5 * jnp.sum(self._added_mass(k) * k.v**2)

@@ -80,8 +80,8 @@ class Torsion(Effect):
         rest = self.at_rest(model)
         return (rest if self.begins == "at_rest" else jnp.zeros_like(rest)), jnp.zeros_like(rest)
 
-    def entered(self, own: Twist) -> Torsion:
-        return replace(self, twist=own)
+    def entered(self, state: Twist) -> Torsion:
+        return replace(self, twist=state)
 
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Twist:
         phi, rate = self.twist
@@ -127,7 +127,7 @@ class CoupledTorsion(Torsion):
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
         return Where.of(after.model.geometry, self).twists * self.coupling * strain
 
-    def pull(self, model: ModelView) -> jax.Array:
+    def twist_tension(self, model: ModelView) -> jax.Array:
         """Tension (n,) [N] of the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
         where = Where.of(model.geometry, self)
@@ -136,7 +136,7 @@ class CoupledTorsion(Torsion):
     def force(self, k: Kinematics) -> jax.Array:
         if isinstance(k.model.geometry, Graph):
             return sum_of_pieces(self, k)
-        return k.model.gather(self.pull(k.model)[:, None] * k.tangents)
+        return k.model.gather(self.twist_tension(k.model)[:, None] * k.tangents)
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """Both nodes of every link."""
@@ -144,8 +144,8 @@ class CoupledTorsion(Torsion):
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
         link = r[:, 1] - r[:, 0]
-        pull = (self.pull(k.model) / jnp.sqrt(dot(link, link) + 1e-30))[:, None] * link
-        return jnp.stack([pull, -pull], axis=1)
+        force = (self.twist_tension(k.model) / jnp.sqrt(dot(link, link) + 1e-30))[:, None] * link
+        return jnp.stack([force, -force], axis=1)
 
 
 class Where:

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.effects.end_motion import interpolated
+from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.sea import Sea
 
 
-def displaced(motion: jax.Array, arm: jax.Array, heading: jax.Array) -> jax.Array:
+def rigid_displacement(motion: jax.Array, arm: jax.Array, heading: jax.Array) -> jax.Array:
     """Displacement (3,) [m] of a place `arm` (3,) on a vessel by its motion (6,): moves [m] and turns [rad].
 
     `x = d + R s - s` with `R = Rz(yaw) Ry(pitch) Rx(roll)`, all in the vessel's axes, then turned by its heading.
@@ -59,7 +59,9 @@ class VesselInWaves(Effect):
         phases = waves.phases(self.place[:1], self.place[1:2], t)[0]
         size = (waves.rise(t)[0] * waves.amplitude)[:, None]
         cos, sin = jnp.cos(phases)[:, None], jnp.sin(phases)[:, None]
-        return displaced(jnp.sum(size * (cos * self.real + sin * self.imaginary), axis=0), self.arm, self.heading)
+        return rigid_displacement(
+            jnp.sum(size * (cos * self.real + sin * self.imaginary), axis=0), self.arm, self.heading
+        )
 
 
 @component
@@ -83,4 +85,4 @@ class VesselByTable(Effect):
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
-        return displaced(interpolated(t, self.time, self.motion), self.arm, self.heading)
+        return rigid_displacement(interpolate_quintic(t, self.time, self.motion), self.arm, self.heading)

@@ -15,7 +15,7 @@ def parts(k: Kinematics) -> Iterator[Part]:
     return k.line.parts()
 
 
-def wetted(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
+def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
     """Wet part of each row (rows,), 0 to 1."""
     line = k.line
     height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))

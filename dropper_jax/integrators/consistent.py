@@ -31,19 +31,19 @@ class ProjectionProblem(StepProblem):
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model, self.h = k.model, jnp.ones((), k.r.dtype)
         self.k, self.added = k.over(BRIEF) if added else k, added
-        self.pull = k.links / k.line.length[:, None]
+        self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
         #: Rate of stretch per length that rigid links are to have, and impulses of others.
         self.aim = self.law = jnp.zeros((), k.r.dtype)
 
     def _inertia(self, x: jax.Array) -> jax.Array:
         if not self.added:
-            return self.model.own_inertia(x)
+            return self.model.nodal_inertia(x)
         return self.model.inertia(self.k, x) - self.model.inertia(self.k, jnp.zeros_like(x))
 
     def residual(self, u: Unknowns) -> Unknowns:
-        pull, rows = self.link_rows(self.link_vectors(u.x), u.y)
-        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), rows)
+        force, rows = self.link_rows(self.link_vectors(u.x), u.y)
+        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(force), rows)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         return self._inertia(x), ()
@@ -53,15 +53,15 @@ class ProjectionProblem(StepProblem):
         return self.model.rates(self.k.v + x, self.k.ends)
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        rows = jnp.sum(self.pull * d, axis=-1) - self.aim
-        return y[:, None] * self.pull, rows if self.rigid.all() else jnp.where(self.rigid, rows, self.law - y)
+        rows = jnp.sum(self.link_direction * d, axis=-1) - self.aim
+        return y[:, None] * self.link_direction, rows if self.rigid.all() else jnp.where(self.rigid, rows, self.law - y)
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         return node_blocks(self._inertia, self.k.free, u.x.dtype) if self.added else self.model.node_mass
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
-        free = jnp.asarray(~self.rigid, self.pull.dtype)
-        return CondensedParts(self.pull, (1.0 - free)[:, None] * self.pull, free)
+    def condensed_parts(self, u: Unknowns) -> CondensedParts:
+        free = jnp.asarray(~self.rigid, self.link_direction.dtype)
+        return CondensedParts(self.link_direction, (1.0 - free)[:, None] * self.link_direction, free)
 
 
 class InstantProblem(ProjectionProblem):
@@ -77,7 +77,7 @@ class InstantProblem(ProjectionProblem):
         self.aim = -jnp.sum(k.link_velocities**2, axis=-1) / line.length
         if not self.rigid.all():
             self.law = line.axial.tension(k.links, k.link_velocities, line.length)
-            self.pull = jnp.where(self.rigid[:, None], self.pull, k.tangents)
+            self.link_direction = jnp.where(self.rigid[:, None], self.link_direction, k.tangents)
 
     def _inertia(self, x: jax.Array) -> jax.Array:
         return self.model.inertia(self.k, x, self.moved)
@@ -100,7 +100,7 @@ def consistent(k: Kinematics, added: bool = False, aim: jax.Array | None = None)
     problem = ProjectionProblem(k, added and bool(k.model.having(AddedMass)))
     if aim is not None:
         problem.aim = aim
-    change, impulse, _ = _solved(problem)
+    change, impulse, _ = _solve_projection(problem)
     return k.v + change, impulse
 
 
@@ -111,11 +111,11 @@ def instant(k: Kinematics, end_acceleration: jax.Array | None = None) -> tuple[j
         k: prepared (`Model.instant`).
         end_acceleration: of moving ends, (held, 3) [m/s^2].
     """
-    a, tension, _ = _solved(InstantProblem(k, end_acceleration))
+    a, tension, _ = _solve_projection(InstantProblem(k, end_acceleration))
     return a, tension
 
 
-def _solved(problem: ProjectionProblem) -> Unknowns:
+def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     k, model = problem.k, problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
     coupled = k.line.compound or (problem.added and couples_inertia(model))
@@ -162,7 +162,7 @@ def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tupl
     return v, first + second
 
 
-def begun(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+def consistent_velocity(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     """Velocities (nodes, 3) [m/s] at the start of a run: with ends that move at once, those that links can have."""
     if model.line.axial.elastic:
         return v

@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial import LinkStart
-from dropper_jax.integrators.consistent import after_jump, begun, feeds_sawtooth, jumps, sawtooth_grows
+from dropper_jax.integrators.consistent import after_jump, consistent_velocity, feeds_sawtooth, jumps, sawtooth_grows
 from dropper_jax.integrators.holding import stop_held_joints, stop_held_nodes
-from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, booked, turning
+from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Forces, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks
 
 #: Share of a node's geometric stiffness kept in its condensed block. Measured on the lab dropper at 0.01 s: the
@@ -37,7 +37,7 @@ class EnergyMomentum(Implicit):
     condensable: ClassVar[bool] = True
     networkable: ClassVar[bool] = True
     takes_laws: ClassVar[bool] = True
-    takes_ties: ClassVar[bool] = True
+    takes_constraints: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
 
     @property
@@ -46,7 +46,7 @@ class EnergyMomentum(Implicit):
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that links between moving ends can have."""
-        return replace(s, v=begun(model, s.r, s.v, s.t)) if model.moving else s
+        return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
@@ -74,7 +74,7 @@ class MidpointProblem(StepProblem):
         self.end_acceleration = None
         if model.moving:
             ends1 = self.ends1
-            middle, moved = (1 - gamma) * ends0.places + gamma * ends1.places, ends1.places - ends0.places
+            middle, moved = (1 - gamma) * ends0.positions + gamma * ends1.positions, ends1.positions - ends0.positions
             self.ends = Ends(middle, moved / h)
             self.end_acceleration = (ends1.velocities - ends0.velocities) / h
             self.end_mean_velocity = 0.5 * (ends0.velocities + ends1.velocities)
@@ -108,15 +108,15 @@ class MidpointProblem(StepProblem):
     def residual(self, u: Unknowns) -> Unknowns:
         return self._rows(u, {})
 
-    def evaluated(self, u: Unknowns) -> tuple[Unknowns, Forces]:
+    def evaluate(self, u: Unknowns) -> tuple[Unknowns, Forces]:
         """The rows, and the forces (nodes, 3) [N] whose work is booked."""
         working = self.model.working_forces(self._middle(u.x)) if self.s.work.size else {}
         return self._rows(u, working), working
 
-    def _rows(self, u: Unknowns, known: Forces) -> Unknowns:
+    def _rows(self, u: Unknowns, working: Forces) -> Unknowns:
         model, line = self.model, self.model.line
         links1, middle = self._links1(u.x), self._middle(u.x)
-        force = self._local(u.x, middle, known) - model.pull(u.y, self._directions(links1))
+        force = self._local(u.x, middle, working) - model.tension_force(u.y, self._directions(links1))
         axial = line.axial.residual(self.start, links1, u.y, line.length, self.h)
         if not u.z:
             return Unknowns(force, axial)
@@ -127,14 +127,16 @@ class MidpointProblem(StepProblem):
         """Forces (nodes, 3) [N] of the unknowns of laws and ties, and the rows that determine them."""
         model = self.model
         pairs = tuple(zip(model.laws, z, strict=False))
-        ties = tuple(zip(model.ties, z[len(pairs) :], strict=True))
+        constraints = tuple(zip(model.constraints, z[len(pairs) :], strict=True))
         force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
         rows = tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
-        if not ties:
+        if not constraints:
             return force, rows
         middle, end = mid.r + (0.5 - self.gamma) * self.h * mid.v, mid.r + (1.0 - self.gamma) * self.h * mid.v
-        force = force + sum(tie.pull(model, middle, pull) for tie, pull in ties)
-        return force, rows + tuple(tie.gap(model, end) for tie, _ in ties)
+        force = force + sum(
+            constraint.constraint_force(model, middle, multipliers) for constraint, multipliers in constraints
+        )
+        return force, rows + tuple(constraint.gap(model, end) for constraint, _ in constraints)
 
     def instant(self, x: jax.Array) -> Kinematics:
         return self._middle(x)
@@ -165,23 +167,23 @@ class MidpointProblem(StepProblem):
         node = node_blocks(lambda x: self._local(u.x + x, self._middle(u.x + x)), model.free_nodes, u.x.dtype)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
+    def condensed_parts(self, u: Unknowns) -> CondensedParts:
         line, links1 = self.model.line, self._links1(u.x)
         gradient = line.axial.gradient(self.start, links1, u.y, line.length, self.h)
         return CondensedParts(self._directions(links1), gradient, line.axial.compliance(line.length, self.h))
 
-    def finish(self, u: Unknowns, seen: Forces | None = None) -> State:
+    def finish(self, u: Unknowns, evaluated: Forces | None = None) -> State:
         s, h = self.s, self.h
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
-        return self.ended(
+        return self.end_state(
             r=r1,
             v=v1,
             tension=u.y if impulse is None else u.y + impulse / h,
             acceleration=jax.lax.stop_gradient(u.x / (self.gamma * h**2)),
             law=jax.lax.stop_gradient(u.z),
-            work=lambda: self._work(u, stopped, struck, seen),
+            work=lambda: self._work(u, stopped, struck, evaluated),
         )
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
@@ -230,17 +232,19 @@ class MidpointProblem(StepProblem):
         fastest = jnp.max(jnp.sum(k.link_velocities**2, -1))
         return jnp.max((rate / k.line.length) ** 2) / jnp.maximum(fastest, jnp.finfo(v1.dtype).tiny)
 
-    def _work(self, u: Unknowns, stopped: Works, struck: Works, seen: Forces | None) -> jax.Array:
-        """Work (k,) [J] over the step, as `work_names` names it; `seen` are the forces whose work is booked."""
+    def _work(self, u: Unknowns, stopped: Works, struck: Works, evaluated: Forces | None) -> jax.Array:
+        """Work (k,) [J] over the step, as `work_names` names it; `evaluated` are the forces whose work is booked."""
         model, line, h = self.model, self.model.line, self.h
         k, links1 = self._middle(u.x), self._links1(u.x)
-        forces = model.working_forces(k) if seen is None else dict(seen)
+        forces = model.working_forces(k) if evaluated is None else dict(evaluated)
         for law, z in zip(model.laws, u.z, strict=False):  # multipliers of ties do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
         ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1), k).items()}
-        return booked(model, works, stopped, struck, turned, line.axial.works(self.start, links1, line.length, h), ends)
+        return book_works(
+            model, works, stopped, struck, turned, line.axial.works(self.start, links1, line.length, h), ends
+        )
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
         """What added mass gains by turning [J]: change of its kinetic energy less the work against its inertia.

@@ -64,7 +64,7 @@ class GeneralizedAlpha(Implicit):
         k = model.instant(s.r, s.v, s.t)
         line = model.line
         tension = line.axial.tension(k.links, k.link_velocities, line.length)
-        force = model.force(k) + model.pull(tension, k.tangents)
+        force = model.force(k) + model.tension_force(tension, k.tangents)
         a = accelerations(model, k, force, s.t)
         for law, z in zip(model.laws, s.law, strict=True):
             a = law.stop(k, a, z, jnp.ones((), a.dtype))  # what is held at rest does not accelerate
@@ -88,7 +88,7 @@ class GeneralizedAlphaProblem(StepProblem):
         self.links0 = model.links(s.r, self.ends0)
         at_f = model.ends(self.t_f)
         # held ends on the straight line between their places, as all nodes are, so that links are blends of links
-        before, after = self.ends0.places, self.ends1.places
+        before, after = self.ends0.positions, self.ends1.positions
         self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
         self.end_acceleration = model.end_acceleration(s.t + self.new_a * h) if model.moving else None
         zero = jnp.zeros_like(s.r)
@@ -149,17 +149,19 @@ class GeneralizedAlphaProblem(StepProblem):
         d, _ = self._links_at_f(links1)
         force, laws = self.node_rows(u.x, u.z)
         _, axial = self.link_rows(links1, u.y)
-        return Unknowns(force - self.model.pull(u.y, d / safe_norm(d)[:, None]), axial, laws)
+        return Unknowns(force - self.model.tension_force(u.y, d / safe_norm(d)[:, None]), axial, laws)
 
-    def finish(self, u: Unknowns, seen: Any = None) -> State:
+    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         s, h = self.s, self.h
         r1, v1, a1 = s.r + (h * s.v + u.x), self._velocity(u.x), self._acceleration(u.x)
-        v1, a1, stopped = self._held(u, r1, v1, a1)
-        return self.ended(
+        v1, a1, stopped = self._stop_held(u, r1, v1, a1)
+        return self.end_state(
             r=r1, v=v1, tension=u.y, acceleration=a1, law=u.z, work=lambda: h * self._powers(u, stopped / h)
         )
 
-    def _held(self, u: Unknowns, r1: jax.Array, v1: jax.Array, a1: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _stop_held(
+        self, u: Unknowns, r1: jax.Array, v1: jax.Array, a1: jax.Array
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
         """End velocities and accelerations with nodes that friction held at rest, and what stopping took [J].
 
         A law on the velocity at t_f holds a node by `v_f = 0`, which sends its velocity v0 to `-rho v0`.

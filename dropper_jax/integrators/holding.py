@@ -47,11 +47,11 @@ def stop_held_joints(
     held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
     some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
     # most steps hold no joint, and then none of this is run
-    stopped = partial(_stopped, model, held, z, after.with_velocity(after.v), h)
+    stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
     return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
-def _stopped(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _stop_nodes(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the price of a few operations
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
@@ -96,7 +96,7 @@ def _solve(
     return unravel(x), factor, over, aim
 
 
-def _bounded(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+def _bound_impulse(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     """The impulse nearest to p that keeps `h q + p`, friction's impulse over the whole step, within its bound."""
     return h * law.admissible(p / h + q) - h * q
 
@@ -107,7 +107,7 @@ def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     A joint taken for over its bound when it is not would have a row of zeros.
     """
     size = jnp.max(jnp.abs(p) + jnp.abs(h * q), axis=-1, keepdims=True)
-    return jnp.max(jnp.abs(p - _bounded(law, p, q, h)), axis=-1, keepdims=True) > 1e-9 * size
+    return jnp.max(jnp.abs(p - _bound_impulse(law, p, q, h)), axis=-1, keepdims=True) > 1e-9 * size
 
 
 def _rows(
@@ -121,7 +121,7 @@ def _rows(
     line = model.line
     scale = jnp.mean(line.mass * line.length**2)
     moved = after.with_velocity(after.v + u.x)
-    force = model.inertia(after, u.x) - model.pull(u.y, after.tangents)
+    force = model.inertia(after, u.x) - model.tension_force(u.y, after.tangents)
     for law, p in zip(model.laws, u.z, strict=True):
         force = force - law.law_force(after, p)
     along = u.y

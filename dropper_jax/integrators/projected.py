@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.integrators.reduced import jumped, moving, on_links
-from dropper_jax.model import Graph, Model, State, booked
+from dropper_jax.integrators.reduced import apply_jump, moving, on_links
+from dropper_jax.model import Graph, Model, State, book_works
 from dropper_jax.model.model import MOVING_ENDS
 from dropper_jax.residual import Explicit, point_masses_only
 
@@ -53,14 +53,14 @@ class ProjectedRungeKutta(Explicit):
             return "it runs single lines only; use energy_momentum, theta_midpoint"
         if model.line.failures is not None:
             return "it has no links that break; use energy_momentum"
-        if model.begun():
+        if model.initial_internal_state():
             return "it has no effects that change as the run goes on; use energy_momentum"
         if model.laws:
             return f"effect {model.laws[0].name!r} brings a set-valued law, which is not smooth; use energy_momentum"
         return point_masses_only(model)
 
     def begin(self, model: Model, s: State) -> State:
-        return replace(s, v=jumped(model, s.r, s.v, beside(s.t))[0])
+        return replace(s, v=apply_jump(model, s.r, s.v, time_just_after(s.t))[0])
 
     def advance(self, model: Model, s: State, h: jax.Array) -> State:
         """One step of a given length."""
@@ -74,7 +74,7 @@ class ProjectedRungeKutta(Explicit):
 
     def knot(self, model: Model, t: jax.Array, y: jax.Array, track: bool) -> Knot:
         """The knot of y at t, its rate that of the motion after t."""
-        return Knot(t, y, *_rate(model, beside(t), y, track))
+        return Knot(t, y, *_rate(model, time_just_after(t), y, track))
 
     def attempt(self, model: Model, knot: Knot, h: jax.Array, track: bool) -> tuple[Knot, jax.Array]:
         """The knot a step later, and estimates (k, 2, nodes, 3) of the error of places and velocities."""
@@ -83,10 +83,10 @@ class ProjectedRungeKutta(Explicit):
         for i, row in enumerate(self.a, start=1):
             table[i, : len(row)] = row
         rows, times = jnp.asarray(table, dtype), jnp.asarray(table.sum(axis=1), dtype)
-        low, high = beside(knot.t), beside(knot.t + h, -1.0)
+        low, high = time_just_after(knot.t), time_just_after(knot.t + h, -1.0)
 
         def stage(i: jax.Array, slopes: jax.Array) -> jax.Array:
-            y = knot.y + h * _mixed(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
+            y = knot.y + h * _combine_slopes(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
             # what jumps at either end of the step has jumped before it, or will after it
             rate, _ = _rate(model, jnp.clip(knot.t + times[i] * h, low, high), y, track)
             return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0)
@@ -95,7 +95,7 @@ class ProjectedRungeKutta(Explicit):
         # for every one (1.8 times as slow, and 20 s to compile).
         rest = jnp.zeros((stages - 1, *knot.y.shape), dtype)
         slopes = jax.lax.fori_loop(1, stages, stage, jnp.concatenate([knot.rate[None], rest]))
-        r, v, work = _parts(model, knot.y + h * _mixed(jnp.asarray(self.b, dtype), slopes))
+        r, v, work = _parts(model, knot.y + h * _combine_slopes(jnp.asarray(self.b, dtype), slopes))
         y = _flat(*on_links(model, r, v, high), work)
         rate, tension = _rate(model, high, y, track)
         size = 2 * r.size
@@ -105,7 +105,7 @@ class ProjectedRungeKutta(Explicit):
 
     def _guess(self, weights: tuple[float, ...], slopes: jax.Array, last: jax.Array) -> jax.Array:
         stages = len(self.b)
-        found = _mixed(jnp.asarray(weights[:stages], last.dtype), slopes)
+        found = _combine_slopes(jnp.asarray(weights[:stages], last.dtype), slopes)
         return found if len(weights) == stages else found + weights[stages] * last
 
     def estimate(self, errors: jax.Array, v: jax.Array, tolerance: jax.Array) -> jax.Array:
@@ -121,14 +121,16 @@ class ProjectedRungeKutta(Explicit):
         """The same instant after what jumps there has jumped; the impulse of held points is booked."""
         r, v, work = _parts(model, knot.y)
         if model.moving:
-            v, pull = jumped(model, r, v, beside(knot.t))
-            before, after = (model.ends(beside(knot.t, side)) for side in (-1.0, 1.0))
+            v, impulse = apply_jump(model, r, v, time_just_after(knot.t))
+            before, after = (model.ends(time_just_after(knot.t, side)) for side in (-1.0, 1.0))
             mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
-            work = work + booked(model, {MOVING_ENDS: model.end_powers(pull, mean)[MOVING_ENDS]}) if track else work
+            work = (
+                work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]}) if track else work
+            )
         return self.knot(model, knot.t, _flat(r, v, work), track)
 
 
-def beside(t: jax.Array, side: float = 1.0) -> jax.Array:
+def time_just_after(t: jax.Array, side: float = 1.0) -> jax.Array:
     """An instant just after t (before it, with side -1): where something jumps at t its value there is that side's."""
     return t + 8.0 * side * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
 
@@ -159,6 +161,6 @@ def _parts(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]
     return r.reshape(nodes, 3), v.reshape(nodes, 3), work
 
 
-def _mixed(weights: jax.Array, slopes: jax.Array) -> jax.Array:
+def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:
     """The sum of slopes (s, k) by their weights (s,), not as a product of matrices, which may call a library."""
     return jnp.sum(weights[:, None] * slopes, axis=0)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.numerics import inverse3
 from dropper_jax.base.tridiagonal import solve_tridiagonal
-from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, booked, turning
+from dropper_jax.model import AddedMass, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import node_blocks
 
 Rates = tuple[jax.Array, jax.Array, jax.Array]
@@ -21,9 +21,9 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     k = model.instant(r, v, t)
     tension = line.axial.tension(k.links, k.link_velocities, line.length)
     laws = {law.name: law.law_force(k, law.at(k)) for law in model.laws}
-    force = model.force(k) + model.pull(tension, k.tangents) + sum(laws.values())
+    force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
-    works = {name: jnp.sum(pull * v) for name, pull in laws.items()}
+    works = {name: jnp.sum(force * v) for name, force in laws.items()}
     power = powers(model, k, tension, a, works) if track else jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
@@ -50,7 +50,9 @@ def powers(model: Model, k: Kinematics, tension: jax.Array, a: jax.Array, laws: 
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
     turned = {turning(e): _turning(model, e, k, a) for e in model.having(AddedMass)}
     axial = line.axial.powers(k.links, k.link_velocities, tension, line.length)
-    return booked(model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends, k))
+    return book_works(
+        model, forces, laws or {}, turned, axial, model.end_powers(tension[:, None] * k.tangents, k.ends, k)
+    )
 
 
 def _turning(model: Model, effect: AddedMass, k: Kinematics, a: jax.Array) -> jax.Array:
@@ -68,6 +70,6 @@ def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
     tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
-    own = model.advanced(model.kinematics(s.r, s.v, s.t), k, tension, h) if s.own else s.own
+    own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h) if s.own else s.own
     after = {"r": r, "v": v, "tension": tension, "t": s.t + h, "acceleration": slope[1], "work": work, "own": own}
     return replace(s, angles=None, **after)

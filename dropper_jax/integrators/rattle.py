@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.base.tridiagonal import solve_tridiagonal
-from dropper_jax.model import Kinematics, Model, State, booked
+from dropper_jax.model import Kinematics, Model, State, book_works
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 
 
@@ -52,21 +52,21 @@ class RattleProblem(StepProblem):
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + 0.5 * self.h * self.s.acceleration, self.s.tension)
 
-    def _before(self, v: jax.Array) -> Kinematics:
+    def _start_kinematics(self, v: jax.Array) -> Kinematics:
         s = self.s
         return self.model.kinematics(s.r, v, s.t, self.ends0, prepared=self.prepared)
 
-    def _after(self, v: jax.Array) -> Kinematics:
+    def _end_kinematics(self, v: jax.Array) -> Kinematics:
         s, h = self.s, self.h
         return self.model.instant(s.r + h * v, v, s.t + h, self.ends1)
 
     def _local(self, v: jax.Array) -> jax.Array:
-        return (2 / self.h) * self.mass[:, None] * (v - self.s.v) - self.model.force(self._before(v))
+        return (2 / self.h) * self.mass[:, None] * (v - self.s.v) - self.model.force(self._start_kinematics(v))
 
     def residual(self, u: Unknowns) -> Unknowns:
         line = self.model.line
         links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
-        force = self._local(u.x) - self.model.pull(u.y, self.pull0)
+        force = self._local(u.x) - self.model.tension_force(u.y, self.pull0)
         return Unknowns(force, line.axial.at_rest(links1, u.y, line.length))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
@@ -74,22 +74,22 @@ class RattleProblem(StepProblem):
             return (2 / self.h) * self.mass
         return node_blocks(lambda x: self._local(u.x + x), self.model.free_nodes, u.x.dtype)
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
+    def condensed_parts(self, u: Unknowns) -> CondensedParts:
         line = self.model.line
         links1 = self.model.links(self.s.r + self.h * u.x, self.ends1)
         gradient = self.h * links1 / line.length[:, None]
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
-    def finish(self, u: Unknowns, seen: Any = None) -> State:
+    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         model, h = self.model, self.h
-        after = self._after(u.x)
+        after = self._end_kinematics(u.x)
         pull1 = after.links / model.line.length[:, None]
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
         mu = self._velocity_tensions(pull1, loose)
-        v1 = loose + 0.5 * h * model.pull(mu, pull1) / self.mass[:, None]
+        v1 = loose + 0.5 * h * model.tension_force(mu, pull1) / self.mass[:, None]
         # the next half step has the same nodal forces, and tensions that go on as these did
-        onward = 2 * (v1 - u.x) / h + model.pull(mu - u.y, pull1) / self.mass[:, None]
-        return self.ended(
+        onward = 2 * (v1 - u.x) / h + model.tension_force(mu - u.y, pull1) / self.mass[:, None]
+        return self.end_state(
             r=after.r,
             v=v1,
             tension=mu,
@@ -97,7 +97,7 @@ class RattleProblem(StepProblem):
             work=lambda: self._work(u, after, pull1, mu),
         )
 
-    def _velocity_tensions(self, pull: jax.Array, v: jax.Array) -> jax.Array:
+    def _velocity_tensions(self, direction: jax.Array, v: jax.Array) -> jax.Array:
         """mu such that `d1 . (rate of the links) = 0` after its half kick: a tridiagonal system, linear."""
         held = self.model.end_held
         rate = self.model.rates(v, self.ends1)
@@ -105,20 +105,20 @@ class RattleProblem(StepProblem):
         zero = jnp.zeros_like(light[:1])
         near = jnp.concatenate([zero, light]) if held else jnp.concatenate([zero, light[:-1]])
         far = jnp.concatenate([light, zero]) if held else light
-        diagonal = (near + far) * dot(pull, pull)
+        diagonal = (near + far) * dot(direction, direction)
         shared = light if held else light[:-1]
-        off = -shared * dot(pull[1:], pull[:-1])
-        rhs = dot(pull, rate)
+        off = -shared * dot(direction[1:], direction[:-1])
+        rhs = dot(direction, rate)
         lower, upper = jnp.concatenate([zero, off]), jnp.concatenate([off, zero])
         return solve_tridiagonal(lower, diagonal, upper, rhs)
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
         model, h = self.model, self.h
-        then, now = model.working_forces(self._before(u.x)), model.working_forces(after)
+        then, now = model.working_forces(self._start_kinematics(u.x)), model.working_forces(after)
         works = {name: 0.5 * h * jnp.sum((then[name] + now[name]) * u.x) for name in now}
         halves = ((u.y, self.pull0, self.ends0), (mu, pull1, self.ends1))
-        ends = [model.end_powers(y[:, None] * pull, rates) for y, pull, rates in halves]
-        return booked(model, works, *({name: 0.5 * h * power for name, power in half.items()} for half in ends))
+        ends = [model.end_powers(y[:, None] * direction, rates) for y, direction, rates in halves]
+        return book_works(model, works, *({name: 0.5 * h * power for name, power in half.items()} for half in ends))
 
     def unknown_size(self) -> jax.Array:
         return self.speed_size()

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.base.tridiagonal import cyclic_reduction
-from dropper_jax.model import Kinematics, Model, booked, work_names
+from dropper_jax.model import Kinematics, Model, book_works, work_names
 
 
 class Moving(NamedTuple):
@@ -38,9 +38,9 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
     ends = model.end_acceleration(t) if model.moving else None
     rate = k.link_velocities
     rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
-    tension = _solved(model, unit, inverse, rhs)
+    tension = _solve_multipliers(model, unit, inverse, rhs)
     power = _powers(model, k, tension[:, None] * unit) if track and work_names(model) else jnp.zeros(0, r.dtype)
-    return Moving(loose + model.pull(tension, unit) * inverse[:, None], tension, power)
+    return Moving(loose + model.tension_force(tension, unit) * inverse[:, None], tension, power)
 
 
 def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -48,24 +48,24 @@ def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[ja
     ends, length, inverse = model.ends(t), model.line.length, 1.0 / model.node_mass
     unit = model.links(r, ends) / length[:, None]
     gap = 0.5 * length * (dot(unit, unit) - 1.0)
-    r = r + model.pull(_solved(model, unit, inverse, gap), unit) * inverse[:, None]
-    return r, v + _stopped(model, r, v, t)[0]
+    r = r + model.tension_force(_solve_multipliers(model, unit, inverse, gap), unit) * inverse[:, None]
+    return r, v + _impact_change(model, r, v, t)[0]
 
 
-def jumped(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Velocities (nodes, 3) after held points have taken theirs of t, and the impulses in the links (n, 3) [N s]."""
-    change, impulse = _stopped(model, r, v, t)
+    change, impulse = _impact_change(model, r, v, t)
     return v + change, impulse
 
 
-def _stopped(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _impact_change(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     ends, inverse = model.ends(t), 1.0 / model.node_mass
     unit = model.links(r, ends) / model.line.length[:, None]
-    impulse = _solved(model, unit, inverse, dot(unit, model.rates(v, ends)))
-    return model.pull(impulse, unit) * inverse[:, None], impulse[:, None] * unit
+    impulse = _solve_multipliers(model, unit, inverse, dot(unit, model.rates(v, ends)))
+    return model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
 
 
-def _solved(model: Model, unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
+def _solve_multipliers(model: Model, unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
     """y of `(G M^-1 G') y = rhs`, the rows of G the vectors `unit` (n, 3); `inverse` are 1/m of the free nodes."""
     zero = jnp.zeros_like(inverse[:1])
     held = [zero] if model.end_held else []
@@ -76,6 +76,6 @@ def _solved(model: Model, unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -
     return cyclic_reduction(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), rhs)
 
 
-def _powers(model: Model, k: Kinematics, pull: jax.Array) -> jax.Array:
+def _powers(model: Model, k: Kinematics, force: jax.Array) -> jax.Array:
     forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
-    return booked(model, forces, model.end_powers(pull, k.ends, k))
+    return book_works(model, forces, model.end_powers(force, k.ends, k))

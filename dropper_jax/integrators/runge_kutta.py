@@ -28,12 +28,12 @@ class RungeKutta(Explicit):
         track = bool(s.work.size)
         slopes = [rates(model, s.r, s.v, s.t, track)[0]]
         for row in self.a:
-            dr, dv, _ = _weighted(row, slopes)
+            dr, dv, _ = _weigh_slopes(row, slopes)
             slopes.append(rates(model, s.r + h * dr, s.v + h * dv, s.t + sum(row) * h, track)[0])
-        return combine(model, s, h, _weighted(self.b, slopes))
+        return combine(model, s, h, _weigh_slopes(self.b, slopes))
 
 
-def _weighted(weights: tuple[float, ...], slopes: list[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:
+def _weigh_slopes(weights: tuple[float, ...], slopes: list[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:
     """The sum of slopes by their weights; what has none is left out."""
     used = [(weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight]
     kept = [weight for weight, _ in used]

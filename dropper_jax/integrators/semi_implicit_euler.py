@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.integrators.rates import combine, rates
-from dropper_jax.model import Model, State, booked
+from dropper_jax.model import Model, State, book_works
 from dropper_jax.residual import (
     CondensedParts,
     Explicit,
@@ -40,7 +40,7 @@ class SemiImplicitEuler(Implicit):
     iterations: ClassVar[int] = 4
     condensed_iterations: ClassVar[int] = 4
 
-    def suited(self, model: Model) -> Integrator:
+    def form_for(self, model: Model) -> Integrator:
         return ElasticSemiImplicitEuler() if model.line.axial.elastic else self
 
     def refuse(self, model: Model) -> str | None:
@@ -81,20 +81,20 @@ class SemiImplicitProblem(StepProblem):
 
     def residual(self, u: Unknowns) -> Unknowns:
         line, links1 = self.model.line, self._links1(u.x)
-        force = self.mass[:, None] * (u.x - self.s.v) / self.h - self.force0 - self.model.pull(u.y, self.pull0)
+        force = self.mass[:, None] * (u.x - self.s.v) / self.h - self.force0 - self.model.tension_force(u.y, self.pull0)
         return Unknowns(force, line.axial.at_rest(links1, u.y, line.length))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
         return self.mass / self.h
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
+    def condensed_parts(self, u: Unknowns) -> CondensedParts:
         line = self.model.line
         gradient = self.h * self._links1(u.x) / line.length[:, None]
         return CondensedParts(self.pull0, gradient, jnp.zeros_like(line.length))
 
-    def finish(self, u: Unknowns, seen: Any = None) -> State:
+    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         s, h = self.s, self.h
-        return self.ended(
+        return self.end_state(
             r=s.r + h * u.x,
             v=u.x,
             tension=u.y,
@@ -106,7 +106,7 @@ class SemiImplicitProblem(StepProblem):
         model, h = self.model, self.h
         works = {name: h * jnp.sum(force * u.x) for name, force in model.working_forces(self.before).items()}
         ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1, self.before)
-        return booked(model, works, {name: h * power for name, power in ends.items()})
+        return book_works(model, works, {name: h * power for name, power in ends.items()})
 
     def unknown_size(self) -> jax.Array:
         return self.speed_size()

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.model import Ends, Kinematics, Model, State, booked
+from dropper_jax.model import Ends, Kinematics, Model, State, book_works
 from dropper_jax.residual import GRAVITY_SCALE, Implicit, StepProblem, Unknowns, point_masses_only
 
 
@@ -123,7 +123,7 @@ class AnglesProblem(StepProblem):
         r, v, b = ends.start + self._sum(length * unit), self._sum(length * unit_rate), self._sum(length * bend)
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)
-        return Motion(k, r[-1], b, self.model.force(k) + self.model.pull(tension, unit))
+        return Motion(k, r[-1], b, self.model.force(k) + self.model.tension_force(tension, unit))
 
     def residual(self, u: Unknowns) -> Unknowns:
         model, s, h, gamma = self.model, self.s, self.h, self.gamma
@@ -156,9 +156,9 @@ class AnglesProblem(StepProblem):
         one = jnp.ones((), self.model.dtype)
         return Unknowns(jnp.stack([one, one, 1 / jnp.abs(self.h), 1 / jnp.abs(self.h)]), self._force()[:, 0])
 
-    def finish(self, u: Unknowns, seen: Any = None) -> State:
+    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
-        return self.ended(
+        return self.end_state(
             r=after.r,
             v=after.v,
             tension=u.y,
@@ -170,4 +170,6 @@ class AnglesProblem(StepProblem):
         model, gamma, h = self.model, self.gamma, self.h
         mean = gamma * after.v + (1 - gamma) * before.v
         then, now = model.working_forces(before), model.working_forces(after)
-        return booked(model, {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now})
+        return book_works(
+            model, {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
+        )

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
-from dropper_jax.model import Kinematics, Model, State, booked
+from dropper_jax.model import Kinematics, Model, State, book_works
 from dropper_jax.residual import CondensedParts, Implicit, StepProblem, Unknowns, node_blocks, point_masses_only
 
 
@@ -63,28 +63,28 @@ class ThetaProblem(StepProblem):
     def guess(self) -> Unknowns:
         return Unknowns(self.h * self.s.acceleration, self.s.tension)
 
-    def _after(self, x: jax.Array) -> Kinematics:
+    def _end_kinematics(self, x: jax.Array) -> Kinematics:
         s, h = self.s, self.h
         r1 = s.r + h * (s.v + self.gamma * x)
         return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
 
     def _local(self, x: jax.Array) -> jax.Array:
         old = self.mass * x / self.h - (1 - self.gamma) * self.force0
-        return old if self.gamma == 0.0 else old - self.gamma * self.model.force(self._after(x))
+        return old if self.gamma == 0.0 else old - self.gamma * self.model.force(self._end_kinematics(x))
 
     def _pull1(self, after: Kinematics) -> jax.Array:
         return after.links / self.model.line.length[:, None]
 
     def residual(self, u: Unknowns) -> Unknowns:
         model, line, gamma = self.model, self.model.line, self.gamma
-        after = self._after(u.x)
+        after = self._end_kinematics(u.x)
         force = self._local(u.x)
         if gamma == 0.0:
             rates = model.rates(after.v, self.ends1)
             speed = jnp.sum(self._pull1(after) * rates, axis=-1)
-            return Unknowns(force - model.pull(u.y, self.pull0), self.h * speed)
-        force = force - gamma * model.pull(u.y, self._pull1(after))
-        force = force - (1 - gamma) * model.pull(self.s.tension, self.pull0)
+            return Unknowns(force - model.tension_force(u.y, self.pull0), self.h * speed)
+        force = force - gamma * model.tension_force(u.y, self._pull1(after))
+        force = force - (1 - gamma) * model.tension_force(self.s.tension, self.pull0)
         return Unknowns(force, line.axial.at_rest(after.links, u.y, line.length))
 
     def node_matrix(self, u: Unknowns) -> jax.Array:
@@ -95,16 +95,16 @@ class ThetaProblem(StepProblem):
         geometric = 0.5 * gamma**2 * h * jnp.maximum(both, 0.0)
         return node + geometric[:, None, None] * jnp.eye(3, dtype=u.x.dtype)
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
+    def condensed_parts(self, u: Unknowns) -> CondensedParts:
         line, gamma, h = self.model.line, self.gamma, self.h
-        pull1 = self._pull1(self._after(u.x))
-        pull = self.pull0 if gamma == 0.0 else gamma * pull1
+        pull1 = self._pull1(self._end_kinematics(u.x))
+        force = self.pull0 if gamma == 0.0 else gamma * pull1
         gradient = h * pull1 if gamma == 0.0 else gamma * h * pull1
-        return CondensedParts(pull, gradient, jnp.zeros_like(line.length))
+        return CondensedParts(force, gradient, jnp.zeros_like(line.length))
 
-    def finish(self, u: Unknowns, seen: Any = None) -> State:
-        after = self._after(u.x)
-        return self.ended(
+    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+        after = self._end_kinematics(u.x)
+        return self.end_state(
             r=after.r,
             v=after.v,
             tension=u.y,
@@ -119,7 +119,7 @@ class ThetaProblem(StepProblem):
         then, now = model.working_forces(before), model.working_forces(after)
         works = {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
         ends = model.end_powers(u.y[:, None] * self._pull1(after), self.ends1, after)
-        return booked(model, works, {name: h * power for name, power in ends.items()})
+        return book_works(model, works, {name: h * power for name, power in ends.items()})
 
     def unknown_size(self) -> jax.Array:
         return self.speed_size()

@@ -37,9 +37,9 @@ def lanes(
         A function whose results have the members first, all of them mapped.
     """
 
-    told = Fallbacks() if fallbacks is None else fallbacks
+    recorded = Fallbacks() if fallbacks is None else fallbacks
 
-    def mapped(*args: Any) -> Tree:
+    def run_batch(*args: Any) -> Tree:
         axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
         values, tree = jax.tree.flatten(args)
         many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]
@@ -49,11 +49,11 @@ def lanes(
         program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
         inputs = [Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
         try:
-            done = Interpreter(members, told).run(program, inputs)
+            done = Interpreter(members, recorded).run(program, inputs)
         except Unreadable as error:
-            told.whole = str(error)
+            recorded.operation = str(error)
             return jax.vmap(f, in_axes)(*args)
         found = [jnp.moveaxis(spread(v, members), -1, 0) for v in done]
         return jax.tree.unflatten(jax.tree.structure(shape), found)
 
-    return mapped
+    return run_batch

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.extend import core
 
-from dropper_jax.lanes.members import CALLS, Atom, closed, scan_parts, which_branched, which_looped, which_scanned
+from dropper_jax.lanes.members import CALLS, Atom, close_jaxpr, scan_parts, which_branched, which_looped, which_scanned
 from dropper_jax.lanes.rules import ELEMENTWISE, STRUCTURAL, Value, lined_up, spread
 
 
@@ -22,22 +22,24 @@ class Fallbacks:
 
     Attributes:
         operations: names of those without a rule, each between two moves of the member axis.
-        whole: the operation, written otherwise by this JAX, because of which the whole function did.
+        operation: the operation, written otherwise by this JAX, because of which the whole function did.
     """
 
     operations: set[str] = field(default_factory=set)
-    whole: str | None = None
+    operation: str | None = None
 
     def join(self, other: Fallbacks) -> None:
         """Add what another function left to `vmap`."""
         self.operations |= other.operations
-        self.whole = self.whole or other.whole
+        self.operation = self.operation or other.operation
 
     def warnings(self) -> list[str]:
         """A line for the user where nothing is left of the gain."""
-        if self.whole is None:
+        if self.operation is None:
             return []
-        return [f"members run by vmap, several times slower: this JAX writes the operation {self.whole!r} in a new way"]
+        return [
+            f"members run by vmap, several times slower: this JAX writes the operation {self.operation!r} in a new way"
+        ]
 
 
 class Unreadable(Exception):
@@ -51,7 +53,7 @@ class Interpreter:
         self.members, self.fallbacks = members, fallbacks
         self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
 
-    def fitted(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
+    def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
         """Arrays with the member axis where `many` asks for it."""
         return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
 
@@ -79,7 +81,7 @@ class Interpreter:
     def operation(self, eqn: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
         name, p = eqn.primitive.name, eqn.params
         if name in CALLS:
-            return self.run(closed(p[CALLS[name]]), inputs)
+            return self.run(close_jaxpr(p[CALLS[name]]), inputs)
         if not any(v.many for v in inputs):
             return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
         if name in self.control:
@@ -99,51 +101,53 @@ class Interpreter:
     def _scan(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
         consts, carried = scan_parts(p)
         out = which_scanned(p, [v.many for v in inputs])
-        start = self.fitted(inputs[consts : consts + carried], out[:carried])
+        start = self.with_member_axis(inputs[consts : consts + carried], out[:carried])
         rows = inputs[consts + carried :]
 
         def body(carry: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
-            given = [*inputs[:consts], *valued(carry, out[:carried]), *valued(row, [v.many for v in rows])]
-            found = self.fitted(self.run(p["jaxpr"], given), out)
+            given = [*inputs[:consts], *as_values(carry, out[:carried]), *as_values(row, [v.many for v in rows])]
+            found = self.with_member_axis(self.run(p["jaxpr"], given), out)
             return found[:carried], found[carried:]
 
         options = {"length": p["length"], "reverse": p["reverse"], "unroll": p["unroll"]}
         end, saved = lax.scan(body, start, [v.array for v in rows], **options)
-        return valued([*end, *saved], out)
+        return as_values([*end, *saved], out)
 
     def _while(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
         tests, bodies = p["cond_nconsts"], p["body_nconsts"]
         many, disagree = which_looped(p, [v.many for v in inputs])
 
         def going(carry: list[Any]) -> jax.Array:
-            return self.run(p["cond_jaxpr"], [*inputs[:tests], *valued(carry, many)])[0].array
+            return self.run(p["cond_jaxpr"], [*inputs[:tests], *as_values(carry, many)])[0].array
 
         def body(carry: list[Any]) -> list[Any]:
-            given = [*inputs[tests : tests + bodies], *valued(carry, many)]
-            found = self.fitted(self.run(p["body_jaxpr"], given), many)
+            given = [*inputs[tests : tests + bodies], *as_values(carry, many)]
+            found = self.with_member_axis(self.run(p["body_jaxpr"], given), many)
             if not disagree:
                 return found
             on = going(carry)
             return [jnp.where(choice(on, old), new, old) for new, old in zip(found, carry, strict=True)]
 
-        start = self.fitted(inputs[tests + bodies :], many)
+        start = self.with_member_axis(inputs[tests + bodies :], many)
         end = lax.while_loop((lambda carry: jnp.any(going(carry))) if disagree else going, body, start)
-        return valued(end, many)
+        return as_values(end, many)
 
     def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
         index, given = inputs[0], inputs[1:]
         if index.many:  # members go different ways: all branches are run
-            found = [self.fitted(out, [True] * len(out)) for out in (self.run(b, given) for b in p["branches"])]
+            found = [
+                self.with_member_axis(out, [True] * len(out)) for out in (self.run(b, given) for b in p["branches"])
+            ]
             which = jnp.asarray(index.array, jnp.int32)
             chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
             return [Value(x, True) for x in chosen]
         many = which_branched(p, [v.many for v in given])
 
         def branch(program: core.ClosedJaxpr, arrays: list[Any]) -> list[Any]:
-            return self.fitted(self.run(program, valued(arrays, [v.many for v in given])), many)
+            return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
 
         branches = [partial(branch, b) for b in p["branches"]]
-        return valued(lax.switch(index.array, branches, [v.array for v in given]), many)
+        return as_values(lax.switch(index.array, branches, [v.array for v in given]), many)
 
 
 def choice(on: jax.Array, x: jax.Array) -> jax.Array:
@@ -151,7 +155,7 @@ def choice(on: jax.Array, x: jax.Array) -> jax.Array:
     return on.reshape(*on.shape[:-1], *(1,) * (x.ndim - on.ndim), on.shape[-1])
 
 
-def valued(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
+def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
     """Arrays, and which of them have the member axis."""
     return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
 

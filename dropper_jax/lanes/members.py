@@ -21,7 +21,7 @@ CALLS = {
 }
 
 
-def closed(program: core.Jaxpr | core.ClosedJaxpr) -> core.ClosedJaxpr:
+def close_jaxpr(program: core.Jaxpr | core.ClosedJaxpr) -> core.ClosedJaxpr:
     """The function of a call, with its constants."""
     return program if hasattr(program, "consts") else core.ClosedJaxpr(program, ())
 
@@ -43,7 +43,7 @@ def _which_of(eqn: core.JaxprEqn, many: list[bool]) -> list[bool]:
     if not any(many):
         return [False] * len(eqn.outvars)
     if name in CALLS:
-        return _which(closed(p[CALLS[name]]), many)
+        return _which(close_jaxpr(p[CALLS[name]]), many)
     if name == "scan":
         return which_scanned(p, many)
     if name == "while":

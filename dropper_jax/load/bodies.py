@@ -22,11 +22,11 @@ def attached_points(
     carriers = [(f"body.{i}", "free", body) for i, body in enumerate(bodies)]
     carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
     for path, kind, body in carriers:
-        for name, place in body.attachments.items():
+        for name, position in body.attachments.items():
             if name in taken:
                 raise refuse(f"{path}.attachments", name, "is used twice", "names of their own among points")
             taken.add(name)
-            found.append(PointSpec(name=name, position=body.world(place), kind=kind, on=body.name))
+            found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))
     return tuple(found)
 
 

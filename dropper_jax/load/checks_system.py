@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import refuse, shown
+from dropper_jax.base.read import refuse, short_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.surroundings import bed_height
 from dropper_jax.scene import BuoySpec, LineSpec, PointSpec, SceneData, point_named
@@ -30,7 +30,7 @@ def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> No
     for i, line in enumerate(lines):
         for key, name in (("from", line.start), ("to", line.end)):
             if name not in names:
-                raise SceneError(f"line.{i}.{key}: {shown(name)} is not a point; {nearest(name, names)}")
+                raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
     used = {name for line in lines for name in (line.start, line.end)}
     for i, name in enumerate(names):
         if name not in used and points[i].on is None:
@@ -127,13 +127,13 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> None:
 
     Nodes may lie as deep in the bed as the line is thick: a pose taken from a run is pressed in a little.
     """
-    places = np.array([point.position for point in scene.points])
-    bed = bed_height(scene, places)
+    positions = np.array([point.position for point in scene.points])
+    bed = bed_height(scene, positions)
     if bed is None:
         return
-    for i in np.flatnonzero(places[:, 2] < bed - ROUNDING):
+    for i in np.flatnonzero(positions[:, 2] < bed - ROUNDING):
         raise SceneError(
-            f"point.{i}.position: z = {places[i, 2]:g} m is below the bed; allowed: >= {bed[i]:g} m at its x and y"
+            f"point.{i}.position: z = {positions[i, 2]:g} m is below the bed; allowed: >= {bed[i]:g} m at its x and y"
         )
     if pose is None:
         return

@@ -47,7 +47,7 @@ def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
     """One line for each thing about the sea that a user should know; `sea` is what `make_sea` made."""
     if scene.sea is None:
         return ()
-    found = _reach(scene) + _sheltered(scene)
+    found = _reach(scene) + _check_shelter(scene)
     if sea.waves is not None:
         found += _breaking(scene, sea) + _repetition(scene, sea) + _slenderness(scene, sea) + _interpolation(sea)
     return tuple(found)
@@ -57,9 +57,11 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
     """A ball that the line cannot leave while its points stay: its middle (3,) [m] and radius [m]."""
     if scene.branched:
         carriers = (*scene.bodies, *scene.vessels)
-        places = np.array([item.position for item in (*scene.points, *carriers)])
-        middle = np.mean(places, axis=0)
-        return middle, float(np.max(np.linalg.norm(places - middle, axis=1)) + max(line.total for line in scene.lines))
+        positions = np.array([item.position for item in (*scene.points, *carriers)])
+        middle = np.mean(positions, axis=0)
+        return middle, float(
+            np.max(np.linalg.norm(positions - middle, axis=1)) + max(line.total for line in scene.lines)
+        )
     line = scene.lines[0]
     first, last = scene.point(line.start), scene.point(line.end)
     if last.kind == "fixed":
@@ -79,7 +81,7 @@ def _reach(scene: SceneData) -> list[str]:
     return [f"sea.depth: the line can reach down to z = {low:.4g} m, the bed is at {-depth:.4g} m and is not felt"]
 
 
-def _sheltered(scene: SceneData) -> list[str]:
+def _check_shelter(scene: SceneData) -> list[str]:
     """Factors that shelter lines from a current that comes from elsewhere: they do not turn with it."""
     factor = scene.effects.get("morison_drag", {}).get("shelter")
     current = scene.sea.current

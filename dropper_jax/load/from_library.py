@@ -19,9 +19,9 @@ def with_library(table: Mapping[str, Any]) -> dict[str, Any]:
     own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
     wanted = {}
     for i, line in enumerate(_tables(table.get("line"))):
-        places = [(f"line.{i}.type", line)]
-        places += [(f"line.{i}.sections.{k}.type", s) for k, s in enumerate(_tables(line.get("sections")))]
-        for path, item in places:
+        paths = [(f"line.{i}.type", line)]
+        paths += [(f"line.{i}.sections.{k}.type", s) for k, s in enumerate(_tables(line.get("sections")))]
+        for path, item in paths:
             name = item.get("type")
             if isinstance(name, str) and name.startswith(PREFIX) and name not in own:
                 wanted.setdefault(name, path)

@@ -61,7 +61,7 @@ def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:
     for i, point in ends:
         if np.linalg.norm(nodes[i] - point.position) > POSE_TOLERANCE * line.total:
             raise SceneError(
-                f"{path}: node {i} is at {_place(nodes[i])} m; allowed: {_place(point.position)} m, "
+                f"{path}: node {i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
                 f"where {point.name!r} holds it"
             )
     sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
@@ -71,5 +71,5 @@ def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> None:
         raise SceneError(f"{path}: link {j + 1} is {sizes[j]:.9g} m long; allowed: its length {line.length[j]:.9g} m")
 
 
-def _place(position: np.ndarray) -> str:
+def _point_text(position: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.9g}" for x in position) + ")"

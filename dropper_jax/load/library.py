@@ -248,7 +248,7 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
     Raises:
         SceneError: no such family (with the nearest), no size, or one outside of what its source covers.
     """
-    family, size = _named(name)
+    family, size = _split_name(name)
     kind = FAMILIES[family]
     if not kind.low <= size <= kind.high:
         raise SceneError(
@@ -259,7 +259,7 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
     return kind.section, {"name": PREFIX + name, **rounded}
 
 
-def _named(name: str) -> tuple[str, float]:
+def _split_name(name: str) -> tuple[str, float]:
     """Family and size of a name."""
     family, _, text = name.rpartition("-")
     if family not in FAMILIES:

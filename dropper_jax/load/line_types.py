@@ -194,7 +194,7 @@ def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
     return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1, MOST_LINKS))
 
 
-def _place(value: Plain) -> np.ndarray | None:
+def _read_position(value: Plain) -> np.ndarray | None:
     """A place (3,) [m]; None where it is none, which is refused as the point is read."""
     value = plain(value)
     good = isinstance(value, list) and len(value) == 3
@@ -231,12 +231,12 @@ def _split(
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point at one place"
             )
     known = [p for p in points if isinstance(p, Mapping) and isinstance(p.get("name"), str)]
-    places = {p["name"]: p.get("position") for p in known}
-    start, end = (_place(places.get(str(line.get(key)))) for key in ("from", "to"))
+    positions = {p["name"]: p.get("position") for p in known}
+    start, end = (_read_position(positions.get(str(line.get(key)))) for key in ("from", "to"))
     for at, name in stops:
-        if name not in places and start is not None and end is not None:
-            place = start + (end - start) * at / total
-            points.append({"name": name, "kind": "free", "position": place.tolist()})
+        if name not in positions and start is not None and end is not None:
+            position = start + (end - start) * at / total
+            points.append({"name": name, "kind": "free", "position": position.tolist()})
     names = [line.get("from"), *(name for _, name in stops), line.get("to")]
     cuts = [0.0, *(at for at, _ in stops), total]
     found = []

@@ -84,7 +84,7 @@ def _variant(table: dict[str, Any], note: str, **sections: Any) -> dict[str, Any
     return {**table, "description": f"{table['description']} {note}", **sections}
 
 
-def _undamped(table: dict[str, Any], file: str) -> dict[str, Any]:
+def _without_damping(table: dict[str, Any], file: str) -> dict[str, Any]:
     effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
     return _variant(table, "Without damping.", effects=effects)
 
@@ -121,7 +121,7 @@ def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
 
 #: Scenes made of packaged ones: what is appended to their names, which have it, and how the scene is changed.
 VARIANTS = {
-    "-undamped": (re.compile("dropper-release-.*"), _undamped),
+    "-undamped": (re.compile("dropper-release-.*"), _without_damping),
     "-ramp": (re.compile("dropper-release-[a-e]"), _ramp),
     "-relative": (re.compile("dropper-north-sea-thesis"), _relative),
     "-table-6": (re.compile("paper-case-.*"), _table_6),
@@ -157,15 +157,15 @@ def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
     Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia: `m_h (H^2/12 + (H/2 - z_G)^2) +
     m_b (z_G - z_b)^2` across, `m D^2/8` about the axis.
     """
-    places = {point["name"]: point["position"] for point in table["point"]}
-    bodies = [_body(buoy, places[buoy["point"]], centre) for buoy in table["buoy"]]
-    gone = {buoy["point"] for buoy in table["buoy"]}
+    positions = {point["name"]: point["position"] for point in table["point"]}
+    bodies = [_body(buoy, positions[buoy["point"]], centre) for buoy in table["buoy"]]
+    outcome = {buoy["point"] for buoy in table["buoy"]}
     note = (
         f" The spar pitches: a rigid body with its centre of gravity {centre:g} m above the base, which the paper does "
         "not give (assumed)."
     )
     rest = {key: value for key, value in table.items() if key != "buoy"}
-    points = [point for point in table["point"] if point["name"] not in gone]
+    points = [point for point in table["point"] if point["name"] not in outcome]
     return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
 
 

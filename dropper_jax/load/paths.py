@@ -65,16 +65,16 @@ def _body_keys(item: Mapping[str, Any]) -> list[str]:
     return found + [f"attachments.{name}" for name in item.get("attachments", {})]
 
 
-def put(table: dict[str, Any], path: str, value: Plain, known: Iterable[str] = ()) -> None:
+def set_value(table: dict[str, Any], path: str, value: Plain, candidates: Iterable[str] = ()) -> None:
     """Put a value at a path of plain values; numbers at the end of the path are entries of a list.
 
     Args:
-        known: further paths that the error line may name.
+        candidates: further paths that the error line may name.
 
     Raises:
         SceneError: there is no such path (with the nearest), or no such entry.
     """
-    parent, key = _place(table, path, known)
+    parent, key = _find_parent(table, path, candidates)
     parent[key] = value
 
 
@@ -84,35 +84,35 @@ def get(table: dict[str, Any], path: str) -> Plain:
     Raises:
         SceneError: there is no such path or entry, or nothing is given there.
     """
-    parent, key = _place(copy.deepcopy(table), path, ())
+    parent, key = _find_parent(copy.deepcopy(table), path, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
     return parent[key]
 
 
-def _place(table: dict[str, Any], path: str, known: Iterable[str]) -> tuple[Any, Any]:
+def _find_parent(table: dict[str, Any], path: str, candidates: Iterable[str]) -> tuple[Any, Any]:
     """What holds the value of a path, and its key in it; tables that are missing are made."""
     own = paths(table)
     field = next((p for p in sorted(own, key=len, reverse=True) if path == p or path.startswith(p + ".")), None)
     entries = [] if field is None else path[len(field) :].strip(".").split(".")
     entries = [] if entries == [""] else entries
     if field is None or not all(number.isdecimal() for number in entries):
-        raise SceneError(f"{path}: unknown path; {_hint(path, {*own, *known})}")
+        raise SceneError(f"{path}: unknown path; {_hint(path, {*own, *candidates})}")
     parent, key = _parent(table, field)
     for number in entries:
         parent, key, path = entry(parent.get(key) if isinstance(parent, dict) else parent[key], int(number), path)
     return parent, key
 
 
-def _hint(path: str, known: set[str]) -> str:
+def _hint(path: str, candidates: set[str]) -> str:
     """The nearest path, else those of the same section, else the sections."""
-    hint = nearest(path, known)
-    if not hint.startswith("known:") or len(known) <= SHOWN:
+    hint = nearest(path, candidates)
+    if not hint.startswith("known:") or len(candidates) <= SHOWN:
         return hint
     section = path.split(".")[0]
-    near = sorted(p for p in known if p.split(".")[0] == section)
+    near = sorted(p for p in candidates if p.split(".")[0] == section)
     if not near:
-        return f"known sections: {', '.join(sorted({p.split('.')[0] for p in known}))}"
+        return f"known sections: {', '.join(sorted({p.split('.')[0] for p in candidates}))}"
     return f"known: {', '.join(near[:SHOWN])}{', ...' if len(near) > SHOWN else ''}"
 
 

@@ -221,12 +221,12 @@ def sections() -> list[Section]:
 
 
 def _section(path: str, head: str, cls: type | None) -> Section:
-    keys = [] if cls is None else list(_declared(path, cls))
+    keys = [] if cls is None else list(_declared_keys(path, cls))
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
     if path == "line.*.axial":
         names = {key.name for key in BY_HAND[path]}
-        own = {key.name: key for law in LAWS.values() for key in _declared(path, law) if key.name not in names}
+        own = {key.name: key for law in LAWS.values() for key in _declared_keys(path, law) if key.name not in names}
         keys += own.values()
     if path == "point_type.*":
         keys = [key for key in keys if key.name != "position"]
@@ -234,7 +234,7 @@ def _section(path: str, head: str, cls: type | None) -> Section:
     return Section(path, head, _first(about), "" if cls is None else source_of(cls), (*keys, *BY_HAND.get(path, ())))
 
 
-def _declared(path: str, cls: type) -> Iterable[Key]:
+def _declared_keys(path: str, cls: type) -> Iterable[Key]:
     """Keys that a class declares."""
     names = getattr(cls, "KEYS", {}) or {}
     for field in dataclasses.fields(cls):
@@ -338,14 +338,14 @@ def schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a scene."""
     root: dict[str, Any] = {"type": "object", "properties": {}, "additionalProperties": False}
     for section in sections():
-        place = _place(root, section.path)
+        target = _section_object(root, section.path)
         for key in section.keys:
             if key.name == "*":
-                place["additionalProperties"] = dict(key.schema)
+                target["additionalProperties"] = dict(key.schema)
             else:
-                place["properties"][key.name] = {"description": _description(key), **key.schema}
+                target["properties"][key.name] = {"description": _description(key), **key.schema}
         if section.path == "point.*":
-            place["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
+            target["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
     root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
     root["properties"]["run"]["required"] = ["dt", "duration"]
     root["required"] = ["run"]
@@ -354,18 +354,18 @@ def schema() -> dict[str, Any]:
     return {**head, **root}
 
 
-def _place(root: dict[str, Any], path: str) -> dict[str, Any]:
+def _section_object(root: dict[str, Any], path: str) -> dict[str, Any]:
     """The object of a section, made where it is not there."""
-    place = root
+    parent = root
     words = path.split(".") if path else []
     for i, word in enumerate(words):
         if word == "*":
             continue
         listed = i + 1 < len(words) and words[i + 1] == "*" and word not in ("unit",)
         made = {"type": "object", "properties": {}, "additionalProperties": False}
-        inner = place["properties"].setdefault(word, {"type": "array", "items": made} if listed else made)
-        place = inner["items"] if listed else inner
-    return place
+        inner = parent["properties"].setdefault(word, {"type": "array", "items": made} if listed else made)
+        parent = inner["items"] if listed else inner
+    return parent
 
 
 def _description(key: Key) -> str:

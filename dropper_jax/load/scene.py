@@ -26,7 +26,7 @@ from dropper_jax.load.checks_water import check_water
 from dropper_jax.load.from_library import with_library, with_library_points
 from dropper_jax.load.given_pose import check_pose, closed_start, given_pose
 from dropper_jax.load.line_types import expand
-from dropper_jax.load.paths import get, put
+from dropper_jax.load.paths import get, set_value
 from dropper_jax.load.template import Template
 from dropper_jax.load.written import Written
 from dropper_jax.scene import (
@@ -94,7 +94,7 @@ class Scene(SceneData):
         given = with_library_points(read_table(table, "scene"))
         template = Template.of(given)
         if template is not None:
-            return dataclasses.replace(cls.from_dict(template.expanded(), name), template=template)
+            return dataclasses.replace(cls.from_dict(template.expand(), name), template=template)
         given = with_library(given)
         table = expand(given)
         check_keys(table, SECTIONS, "")
@@ -178,19 +178,19 @@ class Scene(SceneData):
         if "sea.packaged" in values:  # another sea takes the place of this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
         if self.written is not None:
-            return Scene.from_dict(self.written.changed(table, values))
+            return Scene.from_dict(self.written.with_changes(table, values))
         for path, value in values.items():
-            put(table, path, value)
+            set_value(table, path, value)
         return Scene.from_dict(table)
 
     def _from_template(self, values: Mapping[str, Any]) -> Scene:
         """The scene with values changed, parameters before all others, those of earlier changes too."""
-        template = self.template.changed(values)
+        template = self.template.with_changes(values)
         if template.table == self.template.table:
             changes = {path: value for path, value in values.items() if not path.startswith("parameters.")}
             scene = dataclasses.replace(self, template=None)
         else:
-            scene, changes = Scene.from_dict(template.expanded(), self.name), template.changes
+            scene, changes = Scene.from_dict(template.expand(), self.name), template.changes
         return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
 
     def value(self, path: str) -> Plain:
@@ -202,7 +202,7 @@ class Scene(SceneData):
         if self.template is not None and path.startswith("parameters."):
             return float(self.template.value(path.removeprefix("parameters.")))
         table = self.as_written()
-        found = None if self.written is None else self.written.locate(path, self.written.places(table))
+        found = None if self.written is None else self.written.locate(path, self.written.locate_values(table))
         if found is None:
             return get(self.to_dict(), path)
         parent, key = found

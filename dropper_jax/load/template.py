@@ -43,7 +43,7 @@ from dropper_jax.load.arithmetic import Number, evaluate
 from dropper_jax.load.floats import with_types
 
 #: Sections that only templates have.
-OWN = ("parameters", "unit", "array", "point_type")
+TEMPLATE_KEYS = ("parameters", "unit", "array", "point_type")
 #: Sections whose items may be repeated, and that units hold.
 REPEATED = ("point", "line", "buoy", "failure")
 UNIT = ("point", "line", "buoy")
@@ -108,10 +108,10 @@ class Template:
         """The template of a scene's plain values; None where it is a plain scene already."""
         lists = [table.get(section) for section in REPEATED]
         items = [item for items in lists if isinstance(items, list) for item in items if isinstance(item, Mapping)]
-        own = any(key in table for key in OWN) or any("repeat" in item or "float" in item for item in items)
+        own = any(key in table for key in TEMPLATE_KEYS) or any("repeat" in item or "float" in item for item in items)
         return cls(copy.deepcopy(dict(table))) if own else None
 
-    def changed(self, values: Mapping[str, Any]) -> Template:
+    def with_changes(self, values: Mapping[str, Any]) -> Template:
         """The template with some values changed by path, `parameters.NAME` among them.
 
         Raises:
@@ -147,14 +147,14 @@ class Template:
                 raise SceneError(f"parameters.{name}: is no name; allowed: letters, digits and _, no digit first")
         return parameters
 
-    def expanded(self) -> Table:
+    def expand(self) -> Table:
         """The plain scene."""
         names = Names(self._parameters())
         for name in names:  # all of them, used or not
             names[name]
-        types = filled(self.table.get("point_type", []), names, "point_type")
-        found = {key: value for key, value in self.table.items() if key not in (*OWN, *REPEATED)}
-        found = filled(found, names, "")
+        types = evaluate_values(self.table.get("point_type", []), names, "point_type")
+        found = {key: value for key, value in self.table.items() if key not in (*TEMPLATE_KEYS, *REPEATED)}
+        found = evaluate_values(found, names, "")
         for section in REPEATED:
             items = _items(self.table, section, names)
             if section in self.table or items:
@@ -172,22 +172,27 @@ class Template:
         kind = read_text(array.get("of"), f"{path}.of", units)
         unit = read_table(units[kind], f"unit.{kind}")
         check_keys(unit, UNIT, f"unit.{kind}")
-        for inner in _counted(array, path, names):
+        for inner in _repetitions(array, path, names):
             part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT}
             own = {item["name"] for item in part["point"]}
-            place = filled({key: array.get(key) for key in ("name", "origin", "heading", "shared")}, inner, path)
-            prefix = read_text(place["name"], f"{path}.name")
+            layout = evaluate_values(
+                {key: array.get(key) for key in ("name", "origin", "heading", "shared")}, inner, path
+            )
+            prefix = read_text(layout["name"], f"{path}.name")
             origin = [
                 read_number(x, f"{path}.origin.{i}", {"unit": "m"})
-                for i, x in enumerate(read_list(place["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers"))
+                for i, x in enumerate(read_list(layout["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers"))
             ]
-            heading = math.radians(read_number(place["heading"] or 0.0, f"{path}.heading", {"unit": "deg"}))
-            shared = read_table(place["shared"] or {}, f"{path}.shared")
+            heading = math.radians(read_number(layout["heading"] or 0.0, f"{path}.heading", {"unit": "deg"}))
+            shared = read_table(layout["shared"] or {}, f"{path}.shared")
             check_keys(shared, own, f"{path}.shared")
             called = lambda name: shared.get(name, f"{prefix}{name}" if name in own else name)  # noqa: B023, E731
             known = {item["name"] for item in found.setdefault("point", [])}
             for point in part["point"]:
-                point = point | {"name": called(point["name"]), "position": _moved(point, origin, heading, path)}
+                point = point | {
+                    "name": called(point["name"]),
+                    "position": _transform_point(point, origin, heading, path),
+                }
                 if point["name"] not in known:  # a shared point is where its first unit puts it
                     found["point"].append(point)
             for line in part["line"]:
@@ -200,7 +205,7 @@ class Template:
                 found.setdefault("buoy", []).append(buoy | names_of)
 
 
-def _moved(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:
+def _transform_point(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:
     where = f"{path}, point {point['name']}"
     x, y, z = (read_number(v, where, {}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
     cos, sin = math.cos(heading), math.sin(heading)
@@ -210,13 +215,15 @@ def _moved(point: Mapping[str, Any], origin: list[float], heading: float, path: 
 def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "") -> list[Any]:
     """Items of a section, those with `repeat` as often as it says."""
     path = f"{before}{section}"
-    found = filled(read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables"), names, path)
+    found = evaluate_values(
+        read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables"), names, path
+    )
     for i, item in enumerate(found if before else []):
         read_text(read_table(item, f"{path}.{i}").get("name"), f"{path}.{i}.name")
     return found
 
 
-def _counted(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names]:
+def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names]:
     """The names inside each repetition of an item; the first counter is the slowest."""
     if "repeat" not in item:
         return iter([names])
@@ -225,9 +232,9 @@ def _counted(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names
     for key, value in repeat.items():
         if not NAME.match(key) or key in names:
             raise SceneError(f"{path}.repeat.{key}: is no new name; allowed: letters, digits and _, no digit first")
-        ends = filled(value if isinstance(value, list) else [1, value], names, f"{path}.repeat.{key}")
+        ends = evaluate_values(value if isinstance(value, list) else [1, value], names, f"{path}.repeat.{key}")
         ends = read_list(ends, f"{path}.repeat.{key}", 2, "a count, or [first, last]")
-        first, last = (_whole(end, f"{path}.repeat.{key}") for end in ends)
+        first, last = (_read_integral(end, f"{path}.repeat.{key}") for end in ends)
         count *= max(last - first + 1, 0)
         if count > MOST:
             raise SceneError(f"{path}.repeat: makes more than {MOST} parts; allowed: at most {MOST}")
@@ -235,19 +242,19 @@ def _counted(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names
     return (names.with_counters(dict(zip(repeat, each, strict=True))) for each in itertools.product(*ranges))
 
 
-def _whole(value: Plain, path: str) -> int:
+def _read_integral(value: Plain, path: str) -> int:
     """A whole number, such as a float that an expression left."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return read_integer(value, path)
 
 
-def filled(value: Plain, names: Names, path: str) -> Plain:
+def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
     """Plain values with every expression in them worked out."""
     if isinstance(value, Mapping):
-        return {key: filled(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
+        return {key: evaluate_values(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
     if isinstance(value, list):
-        return [each for i, item in enumerate(value) for each in _repeated(item, names, f"{path}.{i}")]
+        return [each for i, item in enumerate(value) for each in _repeat_item(item, names, f"{path}.{i}")]
     if not isinstance(value, str):
         return value
     if value.lstrip().startswith("="):
@@ -257,12 +264,12 @@ def filled(value: Plain, names: Names, path: str) -> Plain:
     return BRACES.sub(lambda found: _text(evaluate(found[1], names, path)), value)
 
 
-def _repeated(item: Plain, names: Names, path: str) -> Iterator[Plain]:
+def _repeat_item(item: Plain, names: Names, path: str) -> Iterator[Plain]:
     """An item of a list, as often as its `repeat` says."""
     if not isinstance(item, Mapping) or "repeat" not in item:
-        return iter([filled(item, names, path)])
+        return iter([evaluate_values(item, names, path)])
     once = {key: value for key, value in item.items() if key != "repeat"}
-    return (filled(once, inner, path) for inner in _counted(item, path, names))
+    return (evaluate_values(once, inner, path) for inner in _repetitions(item, path, names))
 
 
 def _text(number: Number) -> str:

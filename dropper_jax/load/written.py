@@ -14,7 +14,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import field_keys, plain
 from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand
-from dropper_jax.load.paths import entry, put
+from dropper_jax.load.paths import entry, set_value
 from dropper_jax.scene import GrowthSpec
 
 #: Keys of a `[[line]]` that are expanded, and of the tables in its lists.
@@ -66,48 +66,48 @@ class Written:
         own = {"line_type": copy.deepcopy(self.line_type), "line": copy.deepcopy(self.line)}
         return {**expanded, **own, "point": points, "effects": effects}
 
-    def changed(self, expanded: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    def with_changes(self, expanded: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Plain values with some changed by path, as they are written; those of single links after the others.
 
         Args:
             expanded: plain values of the scene with one value per link.
         """
         table = self.table(expanded, keep_points=any(path.startswith("point.") for path in values))
-        places = self.places(table)
-        single = {path: value for path, value in values.items() if self._single(path, places)}
-        self._refuse_whole(single)
+        locations = self.locate_values(table)
+        single = {path: value for path, value in values.items() if self._single(path, locations)}
+        self._refuse_sections(single)
         for path, value in values.items():
-            found = self.locate(path, places)
+            found = self.locate(path, locations)
             if found is not None:
                 parent, key = found
                 parent[key] = value
             elif path not in single:
-                put(table, path, value, known=places)
+                set_value(table, path, value, candidates=locations)
         if not single:
             return table
         table = expand(table)
         for path, value in single.items():
-            put(table, path, value, known=places)
+            set_value(table, path, value, candidates=locations)
         return table
 
-    def _single(self, path: str, places: Mapping[str, Any]) -> bool:
+    def _single(self, path: str, locations: Mapping[str, Any]) -> bool:
         """Whether a path is one of single links: of a line, or an entry of a coefficient that types gave."""
         if path.startswith("line."):
-            return self.locate(path, places) is None
+            return self.locate(path, locations) is None
         return any(path.startswith(f"effects.{effect}.{key}.") for effect, key in self.taken)
 
     @staticmethod
-    def locate(path: str, places: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
+    def locate(path: str, locations: Mapping[str, tuple[Any, Any]]) -> tuple[Any, Any] | None:
         """What holds the written value of a path, or an entry of a written list, and its key; None for others."""
-        if path in places:
-            return places[path]
+        if path in locations:
+            return locations[path]
         stem, _, number = path.rpartition(".")
-        if stem not in places or not number.isdecimal():
+        if stem not in locations or not number.isdecimal():
             return None
-        parent, key = places[stem]
+        parent, key = locations[stem]
         return entry(parent[key], int(number), path)[:2] if isinstance(parent.get(key), list) else None
 
-    def _refuse_whole(self, single: Mapping[str, Any]) -> None:
+    def _refuse_sections(self, single: Mapping[str, Any]) -> None:
         """A line of sections has no length of its own: that of single links is not what a user means."""
         for i, line in enumerate(self.line):
             for key in ("type", "length", "links") if "sections" in line else ():
@@ -117,7 +117,7 @@ class Written:
                         raise SceneError(f"{path}: the line has sections; allowed: {stem}sections.0.{key} and so on")
 
     @staticmethod
-    def places(table: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    def locate_values(table: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
         """Where the values of types and lines stand in a written table, (parent, key) by path."""
         found: dict[str, tuple[Any, Any]] = {}
 

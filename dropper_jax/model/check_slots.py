@@ -18,9 +18,9 @@ from dropper_jax.model.slots import (
     AddedMass,
     ContactArea,
     Displacement,
+    ElementForce,
     Force,
-    Paced,
-    Pieces,
+    LimitsTimeStep,
     PointMass,
     Potential,
     Stateful,
@@ -53,13 +53,13 @@ def _words(one: jax.ShapeDtypeStruct) -> str:
 def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     free, links = model.free_nodes, model.geometry.links
     number, per_node, per_link, vectors = (_array(model, *shape) for shape in ((), (free,), (links,), (free, 3)))
-    own = jax.eval_shape(model.begun)
+    own = jax.eval_shape(model.initial_internal_state)
 
     def at(name: str, *more: jax.ShapeDtypeStruct) -> Any:
         """What a method of an instant returns."""
 
         def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, *rest: jax.Array) -> Any:
-            inside = model.entered(at_entry)
+            inside = model.with_internal_state(at_entry)
             return getattr(inside.effect(effect.name), name)(inside.instant(r, v, t), *rest)
 
         return jax.eval_shape(call, vectors, vectors, number, own, *more)
@@ -82,7 +82,7 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
         z = _array(model, effect.rows(model), effect.components)
         yield "law_force", at("law_force", z), vectors
         yield "law_residual", at("law_residual", z, number), z
-    if isinstance(effect, Pieces):
+    if isinstance(effect, ElementForce):
         nodes = effect.piece_nodes(model).shape
         yield "piece_force", at("piece_force", *[_array(model, *nodes, 3)] * 2), _array(model, *nodes, 3)
 
@@ -90,13 +90,13 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
         """What a method of a step's two ends returns."""
 
         def call(r: jax.Array, v: jax.Array, t: jax.Array, at_entry: Any, tension: jax.Array) -> Any:
-            inside = model.entered(at_entry)
+            inside = model.with_internal_state(at_entry)
             k, one = inside.instant(r, v, t), inside.effect(effect.name)
             return one.too_far(k, k) if name == "too_far" else one.advance(k, k, tension, t)
 
         return jax.eval_shape(call, vectors, vectors, number, own, per_link)
 
-    if isinstance(effect, Paced):
+    if isinstance(effect, LimitsTimeStep):
         yield "too_far", both("too_far"), jax.ShapeDtypeStruct((), jnp.bool_)
     if isinstance(effect, Stateful):
         yield "advance", both("advance"), own[effect.name]

@@ -37,7 +37,7 @@ class Effect:
     single_line: ClassVar[bool] = False
     #: Names of effects that it cannot do without.
     needs: ClassVar[tuple[str, ...]] = ()
-    #: Whether it acts on corners of rigid bodies, and on nothing else (see `Tie`).
+    #: Whether it acts on corners of rigid bodies, and on nothing else (see `HolonomicConstraint`).
     bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost with a link that parts (see `failure`).
     parts: ClassVar[bool] = False
@@ -164,7 +164,7 @@ class Law(Effect):
         raise NotImplementedError
 
 
-class Tie(Effect):
+class HolonomicConstraint(Effect):
     """Equality constraints between nodes, at most quadratic in their places, with one multiplier each.
 
     The gaps vanish at the end of every step; multipliers act along the gaps' gradient in its middle. Of quadratic gaps
@@ -198,7 +198,7 @@ class Tie(Effect):
         """Sizes of the gaps (rows,) [m]."""
         raise NotImplementedError
 
-    def pull_size(self, model: ModelView) -> jax.Array:
+    def force_size(self, model: ModelView) -> jax.Array:
         """Sizes of the multipliers (rows,) [N]."""
         raise NotImplementedError
 
@@ -214,13 +214,13 @@ class Tie(Effect):
         """Place of each seat as shares of all corners (seats, 4 bodies)."""
         raise NotImplementedError
 
-    def started(self, model: ModelView, r: jax.Array) -> jax.Array:
+    def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Velocities (free nodes, 3) [m/s] that bodies have at the start, at places r."""
         raise NotImplementedError
 
-    def pull(self, model: ModelView, r: jax.Array, z: jax.Array) -> jax.Array:
+    def constraint_force(self, model: ModelView, r: jax.Array, z: jax.Array) -> jax.Array:
         """Force (nodes, 3) [N] of multipliers z (rows,) at places r."""
-        return -jax.vjp(lambda place: self.gap(model, place), r)[1](z)[0]
+        return -jax.vjp(lambda position: self.gap(model, position), r)[1](z)[0]
 
 
 def per_node(value: jax.Array, nodes: int) -> jax.Array:

@@ -18,7 +18,7 @@ from dropper_jax.model.shares import Part
 class Ends(NamedTuple):
     """Held points, in the order of `Geometry.held_points`: places (held, 3) [m], velocities [m/s] (None: at rest)."""
 
-    places: jax.Array
+    positions: jax.Array
     velocities: jax.Array | None = None
 
     __getattr__ = old_attribute
@@ -26,12 +26,12 @@ class Ends(NamedTuple):
     @property
     def start(self) -> jax.Array:
         """Where a single line begins (3,) [m]."""
-        return self.places[0]
+        return self.positions[0]
 
     @property
     def end(self) -> jax.Array | None:
         """Where a single line ends (3,) [m]; None where that end is free."""
-        return self.places[1] if self.places.shape[0] > 1 else None
+        return self.positions[1] if self.positions.shape[0] > 1 else None
 
 
 class Member(NamedTuple):
@@ -48,7 +48,7 @@ class Member(NamedTuple):
     far: bool = False
 
 
-def named(line: str | int, names: Sequence[str]) -> int:
+def line_number(line: str | int, names: Sequence[str]) -> int:
     """The number of a line, by name or number."""
     if line in names:
         return names.index(line)
@@ -88,7 +88,7 @@ class Geometry(ABC):
         return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
 
     @cached_property
-    def before(self) -> np.ndarray:
+    def previous_links(self) -> np.ndarray:
         """The link before each node inside a line; the one after it is the next."""
         return np.concatenate([np.arange(s.start, s.stop - 1) for s in self.spans]).astype(int)
 
@@ -111,15 +111,15 @@ class Geometry(ABC):
         """Differences of a nodal field over the links (n, ...); held points without values count as zero."""
 
     @abstractmethod
-    def gather(self, pull: jax.Array) -> jax.Array:
+    def gather(self, link_force: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of what links pull (n, ...): + on their first node, - on their last."""
 
     @abstractmethod
-    def held_pull(self, pull: jax.Array) -> jax.Array:
+    def held_force(self, link_force: jax.Array) -> jax.Array:
         """The same on the held points (held, ...)."""
 
     @abstractmethod
-    def shared(self, value: jax.Array) -> jax.Array:
+    def share_to_nodes(self, value: jax.Array) -> jax.Array:
         """What links hold or carry (n,), on the free nodes (free,) that it goes to."""
 
     @abstractmethod
@@ -130,7 +130,7 @@ class Geometry(ABC):
     def link_length(self, length: jax.Array) -> jax.Array:
         """Length of the links at each free node (free,) [m]."""
 
-    def without(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
+    def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
         """Values of the held points, zero where None, beside a nodal field `like`."""
         return jnp.zeros((self.ends, *like.shape[1:]), like.dtype) if value is None else value
 
@@ -140,7 +140,7 @@ class Geometry(ABC):
         Raises:
             ValueError: no such line or node, or a node that is held.
         """
-        numbers = self.paths[named(line, [m.name for m in self.members])]
+        numbers = self.paths[line_number(line, [m.name for m in self.members])]
         if not 0 <= j < len(numbers):
             raise ValueError(f"node: {j} is not a node of line {line!r}; allowed: 0 to {len(numbers) - 1}")
         if not 0 <= numbers[j] < self.free:

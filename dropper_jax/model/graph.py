@@ -120,7 +120,7 @@ class Graph(Geometry):
 
     def everywhere(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         """A nodal field on all nodes; held points without values count as zero."""
-        return jnp.concatenate([free, self.without(held, free)])
+        return jnp.concatenate([free, self.values_or_zero(held, free)])
 
     def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
         return self.everywhere(free, held)[np.concatenate(self.paths)]
@@ -137,25 +137,25 @@ class Graph(Geometry):
 
     def from_first(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of what each link (n, ...) puts on its first node."""
-        inner = value[self.before + 1]
+        inner = value[self.previous_links + 1]
         return jnp.concatenate([inner, self._at_points(value, self.leaving)]) if len(self.free_points) else inner
 
     def from_last(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of what each link (n, ...) puts on its last node."""
-        inner = value[self.before]
+        inner = value[self.previous_links]
         return jnp.concatenate([inner, self._at_points(value, self.arriving)]) if len(self.free_points) else inner
 
-    def gather(self, pull: jax.Array) -> jax.Array:
-        return self.from_first(pull) - self.from_last(pull)
+    def gather(self, link_force: jax.Array) -> jax.Array:
+        return self.from_first(link_force) - self.from_last(link_force)
 
-    def held_pull(self, pull: jax.Array) -> jax.Array:
+    def held_force(self, link_force: jax.Array) -> jax.Array:
         rows = []
         for node in self.point_node[self.held_points]:
             leaving, arriving = np.flatnonzero(self.first == node), np.flatnonzero(self.last == node)
-            rows.append(jnp.sum(pull[leaving], axis=0) - jnp.sum(pull[arriving], axis=0))
-        return jnp.stack(rows) if rows else jnp.zeros((0, 3), pull.dtype)
+            rows.append(jnp.sum(link_force[leaving], axis=0) - jnp.sum(link_force[arriving], axis=0))
+        return jnp.stack(rows) if rows else jnp.zeros((0, 3), link_force.dtype)
 
-    def shared(self, value: jax.Array) -> jax.Array:
+    def share_to_nodes(self, value: jax.Array) -> jax.Array:
         return self.from_first(self.near_share * value) + self.from_last((1.0 - self.near_share) * value)
 
     def parts(self) -> tuple[Part, ...]:

@@ -52,7 +52,7 @@ class Kinematics:
     ) -> None:
         self.model, self.r, self.v, self.t, self.ends, self.h, self.before = model, r, v, t, ends, h, before
         self._prepared = prepared or {}
-        self._seen: dict[str, Any] = {}
+        self._computed: dict[str, Any] = {}
 
     @property
     def line(self) -> Line:
@@ -74,11 +74,11 @@ class Kinematics:
         """What the effect's `prepare` returned for this step."""
         return self._prepared[effect.name]
 
-    def seen(self, name: str, look: Callable[[], Any]) -> Any:
+    def compute_once(self, name: str, compute: Callable[[], Any]) -> Any:
         """What was computed at this instant under that name before, or is now: for effects with several slots."""
-        if name not in self._seen:
-            self._seen[name] = look()
-        return self._seen[name]
+        if name not in self._computed:
+            self._computed[name] = compute()
+        return self._computed[name]
 
     @property
     def water(self) -> Water:

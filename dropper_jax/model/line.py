@@ -76,7 +76,7 @@ class Line:
     def node_share(self, per_link: jax.Array) -> jax.Array:
         """What acts in the links' centres of mass, shared to the free nodes (free,)."""
         if not self.compound:
-            return self.geometry.shared(per_link)
+            return self.geometry.share_to_nodes(per_link)
         ratio = self.centre_of_mass / self.length
         return self._at_nodes(per_link * (1 - ratio), per_link * ratio)
 
@@ -88,7 +88,7 @@ class Line:
     def node_mass(self) -> jax.Array:
         """Diagonal of the mass matrix on the free nodes (free,) [kg]."""
         if not self.compound:
-            return self.geometry.shared(self.mass)
+            return self.geometry.share_to_nodes(self.mass)
         first, _, last = self.blocks()
         return self._at_nodes(first, last)
 
@@ -103,7 +103,7 @@ class Line:
     def inertia_force(self, a: jax.Array, ends: jax.Array | None) -> jax.Array:
         """M a on the free nodes (free, 3) of compound links, for accelerations of nodes and ends (None: 0)."""
         _, coupling, _ = self.blocks()
-        held, zero, free = self.geometry.without(ends, a), jnp.zeros_like(a[:1]), a.shape[0]
+        held, zero, free = self.geometry.values_or_zero(ends, a), jnp.zeros_like(a[:1]), a.shape[0]
         before = jnp.concatenate([held[:1], a[:-1]])
         after = jnp.concatenate([a[1:], held[1:] if held.shape[0] > 1 else zero])
         next_coupling = jnp.concatenate([coupling[1:], jnp.zeros_like(coupling[:1])])[:free]

@@ -12,7 +12,7 @@ from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
 from dropper_jax.base.renamed import old_attribute
-from dropper_jax.model.effect import Effect, Law, Tie
+from dropper_jax.model.effect import Effect, HolonomicConstraint, Law
 from dropper_jax.model.geometry import Ends, Geometry
 from dropper_jax.model.kinematics import Frozen, Kinematics
 from dropper_jax.model.line import Line, Point
@@ -20,8 +20,8 @@ from dropper_jax.model.slots import (
     AddedMass,
     CoupledMass,
     Displacement,
+    ElementForce,
     Force,
-    Pieces,
     PointMass,
     Potential,
     Prepared,
@@ -107,15 +107,15 @@ class Model:
         return max([inertia, *(e.reach for e in (*self.having(Force), *self.having(AddedMass)))])
 
     @property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> tuple[ElementForce, ...]:
         """Effects of a system of lines that couple nodes beside the tensions, piece by piece."""
-        return self.having(Pieces)
+        return self.having(ElementForce)
 
     @property
     def node_reach(self) -> int:
         """`reach` without those."""
         inertia = 1 if self.line.compound else 0
-        forces = (e for e in self.having(Force) if not isinstance(e, Pieces))
+        forces = (e for e in self.having(Force) if not isinstance(e, ElementForce))
         return max([inertia, *(e.reach for e in (*forces, *self.having(AddedMass)))])
 
     @property
@@ -124,14 +124,14 @@ class Model:
         return tuple(e for e in self.effects if isinstance(e, Law) and e.components)
 
     @property
-    def ties(self) -> tuple[Tie, ...]:
+    def constraints(self) -> tuple[HolonomicConstraint, ...]:
         """Equality constraints between nodes: rigid bodies."""
-        return tuple(e for e in self.effects if isinstance(e, Tie))
+        return tuple(e for e in self.effects if isinstance(e, HolonomicConstraint))
 
     def no_multipliers(self) -> tuple[jax.Array, ...]:
         """Zeros in the shape of the unknowns of laws and ties (`State.law`)."""
         laws = tuple(jnp.zeros((law.rows(self), law.components), self.dtype) for law in self.laws)
-        return laws + tuple(jnp.zeros(tie.rows(self), self.dtype) for tie in self.ties)
+        return laws + tuple(jnp.zeros(constraint.rows(self), self.dtype) for constraint in self.constraints)
 
     @property
     def dtype(self) -> jnp.dtype:
@@ -147,16 +147,16 @@ class Model:
         shifts = [e.displace(t, self.sea) if e.needs_sea else e.displace(t) for e in moving]
         return sum(shifts, point.position)
 
-    def _places(self, time: jax.Array) -> jax.Array:
+    def _held_positions(self, time: jax.Array) -> jax.Array:
         held = [self._position(int(i), time) for i in self.geometry.held_points]
         return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
 
     def ends(self, t: jax.Array) -> Ends:
         """Places and velocities of the held points at time t."""
         if not self.moving:
-            return Ends(self._places(t))
+            return Ends(self._held_positions(t))
         t = jnp.asarray(t, self.dtype)
-        return Ends(*jax.jvp(self._places, (t,), (jnp.ones_like(t),)))
+        return Ends(*jax.jvp(self._held_positions, (t,), (jnp.ones_like(t),)))
 
     def end_acceleration(self, t: jax.Array) -> jax.Array:
         """Accelerations (held, 3) [m/s^2] of moving ends at time t."""
@@ -173,7 +173,7 @@ class Model:
 
     def links(self, r: jax.Array, ends: Ends) -> jax.Array:
         """Link vectors (n, 3) [m]."""
-        return self.geometry.differences(r, ends.places)
+        return self.geometry.differences(r, ends.positions)
 
     def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
         """Rates of the link vectors (n, 3) [m/s]; without ends these rest."""
@@ -181,7 +181,7 @@ class Model:
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
         """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
-        held = self.geometry.without(ends.velocities, r) if rates else ends.places
+        held = self.geometry.values_or_zero(ends.velocities, r) if rates else ends.positions
         return self.geometry.nodes(r, held)
 
     def gather(self, pull: jax.Array) -> jax.Array:
@@ -205,7 +205,7 @@ class Model:
             return self.lump
         return sum((e.point_mass(self) for e in self.having(PointMass)), self.line.node_mass)
 
-    def lumped(self) -> Model:
+    def lump_mass(self) -> Model:
         """The same with `node_mass` at hand, and what couples nodes."""
         if not self.having(CoupledMass):
             return dataclasses.replace(self, lump=self.node_mass)
@@ -213,7 +213,7 @@ class Model:
         known = dataclasses.replace(self, effects=own)
         return dataclasses.replace(known, lump=known.node_mass)
 
-    def own_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
         own = self.line.inertia_force(a, ends) if self.line.compound else self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
@@ -224,17 +224,17 @@ class Model:
         With an instant k also into potentials that reach from node to node, as of lines that bend."""
         if not self.moving:
             return {}
-        power = -jnp.sum(self.geometry.held_pull(pull) * rates.velocities)
-        bent = tuple(e for e in self.having(Potential) if isinstance(e, Pieces))
+        power = -jnp.sum(self.geometry.held_force(pull) * rates.velocities)
+        bent = tuple(e for e in self.having(Potential) if isinstance(e, ElementForce))
         if k is None or not bent:
             return {MOVING_ENDS: power}
 
-        def stored(places: jax.Array) -> jax.Array:
-            return sum(e.potential(self.kinematics(k.r, k.v, k.t, Ends(places, rates.velocities))) for e in bent)
+        def stored_energy(positions: jax.Array) -> jax.Array:
+            return sum(e.potential(self.kinematics(k.r, k.v, k.t, Ends(positions, rates.velocities))) for e in bent)
 
-        return {MOVING_ENDS: power + jax.jvp(stored, (rates.places,), (rates.velocities,))[1]}
+        return {MOVING_ENDS: power + jax.jvp(stored_energy, (rates.positions,), (rates.velocities,))[1]}
 
-    def pull(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
+    def tension_force(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
         return self.gather(tension[:, None] * direction)
 
@@ -250,21 +250,23 @@ class Model:
 
     def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """Inertia force (nodes, 3) [N] of accelerations a, added mass included; `ends` (held, 3) are the ends' own."""
-        own = self.own_inertia(a, ends)
+        own = self.nodal_inertia(a, ends)
         return sum((e.inertia(k, a) for e in self.having(AddedMass)), own)
 
-    def entered(self, own: Mapping[str, Frozen]) -> Model:
+    def with_internal_state(self, internal: Mapping[str, Frozen]) -> Model:
         """The model whose effects have what is their own (`State.own`)."""
-        if not own:
+        if not internal:
             return self
-        effects = tuple(e.entered(own[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
+        effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
 
-    def begun(self) -> dict[str, Frozen]:
+    def initial_internal_state(self) -> dict[str, Frozen]:
         """What is effects' own at the beginning of a run, by effect."""
         return {e.name: e.begin(self) for e in self.having(Stateful)}
 
-    def advanced(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> dict[str, Frozen]:
+    def advance_internal_state(
+        self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
+    ) -> dict[str, Frozen]:
         """The same after a step (see `slots.Stateful`); of the model as it was during the step."""
         return {e.name: e.advance(before, after, tension, h) for e in self.having(Stateful)}
 
@@ -278,7 +280,7 @@ class Model:
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
         """Kinetic energy, scalar [J]; with held ends that move, of the links they carry too."""
-        own = 0.5 * jnp.sum(k.v * self.own_inertia(k.v))
+        own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v))
         if self.line.compound and self.moving:
             own = own + self._end_kinetic(k)
         return sum((e.kinetic(k) for e in self.having(AddedMass)), own)

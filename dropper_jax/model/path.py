@@ -24,11 +24,11 @@ def link_differences(free: jax.Array, held: jax.Array | None, ends: int) -> jax.
     return jnp.concatenate([free, held[1:]]) - jnp.concatenate([held[:1], free])
 
 
-def gather_links(pull: jax.Array, ends: int) -> jax.Array:
+def gather_links(link_force: jax.Array, ends: int) -> jax.Array:
     """Sum on the free nodes (nodes, ...) of what links pull (n, ...): + on their first node, - on their last."""
     if ends == 2:
-        return pull[1:] - pull[:-1]
-    return jnp.concatenate([pull[1:], jnp.zeros_like(pull[:1])]) - pull
+        return link_force[1:] - link_force[:-1]
+    return jnp.concatenate([link_force[1:], jnp.zeros_like(link_force[:1])]) - link_force
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ class Path(Geometry):
     def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         return link_differences(free, held, self.ends)
 
-    def gather(self, pull: jax.Array) -> jax.Array:
-        return gather_links(pull, self.ends)
+    def gather(self, link_force: jax.Array) -> jax.Array:
+        return gather_links(link_force, self.ends)
 
-    def held_pull(self, pull: jax.Array) -> jax.Array:
-        return jnp.stack([pull[0], -pull[-1]][: self.ends])
+    def held_force(self, link_force: jax.Array) -> jax.Array:
+        return jnp.stack([link_force[0], -link_force[-1]][: self.ends])
 
-    def shared(self, value: jax.Array) -> jax.Array:
+    def share_to_nodes(self, value: jax.Array) -> jax.Array:
         return value[: self.free]
 
     def parts(self) -> tuple[Part, ...]:

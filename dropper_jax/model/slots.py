@@ -32,7 +32,7 @@ class Potential(Force, Protocol):
 
 
 @runtime_checkable
-class Pieces(Force, Protocol):
+class ElementForce(Force, Protocol):
     """A force of pieces that act on a few nodes each, in systems of lines; their `force` is `sum_of_pieces`."""
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
@@ -46,7 +46,7 @@ class Pieces(Force, Protocol):
 
 
 @runtime_checkable
-class Paced(Protocol):
+class LimitsTimeStep(Protocol):
     """Something that a step may pass over, such as contact: steps that move too far are halved."""
 
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
@@ -90,7 +90,7 @@ class Stateful(Protocol):
     def begin(self, model: ModelView) -> Frozen:
         """`own` at the beginning of a run."""
 
-    def entered(self, own: Frozen) -> Stateful:
+    def entered(self, state: Frozen) -> Stateful:
         """The effect as it acts during a step."""
 
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Frozen:

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component
+from dropper_jax.model.broken_links import Parted, nothing_parted
 from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import Model
-from dropper_jax.model.parted import Parted, nothing_parted
 from dropper_jax.model.work import work_names
 
 
@@ -57,5 +57,5 @@ def state(
         law=model.no_multipliers(),
         work=jnp.zeros(len(work_names(model)), model.dtype),
         parted=nothing_parted(model),
-        own=model.begun(),
+        own=model.initial_internal_state(),
     )

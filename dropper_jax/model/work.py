@@ -38,7 +38,7 @@ def turning(effect: AddedMass) -> str:
     return f"{effect.name}_turning"
 
 
-def booked(model: Model, *tables: Works) -> jax.Array:
+def book_works(model: Model, *tables: Works) -> jax.Array:
     """Tables of work [J] (or power) as the array (k,) that `work_names` names; what no table names is zero.
 
     Raises:

@@ -36,7 +36,7 @@ SURFACE_POINTS = 80
 SUFFIXES = (".gif", ".mp4")
 
 
-@style.styled
+@style.with_style
 def animate(
     run: Run,
     path: str | Path,
@@ -164,7 +164,7 @@ class _Stage:
         self.canvas.draw()
         self.screen = self._project(positions, flat)
         self.flat = flat
-        self.held.set_data(*self._project(system.held_places(run, positions, positions[0]), flat).T)
+        self.held.set_data(*self._project(system.held_positions(run, positions, positions[0]), flat).T)
         self._surroundings(positions, limits, frames, flat)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
         self.palette = _palette(run)
@@ -172,7 +172,7 @@ class _Stage:
     def _movers(self, run: Run, flat: bool, speed: str) -> None:
         text, colour = style.how(run)
         norm = style.tension_norm(run.tension)
-        place = {"transform": self.axes.transData, "figure": self.figure}
+        options = {"transform": self.axes.transData, "figure": self.figure}
         self.links = LineCollection(
             [], cmap=style.tension_map(), norm=norm, linewidths=3.5 * style.bold(run), capstyle="round"
         )
@@ -188,7 +188,7 @@ class _Stage:
         bar = self.figure.add_axes((1 - 0.9 * inch, 0.2, 0.13 * inch, 0.6))
         style.tension_bar(self.figure, self.links, run.tension, cax=bar)
         for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
-            artist.set(**place)
+            artist.set(**options)
         self.figure.text(0.02, 0.955, style.heading(run, speed), fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
 
@@ -297,8 +297,8 @@ def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
     return axes
 
 
-def _nearest(known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Index of the sample of sorted times `known` nearest to each of `wanted`."""
-    after = np.searchsorted(known, wanted).clip(0, len(known) - 1)
+def _nearest(times: np.ndarray, requested: np.ndarray) -> np.ndarray:
+    """Index of the sample of sorted times `times` nearest to each of `requested`."""
+    after = np.searchsorted(times, requested).clip(0, len(times) - 1)
     before = (after - 1).clip(0)
-    return np.where(np.abs(known[before] - wanted) <= np.abs(known[after] - wanted), before, after)
+    return np.where(np.abs(times[before] - requested) <= np.abs(times[after] - requested), before, after)

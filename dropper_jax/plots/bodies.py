@@ -26,7 +26,7 @@ def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis:
         return
     look = {"facecolors": COLOUR, "edgecolors": style.DARK, "linewidths": 0.8}
     if flat:
-        outlines = bodies.outlines(index, lambda places: places[:, [axis, 2]])
+        outlines = bodies.outlines(index, lambda positions: positions[:, [axis, 2]])
         axes.add_collection(PolyCollection(outlines, zorder=2.5, **look), autolim=grow)
         return
     faces = [face for rings in bodies.rings(index) for face in _faces(rings)]
@@ -41,7 +41,7 @@ def _faces(rings: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-@style.styled
+@style.with_style
 def body_motion(run: Run, path: str | Path) -> Path:
     """Heave [m] and way from the start [m], roll and pitch [deg] of each body against time.
 

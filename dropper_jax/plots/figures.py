@@ -15,7 +15,7 @@ from dropper_jax.plots.units import force_unit
 ROUNDING = 1e-17
 
 
-@style.styled
+@style.with_style
 def energy_balance(run: Run, path: str | Path) -> Path:
     """Kinetic and potential energy (from its least), minus the work of each contribution, their sum, its drift [J].
 
@@ -45,7 +45,7 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     return style.save(figure, path)
 
 
-@style.styled
+@style.with_style
 def tension_traces(run: Run, path: str | Path) -> Path:
     """Tension [N or kN] of every link against time (a mean of the step where the scheme gives one)."""
     unit, size = force_unit(run.tension)

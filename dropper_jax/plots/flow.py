@@ -13,7 +13,7 @@ from dropper_jax.run.wakes import SceneWakes
 ALONG, ACROSS = 90, 160
 
 
-@style.look()
+@style.plot_style()
 def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
     wakes, e = found.wakes, found.wakes.elements

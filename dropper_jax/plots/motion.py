@@ -16,7 +16,7 @@ from dropper_jax.plots.run import Run
 DECADES, SHOWN = 4, 0.999
 
 
-@style.styled
+@style.with_style
 def angle_traces(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] of every link against time, positive below the horizontal; in space the azimuth too."""
     t, positions = run.t, run.positions
@@ -27,7 +27,7 @@ def angle_traces(run: Run, path: str | Path) -> Path:
     return panels.traces(run, path, "link angles", t, columns, moving.ANGLE, centred=True)
 
 
-@style.styled
+@style.with_style
 def phase_space(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] against its rate [rad/s], one panel per link that moves (at most twelve).
 
@@ -51,7 +51,7 @@ def phase_space(run: Run, path: str | Path) -> Path:
     )
 
 
-@style.styled
+@style.with_style
 def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     """Amplitude spectrum of each link's motion (Hann window), one panel per link that moves (at most twelve).
 

@@ -8,7 +8,7 @@ from dropper_jax.plots import view
 from dropper_jax.plots.run import Run
 
 #: Less than this is rounding: angles [rad]; tensions, parts of the largest; ways, parts of the scene's size.
-ANGLE, TENSION, WAY = 1e-7, 1e-6, 1e-7
+ANGLE, TENSION, TRAVEL = 1e-7, 1e-6, 1e-7
 
 
 def swing(run: Run) -> np.ndarray:
@@ -18,23 +18,23 @@ def swing(run: Run) -> np.ndarray:
     return np.ptp(links / np.where(length > 0, length, 1.0), axis=0).max(axis=-1)
 
 
-def way(run: Run) -> np.ndarray:
+def travel(run: Run) -> np.ndarray:
     """How far each node moves (nodes,) [m]: the longest side of the box around its path."""
     return np.ptp(run.positions, axis=0).max(axis=-1)
 
 
 def anything_moves(run: Run) -> bool:
     """Whether any node moves by more than rounding."""
-    return bool(way(run).max() > WAY * max(view.size(run.positions[:1]), 1e-300))
+    return bool(travel(run).max() > TRAVEL * max(view.size(run.positions[:1]), 1e-300))
 
 
 def chosen_links(run: Run, most: int) -> np.ndarray:
     """Links worth a panel each, at most `most`, in order: evenly of a single line, of many lines their liveliest."""
     size = swing(run)
     moving = np.flatnonzero(size > ANGLE)
-    if len(run.whole) == 1 or len(moving) <= most:
+    if len(run.written_lines) == 1 or len(moving) <= most:
         return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
-    best = [line.links.start + int(np.argmax(size[line.links])) for line in run.whole]
+    best = [line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines]
     best = [link for link in best if size[link] > ANGLE]
     return np.sort(np.array(sorted(best, key=lambda link: -size[link])[:most], dtype=int))
 

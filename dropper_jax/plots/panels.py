@@ -55,7 +55,7 @@ def _along(columns: Columns, run: Run) -> Figure:
     """Values that do not change, along the links; of several lines each under its name."""
     figure = style.new_figure(8.5, 0.9 + 2.4 * len(columns))
     for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
-        for line in run.whole:
+        for line in run.written_lines:
             link = 1 + np.arange(line.links.start, line.links.stop)
             axes.plot(link, values[-1, line.links], "-" if len(run.labels) > 60 else "-o", color=style.FIRST, ms=4)
         axes.set_ylabel(label)
@@ -64,12 +64,12 @@ def _along(columns: Columns, run: Run) -> Figure:
     return figure
 
 
-def _stack(t: np.ndarray, columns: Columns, run: Run, kept: np.ndarray) -> Figure:
+def _stack(t: np.ndarray, columns: Columns, run: Run, mask: np.ndarray) -> Figure:
     """A panel per link and quantity."""
-    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(kept)))
-    grid = figure.subplots(len(kept), len(columns), sharex=True, squeeze=False)
+    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(mask)))
+    grid = figure.subplots(len(mask), len(columns), sharex=True, squeeze=False)
     for column, (label, values) in enumerate(columns):
-        for link, axes in zip(kept, grid[:, column], strict=True):
+        for link, axes in zip(mask, grid[:, column], strict=True):
             axes.plot(t, values[:, link], color=style.CYCLE[column], lw=0.9, marker=style.marker(t), ms=4)
             style.widen(values[:, link], axes.set_ylim)
             axes.yaxis.set_major_locator(MaxNLocator(3))
@@ -105,14 +105,14 @@ def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
 def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
     """Numbers of the links; of several lines their names, each in the middle of its links, and edges between them."""
     axis = {"x": axes.xaxis, "y": axes.yaxis}[letter]
-    if len(run.whole) == 1:
+    if len(run.written_lines) == 1:
         axis.set_label_text("link")
         axis.set_major_locator(MaxNLocator(8, integer=True))
         return
     edge, colour = (axes.axhline, "white") if letter == "y" else (axes.axvline, "#E3E5E8")
-    for line in run.whole[1:]:
+    for line in run.written_lines[1:]:
         edge(line.links.start + 0.5, color=colour, lw=1.0)
-    shown = run.whole[:: math.ceil(len(run.whole) / MOST)]
+    shown = run.written_lines[:: math.ceil(len(run.written_lines) / MOST)]
     axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
     if letter == "x":
         axes.tick_params(axis="x", rotation=45)

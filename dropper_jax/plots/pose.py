@@ -21,7 +21,7 @@ PAST, STRIDE = 8, 0.07
 CROWD = 12
 
 
-@style.styled
+@style.with_style
 def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     """The pose at a time [s] (None: the last), links coloured by tension [N], the poses before it, and the first.
 
@@ -56,7 +56,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
         draw(positions[now], **look, label=f"t = {t[now]:.4g} s")
-    held = system.held_places(run, positions, positions[now])
+    held = system.held_positions(run, positions, positions[now])
     what = "held end" if run.scene is None else "held point"
     draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
     joints = system.bare_joints(run, positions[now])

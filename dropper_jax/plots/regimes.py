@@ -19,7 +19,7 @@ DEPTHS = np.geomspace(4e-4, 0.3, 300)
 DEEP, SHALLOW = 0.5, 0.05
 
 
-@style.look()
+@style.plot_style()
 def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, path: str | Path) -> Path:
     """Areas of linear, Stokes V and stream function waves up to breaking.
 

@@ -71,12 +71,12 @@ class Run:
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
     @property
-    def largest(self) -> np.ndarray:
+    def max_tension(self) -> np.ndarray:
         """Largest tension (k, n) [N] of each sample."""
         return self.tension if self.extremes is None else self.extremes[1]
 
     @property
-    def least(self) -> np.ndarray:
+    def min_tension(self) -> np.ndarray:
         """Smallest tension (k, n) [N] of each sample."""
         return self.tension if self.extremes is None else self.extremes[0]
 
@@ -90,7 +90,7 @@ class Run:
         return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
 
     @property
-    def whole(self) -> tuple[LineSlice | WholeLine, ...]:
+    def written_lines(self) -> tuple[LineSlice | WholeLine, ...]:
         """The lines as they were written, pieces between attached points together."""
         return self.lines if self.scene is None else whole_lines(self.scene)
 
@@ -149,10 +149,10 @@ def _extremes(solution: Solution, last: int) -> tuple[np.ndarray, np.ndarray] | 
     return None if least is None or largest is None else (least[:last], largest[:last])
 
 
-def elevations(scene: Scene, places: np.ndarray, times: np.ndarray) -> np.ndarray:
+def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] of a scene's sea at places (n, 3) and times (q,)."""
     sea = build_model(scene, "float64").sea
-    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(places), jnp.asarray(times)))
+    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
 
 
 def _lines(solution: Solution) -> dict[str, Any]:

@@ -65,7 +65,7 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
         style.time_axis(axes, run.t)
     if zoom is not None:
         grid[-1, 1].set_xlim(*zoom)
-        grid[0, 0].set_title(_joined(panels[0].title, "mean and range"), loc="left", fontsize=9)
+        grid[0, 0].set_title(_join_notes(panels[0].title, "mean and range"), loc="left", fontsize=9)
         grid[0, 1].set_title(f"{zoom[0]:.4g} to {zoom[1]:.4g} s", loc="left", fontsize=9)
     figure.align_ylabels()
     style.title(figure, run, what)
@@ -79,14 +79,14 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
     return min((length for length in cycles if length > 0.0), default=0.0)
 
 
-def _joined(*parts: str) -> str:
+def _join_notes(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
 
 
 def _legend(axes: Axes) -> None:
     """Above the right end, where no title stands."""
-    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
-    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **place)
+    options = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **options)
 
 
 def _draw(
@@ -96,10 +96,10 @@ def _draw(
     for index, curve in enumerate(panel.curves):
         colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
         dashes = DASHES if _hides(panel.curves, index) else "-"
-        t, values, low, high = _within(curve, part)
+        t, values, low, high = _cut_curve(curve, part)
         name = curve.name or None
         if envelope is not None and len(t) > 2 * INTERVALS:
-            edges, middle, least, largest = reduced(t, values, low, high)
+            edges, middle, least, largest = reduce_samples(t, values, low, high)
             middle = _without_beat(edges, middle, envelope)
             axes.fill_between(edges, least, largest, color=colour, alpha=0.28, lw=0)
             axes.plot(edges, middle, color=colour, lw=1.1, ls=dashes, label=name)
@@ -109,7 +109,7 @@ def _draw(
         axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
     if panel.zero:
         axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
-    known = np.concatenate([_within(curve, part)[1] for curve in panel.curves])
+    known = np.concatenate([_cut_curve(curve, part)[1] for curve in panel.curves])
     style.widen(known, axes.set_ylim)
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.margins(y=0.08)
@@ -125,7 +125,7 @@ def _hides(curves: list[Curve], index: int) -> bool:
     )
 
 
-def _within(
+def _cut_curve(
     curve: Curve, part: tuple[float, float] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]:
     if part is None:
@@ -136,7 +136,7 @@ def _within(
     return tuple(None if a is None else a[first:last] for a in (curve.t, curve.values, curve.low, curve.high))
 
 
-def reduced(
+def reduce_samples(
     t: np.ndarray, values: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, mean, least and largest (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""

@@ -68,7 +68,7 @@ class Bodies(NamedTuple):
                 found.append(points)
         return found
 
-    def places(self) -> np.ndarray:
+    def extent_points(self) -> np.ndarray:
         """Ends and widths of all shapes over the run (n, 3) [m], for limits of pictures."""
         some = np.unique(np.linspace(0, len(self.position) - 1, 200).astype(int))
         return np.concatenate([ring.reshape(-1, 3)[::7] for i in some for ring in self.rings(i)])

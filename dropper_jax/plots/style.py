@@ -60,16 +60,16 @@ RC = {
 }
 
 
-def look() -> ContextDecorator:
+def plot_style() -> ContextDecorator:
     """This style for as long as the context lasts, or as a decorator, for each call."""
     return matplotlib.style.context(["default", RC])
 
 
-def styled(draw: Callable[..., Path]) -> Callable[..., Path]:
+def with_style(draw: Callable[..., Path]) -> Callable[..., Path]:
     """Give `draw` the readable part of a solution and this style; the caller's settings are restored afterwards."""
 
     @functools.wraps(draw)
-    @look()
+    @plot_style()
     def wrapper(solution: Solution, *args: Any, **kwargs: Any) -> Path:
         return draw(readable(solution), *args, **kwargs)
 

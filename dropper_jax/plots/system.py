@@ -26,7 +26,7 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
         base = positions.reshape(-1, run.positions.shape[1], 3)[:, buoy.node] - [0.0, 0.0, buoy.attachment]
         shown += [base, base + [0.0, 0.0, buoy.height]]
     if run.bodies is not None and run.bodies.shapes:
-        shown.append(run.bodies.places())
+        shown.append(run.bodies.extent_points())
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     near = NEAR * (high - low).max()
     middle = 0.5 * (low + high)
@@ -37,7 +37,7 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     return view.box(np.concatenate(shown), least=0.25)
 
 
-def held_places(run: Run, positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+def held_positions(run: Run, positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Places (m, 3) of the held points in one pose; of a single line those of its ends that never move."""
     return view.fixed_ends(positions) if run.scene is None else nodes[list(run.held)]
 
@@ -77,9 +77,9 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
         rows, columns = (np.linspace(*box[axis], ACROSS) for axis in (0, 1))
         along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
         lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
-    places = np.broadcast_to(lines.reshape(1, -1, 3), (len(times), lines.shape[0] * lines.shape[1], 3))
-    eta = surface_over(run.scene, places, times)
-    found = np.array(places)
+    positions = np.broadcast_to(lines.reshape(1, -1, 3), (len(times), lines.shape[0] * lines.shape[1], 3))
+    eta = surface_over(run.scene, positions, times)
+    found = np.array(positions)
     found[..., 2] = eta
     return found.reshape(len(times), *lines.shape)
 

@@ -16,7 +16,7 @@ from dropper_jax.run.loads import held_points, point_load
 MOST = 4
 
 
-@style.styled
+@style.with_style
 def tension_history(run: Run, path: str | Path) -> Path:
     """Tension against time [N or kN]: the largest of all links, the pull on held points, both ends of lines.
 
@@ -24,15 +24,15 @@ def tension_history(run: Run, path: str | Path) -> Path:
     as its envelope, with a zoom around its largest tension.
     """
     kept = slice(_begin(run), None)
-    unit, size = force_unit(run.largest[kept])
+    unit, size = force_unit(run.max_tension[kept])
     least = moving.TENSION * float(np.nanmax(np.abs(run.tension[kept]), initial=0.0))
-    if len(run.t) > 1 and not moving.changing([run.least[kept], run.largest[kept]], least).any():
+    if len(run.t) > 1 and not moving.changing([run.min_tension[kept], run.max_tension[kept]], least).any():
         return panels.traces(
             run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least
         )
     found = [_largest(run, unit, size)]
-    if run.scene is not None and len(run.whole) > 1:
-        found.append(_held(run, unit, size))
+    if run.scene is not None and len(run.written_lines) > 1:
+        found.append(_held_points_panel(run, unit, size))
     return history(run, path, "tension", [*found, _ends(run, unit, size)])
 
 
@@ -43,13 +43,13 @@ def _begin(run: Run) -> int:
 
 def _largest(run: Run, unit: str, size: float) -> Panel:
     kept = slice(_begin(run), None)
-    largest = run.largest[kept]
+    largest = run.max_tension[kept]
     link = int(np.unravel_index(np.argmax(np.nan_to_num(largest, nan=-np.inf)), largest.shape)[1])
     curve = Curve("", run.t_tension[kept], largest.max(axis=1) / size, colour=style.DARK)
     return Panel(f"largest [{unit}]", [curve], f"largest of all links; of the run {run.labels[link]}")
 
 
-def _held(run: Run, unit: str, size: float) -> Panel:
+def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     kept = slice(_begin(run), None)
     t, tension = run.t_tension[kept], run.tension[kept]
     loads = {
@@ -58,30 +58,30 @@ def _held(run: Run, unit: str, size: float) -> Panel:
     }
     names = sorted(loads, key=lambda name: -np.nanmax(loads[name]))[:MOST]
     curves = [Curve(name, t, loads[name] / size) for name in names]
-    return Panel(f"held points [{unit}]", curves, _few("pull on held points", len(names), len(loads)))
+    return Panel(f"held points [{unit}]", curves, _count_title("pull on held points", len(names), len(loads)))
 
 
 def _ends(run: Run, unit: str, size: float) -> Panel:
     """Both ends of one line; of several the end that is loaded more."""
     kept = slice(_begin(run), None)
     t = run.t_tension[kept]
-    lines = sorted(run.whole, key=lambda line: -np.nanmax(run.largest[kept, line.links]))[:MOST]
+    lines = sorted(run.written_lines, key=lambda line: -np.nanmax(run.max_tension[kept, line.links]))[:MOST]
     both = len(lines) == 1
     curves = []
     for line in lines:
         ends = (("first link", line.links.start), ("last link", line.links.stop - 1))
         if not both:
-            ends = (max(ends, key=lambda end: np.nanmax(run.largest[kept, end[1]])),)
+            ends = (max(ends, key=lambda end: np.nanmax(run.max_tension[kept, end[1]])),)
         if both and run.scene is not None:
             stops = [line.stops[key] for key in (min(line.stops), max(line.stops))]
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:
-            values, low, high = (a[kept, link] / size for a in (run.tension, run.least, run.largest))
+            values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
             range_ = (None, None) if run.extremes is None else (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
-    title = "" if both else _few("ends of lines, the more loaded of two", len(lines), len(run.whole))
+    title = "" if both else _count_title("ends of lines, the more loaded of two", len(lines), len(run.written_lines))
     return Panel(f"ends [{unit}]", curves, title, zero=True)
 
 
-def _few(what: str, shown: int, total: int) -> str:
+def _count_title(what: str, shown: int, total: int) -> str:
     return what if shown == total else f"{what}; {shown} of {total}"

@@ -42,17 +42,17 @@ def fixed_ends(positions: np.ndarray) -> np.ndarray:
     return ends[0, still]
 
 
-def flat_axes(figure: Figure, place: SubplotSpec, limits: np.ndarray) -> Axes:
+def flat_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
     """Axes for the x-z plane, equal scales."""
-    axes = figure.add_subplot(place)
+    axes = figure.add_subplot(subplot)
     axes.set(xlim=limits[0], ylim=limits[2], xlabel="x [m]", ylabel="z [m]")
     axes.set_aspect("equal")
     return axes
 
 
-def space_axes(figure: Figure, place: SubplotSpec, limits: np.ndarray) -> Axes:
+def space_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
     """Axes in space, equal scales."""
-    axes = figure.add_subplot(place, projection="3d", elev=18, azim=-58)
+    axes = figure.add_subplot(subplot, projection="3d", elev=18, azim=-58)
     axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.set_box_aspect(limits[:, 1] - limits[:, 0], zoom=0.92)
     side = limits[:, 1] - limits[:, 0]

@@ -31,11 +31,11 @@ POINTS = 240
 LOW = 0.35
 
 
-def _drawn(draw: Callable[..., Path]) -> Callable[..., Path]:
+def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
     """Give `draw` the readable run and its sea, in the common style."""
 
     @wraps(draw)
-    @style.look()
+    @style.plot_style()
     def wrapper(solution: Solution, path: str | Path, **kwargs: Any) -> Path:
         sea = build_model(solution.scene, "float64").sea
         if sea is None:
@@ -45,12 +45,12 @@ def _drawn(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
-def _surface(sea: Sea, places: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _surface(sea: Sea, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] at places (n, 3) and times (q,)."""
-    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(places), jnp.asarray(times)))
+    return np.asarray(jax.jit(jax.vmap(sea.elevation, (None, 0)))(jnp.asarray(positions), jnp.asarray(times)))
 
 
-@_drawn
+@_with_sea
 def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
     """Elevation [m] of the surface at a place (x, y) [m] against time."""
     eta = _surface(sea, np.array([[*place, 0.0]]), run.t)[:, 0]
@@ -64,7 +64,7 @@ def elevation(run: Run, sea: Sea, path: str | Path, place: tuple[float, float] =
     return style.save(figure, path)
 
 
-@_drawn
+@_with_sea
 def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: the largest tension), seen from two sides.
 
@@ -79,10 +79,10 @@ def under_surface(run: Run, sea: Sea, path: str | Path, time: float | None = Non
     shape = (1, 1) if flat else (2, 1) if low_and_long else (1, 2)
     for axis, axes in enumerate(figure.subplots(*shape, sharey=True, squeeze=False).ravel()):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
-        places = np.tile(middle, (POINTS, 1))
-        places[:, axis] = along
-        eta = _surface(sea, places, run.t[index : index + 1])[0]
-        bed = None if run.scene is None else bed_height(run.scene, places)
+        positions = np.tile(middle, (POINTS, 1))
+        positions[:, axis] = along
+        eta = _surface(sea, positions, run.t[index : index + 1])[0]
+        bed = None if run.scene is None else bed_height(run.scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         low = max(low, -float(sea.depth)) if bed is None else low
         axes.fill_between(along, eta, low, color=WATER)
@@ -119,7 +119,7 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
         axes.add_collection(PolyCollection(corners, facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.8))
 
 
-@_drawn
+@_with_sea
 def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> Path:
     """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34.
 
@@ -136,11 +136,11 @@ def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> P
     top.set_ylabel("elevation [m]")
     style.time_axis(top, run.t)
     spectra = figure.add_subplot(grid[1, :])
-    for place, i in enumerate(turning):
+    for row, i in enumerate(turning):
         value, name = angles[i][:, index], ("polar", "azimuth")[i]
         frequency, size = amplitude_spectrum(run.t, value - value.mean())
         spectra.semilogx(frequency[1:], size[1:], color=style.CYCLE[i], label=name)
-        space = figure.add_subplot(grid[2, place])
+        space = figure.add_subplot(grid[2, row])
         space.plot(value, np.gradient(value, run.t), color=style.CYCLE[i], lw=0.7)
         space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
@@ -152,15 +152,15 @@ def response(run: Run, sea: Sea, path: str | Path, link: int | None = None) -> P
 def _lively(run: Run) -> int:
     """The link whose response is drawn."""
     swing, tenth = moving.swing(run), min(10, run.tension.shape[1]) - 1
-    return tenth if len(run.whole) == 1 and swing[tenth] > moving.ANGLE else int(np.argmax(swing))
+    return tenth if len(run.written_lines) == 1 and swing[tenth] > moving.ANGLE else int(np.argmax(swing))
 
 
-@_drawn
+@_with_sea
 def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
     """Least, mean and largest tension along the line; of several lines a panel each, the 12 most loaded."""
     del sea
-    sizes = [np.max(run.largest[:, line.links]) for line in run.whole]
-    shown = [run.whole[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
+    sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
+    shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
     columns = 1 if len(shown) == 1 else 2
     rows = -(-len(shown) // columns)
     figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 2.6 * rows)
@@ -169,7 +169,7 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
         spare.set_visible(False)
     unit, scale = force_unit(sizes)
     for axes, line in zip(all_axes, shown, strict=False):
-        _envelope(axes, *(a[:, line.links] / scale for a in (run.tension, run.least, run.largest)))
+        _envelope(axes, *(a[:, line.links] / scale for a in (run.tension, run.min_tension, run.max_tension)))
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
     for index, axes in enumerate(all_axes[: len(shown)]):
@@ -181,7 +181,9 @@ def tension_envelope(run: Run, sea: Sea, path: str | Path) -> Path:
         all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    few = "" if len(shown) == len(run.whole) else f", {len(shown)} of {len(run.whole)} (the most loaded)"
+    few = (
+        "" if len(shown) == len(run.written_lines) else f", {len(shown)} of {len(run.written_lines)} (the most loaded)"
+    )
     style.title(figure, run, f"tension envelope{few}")
     return style.save(figure, path)
 

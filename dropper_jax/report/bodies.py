@@ -11,7 +11,7 @@ from dropper_jax.report.record import Record
 from dropper_jax.report.sections import table
 
 #: Motions in the order of `body_position` and `body_attitude`.
-PLACES, TURNS = ("surge", "sway", "heave"), ("roll", "pitch", "yaw")
+MOVES, TURNS = ("surge", "sway", "heave"), ("roll", "pitch", "yaw")
 
 
 def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
@@ -25,10 +25,10 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     kept = np.isin(run.t, record.t)
     found = []
     for i, body in enumerate(record.scene.bodies):
-        place, turn = run.body_position[kept, i], run.body_attitude[kept, i]
+        position, turn = run.body_position[kept, i], run.body_attitude[kept, i]
         tilt = np.arccos(np.clip(np.cos(turn[:, 0]) * np.cos(turn[:, 1]), -1.0, 1.0))
         row: dict[str, Any] = {"body": body.name}
-        row |= {f"{name}_m": _spread(place[:, j]) for j, name in enumerate(PLACES)}
+        row |= {f"{name}_m": _spread(position[:, j]) for j, name in enumerate(MOVES)}
         row |= {f"{name}_deg": _spread(DEGREE * turn[:, j]) for j, name in enumerate(TURNS)}
         found.append({**row, "tilt_deg": _spread(DEGREE * tilt)})
     return found
@@ -40,7 +40,7 @@ def bodies_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
         return []
     rows = []
     for body in found:
-        for key in (*(f"{name}_m" for name in PLACES), *(f"{name}_deg" for name in TURNS), "tilt_deg"):
+        for key in (*(f"{name}_m" for name in MOVES), *(f"{name}_deg" for name in TURNS), "tilt_deg"):
             name, _, unit = key.partition("_")
             cells = (f"{0.0 if abs(body[key][k]) < 5e-4 else body[key][k]:.3f}" for k in ("mean", "std", "min", "max"))
             rows.append([body["body"], f"{name} [{unit}]", *cells])

@@ -70,8 +70,8 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
         "submergence": _submergence(part),
-        "distance": line_distances(part) if len(part.whole) > 1 else {"skipped": "one line"},
-        "seabed": _seabed(part, settings),
+        "distance": line_distances(part) if len(part.written_lines) > 1 else {"skipped": "one line"},
+        "seabed": _seabed_part(part, settings),
         "coefficients": _coefficients(part),
         "bodies": body_motions(part),
         "crop": crops(part),
@@ -103,7 +103,7 @@ def _coefficients(part: Record) -> Plain:
     return flow_table(overgrown(part.scene))
 
 
-def _seabed(part: Record, settings: Settings) -> Plain:
+def _seabed_part(part: Record, settings: Settings) -> Plain:
     bed = bed_height(part.scene, part.positions)
     if bed is None:
         return {"skipped": "the scene has no [effects.seabed]"}
@@ -214,7 +214,7 @@ def bed_contact(record: Record, bed: np.ndarray, settings: Settings) -> list[dic
     """
     on = record.positions[..., 2] - bed <= settings.contact
     found = []
-    for where in record.whole:
+    for where in record.written_lines:
         spec = where.spec
         own = on[:, where.nodes]
         length = (own[:, :-1] & own[:, 1:]) @ np.asarray(spec.length, float)
@@ -254,7 +254,7 @@ def submergence(record: Record, eta: np.ndarray) -> dict[str, Any]:
     """
     depth = eta - record.positions[..., 2]
     lines = []
-    for where in record.whole:
+    for where in record.written_lines:
         spec = where.spec
         own = depth[:, where.nodes]
         lines.append(

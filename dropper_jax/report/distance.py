@@ -21,7 +21,7 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
     At the saved times (of a long record at `LOOKS` of them), exact between straight links. Links that end in a point
     that both lines share touch: they are left out.
     """
-    lines = range(len(record.whole))
+    lines = range(len(record.written_lines))
     boxes = [_swept(record, i) for i in lines]
     pairs = sorted((_gap(boxes[a], boxes[b]), a, b) for a in lines for b in lines if a < b)
     best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
@@ -38,7 +38,7 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
                     near["distance"],
                     {"nearest": other, "t": near["t"], "at": near[mine], "its": near[its]},
                 )
-    return [_named(record, i, *best[i]) for i in lines]
+    return [_describe_distance(record, i, *best[i]) for i in lines]
 
 
 def looks_every(record: Record) -> int:
@@ -46,18 +46,18 @@ def looks_every(record: Record) -> int:
     return -(-len(record.t) // LOOKS)
 
 
-def _named(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
-    name = record.whole[index].name
+def _describe_distance(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
+    name = record.written_lines[index].name
     if near is None:
         return {"line": name, "nearest": None, "least_distance_m": None}
     other = near["nearest"]
     return {
         "line": name,
-        "nearest": record.whole[other].name,
+        "nearest": record.written_lines[other].name,
         "least_distance_m": distance,
         "t_s": float(record.t[near["t"]]),
-        "at_m": float(arc(record.whole[index].spec.length)[near["at"]]),
-        "nearest_at_m": float(arc(record.whole[other].spec.length)[near["its"]]),
+        "at_m": float(arc(record.written_lines[index].spec.length)[near["at"]]),
+        "nearest_at_m": float(arc(record.written_lines[other].spec.length)[near["its"]]),
         "looked_every_s": looks_every(record) * record.interval,
         "diameters_m": _touching(record, index, other),
     }
@@ -65,12 +65,12 @@ def _named(record: Record, index: int, distance: float, near: dict[str, Any] | N
 
 def _touching(record: Record, a: int, b: int) -> float | None:
     """Half the sum of the largest diameters [m]: axes this near touch; None where a line has no diameter."""
-    both = [record.whole[i].spec.diameter for i in (a, b)]
+    both = [record.written_lines[i].spec.diameter for i in (a, b)]
     return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
 
 
 def _swept(record: Record, index: int) -> np.ndarray:
-    nodes = record.positions[:, record.whole[index].nodes].reshape(-1, 3)
+    nodes = record.positions[:, record.written_lines[index].nodes].reshape(-1, 3)
     return np.stack([nodes.min(axis=0), nodes.max(axis=0)])
 
 
@@ -80,10 +80,10 @@ def _gap(a: np.ndarray, b: np.ndarray) -> float:
 
 def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
     """Least distance of two lines over all samples: [m], sample, link of either."""
-    i, j = _pairs(record.whole[a], record.whole[b])
+    i, j = _pairs(record.written_lines[a], record.written_lines[b])
     if not i.size:
         return None
-    first, second = (record.positions[:, record.whole[index].nodes] for index in (a, b))
+    first, second = (record.positions[:, record.written_lines[index].nodes] for index in (a, b))
     step, best = max(1, AT_ONCE // i.size), None
     looked = np.arange(0, len(record.t), looks_every(record))
     for k in range(0, len(looked), step):
@@ -131,10 +131,10 @@ def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndar
     return np.sqrt(np.minimum.reduce([np.where(inside, _dot(across, across), np.inf), *ends]))
 
 
-def _to_segment(place: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
+def _to_segment(position: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
     """Square of the distance (...) of a place from a segment."""
-    share = np.clip(_dot(place - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    rest = place - start - share[..., None] * along
+    share = np.clip(_dot(position - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    rest = position - start - share[..., None] * along
     return _dot(rest, rest)
 
 

@@ -59,7 +59,7 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """
     found, every = [], record.tension.shape[1] <= MOST_LINKS
     least = ROUNDING * float(np.abs(record.tension).max())
-    for where in record.whole:
+    for where in record.written_lines:
         spec = where.spec
         s, load = arc(spec.length), breaking_load(spec, settings)
         deviation = record.tension[:, where.links].std(axis=0)

@@ -22,7 +22,7 @@ MOST = len(style.CYCLE)
 BAND, INNER = "#DCEBF5", "#56B4E9"
 
 
-@style.look()
+@style.plot_style()
 def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
     """All pictures of a run that its sections call for, by name."""
     files = {"tension_range": _tension_range(part, found, folder)}
@@ -148,9 +148,9 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
         plan.plot(about[:, 0], about[:, 1], color=colour, lw=0.8, label=point["point"])
         plan.add_patch(Circle((0, 0), point["radius_max_m"], fill=False, ec=colour, lw=0.9, ls="--"))
         if point["static_m"] is not None:
-            place = np.asarray(point["static_m"]) - point["mean_m"]
-            plan.plot(*place[:2], "x", color=colour, ms=7)
-            widest = max(widest, *np.abs(place[:2]))
+            offset = np.asarray(point["static_m"]) - point["mean_m"]
+            plan.plot(*offset[:2], "x", color=colour, ms=7)
+            widest = max(widest, *np.abs(offset[:2]))
         height.plot(part.t, path[:, 2], color=colour, lw=0.9)
     plan.plot(0, 0, "+", color=style.DARK, ms=9)
     plan.set(xlabel="x from the mean [m]", ylabel="y from the mean [m]", xlim=(-1.1 * widest, 1.1 * widest))
@@ -206,14 +206,14 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, _of("along the lines", len(kept), len(found["acceleration"])), folder / "along.png")
 
 
-def _constant(section: tuple[Any, str, float], kept: list[int]) -> float | None:
+def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | None:
     """The one value of a share [%] all along the lines; None where it differs, and of what is no share."""
     lines, key, scale = section
-    values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in kept])
+    values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in columns])
     return float(values[0]) if scale == 100.0 and np.ptp(values) == 0 else None
 
 
-@style.look()
+@style.plot_style()
 def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
     """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
     names = list(extremes)
@@ -224,8 +224,10 @@ def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
     for axes, name in zip(panels, names, strict=True):
         one = extremes[name]
         fit, n = Gumbel(one["gumbel_mode"], one["gumbel_scale"]), one["runs"]
-        place = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
-        axes.plot(-np.log(-np.log(place)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs")
+        plotting_position = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
+        axes.plot(
+            -np.log(-np.log(plotting_position)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs"
+        )
         reduced = np.array([-1.5, np.log(one["extrapolated"]) - np.log(-np.log(0.9))])
         reduced[1] = max(reduced[1], 3.0)
         axes.plot(reduced, (fit.mode + fit.scale * reduced) / scale, color=style.FIRST, label="Gumbel fit")

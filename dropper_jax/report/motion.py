@@ -48,7 +48,7 @@ def accelerations(record: Record) -> list[dict[str, Any]]:
     change = np.gradient(record.velocities, record.t, axis=0)
     size = np.linalg.norm(change, axis=-1)
     found = []
-    for where in record.whole:
+    for where in record.written_lines:
         spec = where.spec
         own = size[:, where.nodes]
         high = np.unravel_index(np.argmax(own), own.shape)

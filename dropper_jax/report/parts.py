@@ -90,16 +90,16 @@ def parts_text(found: list[dict[str, Any]] | dict[str, str]) -> list[str]:
                 part["part"],
                 str(part["lines"]),
                 newton(part["mean_n"]),
-                _named(part, top, f"{newton(top['n'])} at {top['at_m']:.1f} m, {top['t_s']:.2f} s"),
-                "-" if used is None else _named(part, used, f"{100 * used['largest']:.1f} %"),
-                _named(part, snap, str(snap["most_events"])) if snap["most_events"] else "none",
-                "-" if tired is None else _named(part, tired, f"{tired['damage_per_year']:.3g}"),
+                _with_line_name(part, top, f"{newton(top['n'])} at {top['at_m']:.1f} m, {top['t_s']:.2f} s"),
+                "-" if used is None else _with_line_name(part, used, f"{100 * used['largest']:.1f} %"),
+                _with_line_name(part, snap, str(snap["most_events"])) if snap["most_events"] else "none",
+                "-" if tired is None else _with_line_name(part, tired, f"{tired['damage_per_year']:.3g}"),
             ]
         )
     head = ["part", "lines", "mean [N]", "largest [N]", "utilisation", "snaps, worst link", "damage per year"]
     return ["## Parts", with_rest(table(head, rows), len(shown), len(found), what="parts")]
 
 
-def _named(part: dict[str, Any], worst: dict[str, Any], text: str) -> str:
+def _with_line_name(part: dict[str, Any], worst: dict[str, Any], text: str) -> str:
     """A value with its line, where the part has more than one."""
     return f"{worst['line']}: {text}" if part["lines"] > 1 else text

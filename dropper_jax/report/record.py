@@ -45,7 +45,7 @@ class Record:
         return self.solution.lines
 
     @cached_property
-    def whole(self) -> tuple[WholeLine, ...]:
+    def written_lines(self) -> tuple[WholeLine, ...]:
         """The lines as they were written: what the report goes by."""
         return whole_lines(self.scene)
 

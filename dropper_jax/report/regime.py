@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Graph, Model
 from dropper_jax.run.build import build_model
-from dropper_jax.run.rows import every_so_often
+from dropper_jax.run.row_store import take_every
 from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 
@@ -33,7 +33,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
         raise ValueError("solution: its scene has no [sea] or no diameter; allowed: a scene with both")
     every = max(1, len(solution.t) // LOOKS)
     free, links = _far_ends(solution, model)
-    at = [every_so_often(a, every) for a in (solution.positions, solution.velocities, solution.t)]
+    at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
     looked = (at[0], at[1][:, free], at[2])
 
     speed = np.asarray(_across(model.sea, np.asarray(free), *map(np.asarray, looked))).max(axis=0)
@@ -51,7 +51,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     }
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     """Speeds (k, looked) [m/s] of the water across the links before the nodes `free`, relative to these.
 

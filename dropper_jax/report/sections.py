@@ -145,10 +145,10 @@ def snaps(lines: list[dict[str, Any]]) -> str:
         )
         rows.append([line["line"], str(line["most_events"]), f"{100 * line['largest_share_slack']:.1f}", text])
     head = ["line", "events in the worst link", "slack, worst link [% of time]", "largest peak [N]"]
-    return _apart("Never slack", head, rows, shown, some, lines)
+    return _split_table("Never slack", head, rows, shown, some, lines)
 
 
-def _apart(
+def _split_table(
     word: str,
     head: Sequence[str],
     rows: Sequence[Sequence[str]],
@@ -249,7 +249,7 @@ def acceleration(lines: list[dict[str, Any]]) -> str:
         for line in shown
     ]
     head = ["line", "rms, worst node [m/s^2]", "99 %, worst node [m/s^2]", "largest [m/s^2]"]
-    return _apart("At rest", head, rows, shown, some, lines)
+    return _split_table("At rest", head, rows, shown, some, lines)
 
 
 def distance(lines: list[dict[str, Any]]) -> str:
@@ -263,7 +263,7 @@ def distance(lines: list[dict[str, Any]]) -> str:
             [
                 line["line"],
                 line["nearest"],
-                _place_of(line),
+                _distance_text(line),
                 "no diameter" if touch is None else "yes" if line["least_distance_m"] <= touch else "no",
             ]
         )
@@ -271,7 +271,7 @@ def distance(lines: list[dict[str, Any]]) -> str:
     return with_rest(text, len(shown), len(lines), "nearest")
 
 
-def _place_of(line: dict[str, Any]) -> str:
+def _distance_text(line: dict[str, Any]) -> str:
     where = f"at {line['at_m']:.1f} m and {line['nearest_at_m']:.1f} m, {line['t_s']:.2f} s"
     return f"{line['least_distance_m']:.3f} {where}"
 
@@ -289,7 +289,7 @@ def seabed(lines: list[dict[str, Any]]) -> str:
         for line in shown
     ]
     head = ["line", "length on the bed, min / mean / max [m]", "mean [% of the line]", "any contact [% of time]"]
-    return _apart("No link on the bed", head, rows, shown, some, lines)
+    return _split_table("No link on the bed", head, rows, shown, some, lines)
 
 
 def newton(value: float) -> str:

@@ -63,7 +63,7 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
 def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
     """Per line: how many events, per link and in its worst link, the share of time slack, and the largest events."""
     found = []
-    for where in record.whole:
+    for where in record.written_lines:
         spec = where.spec
         s, counts, share, events = arc(spec.length), [], [], []
         for j in range(spec.links):

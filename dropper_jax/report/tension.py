@@ -21,12 +21,12 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
     The largest and least of the line come with their place and time. Utilisation is the largest of max over breaking
     load of the links, and the same with the safety factor.
     """
-    at_tension = loads.places_at(record.t, record.positions, record.t_tension)
+    at_tension = loads.positions_at(record.t, record.positions, record.t_tension)
     forces = end_forces(record.scene, at_tension, record.tension)
     return [
         _line(record, where, settings)
         | {f"{what}_{end}_force_n": float(value) for end, value, what in _ends(forces[where.name])}
-        for where in record.whole
+        for where in record.written_lines
     ]
 
 

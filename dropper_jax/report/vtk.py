@@ -82,13 +82,13 @@ def _lines(solution: Solution, k: int) -> str:
 
 
 def _buoys(solution: Solution, k: int) -> str:
-    places, diameter = [], []
+    positions, diameter = [], []
     for buoy in solution.scene.buoys:
         base = solution.point_path(buoy.point)[k] - [0.0, 0.0, buoy.attachment]
-        places += [base, base + [0.0, 0.0, buoy.height]]
+        positions += [base, base + [0.0, 0.0, buoy.height]]
         diameter.append(buoy.diameter)
-    ends = np.arange(len(places)).reshape(-1, 2)
-    return polydata(np.array(places), ends, {}, {"diameter": np.array(diameter)})
+    ends = np.arange(len(positions)).reshape(-1, 2)
+    return polydata(np.array(positions), ends, {}, {"diameter": np.array(diameter)})
 
 
 def polydata(

@@ -32,9 +32,9 @@ def write_report(
     folder, settings = folder_without(folder, REPORT), settings or Settings()
     pictures = []
     for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):
-        place = folder if len(solutions) == 1 else folder / f"run-{number}"
-        place.mkdir(exist_ok=True)
-        files = draw_run(record(solution, settings.skip), values, place)
+        target = folder if len(solutions) == 1 else folder / f"run-{number}"
+        target.mkdir(exist_ok=True)
+        files = draw_run(record(solution, settings.skip), values, target)
         pictures.append({name: file.relative_to(folder).as_posix() for name, file in files.items()})
     if any(isinstance(one, dict) and "gumbel_mode" in one for one in found["extremes"].values()):
         pictures[-1]["extremes"] = draw_extremes(found["extremes"], folder).name

@@ -1,6 +1,6 @@
 """The residual of a step: unknowns, rows, and Newton's method on them."""
 
-from dropper_jax.residual.newton import SETTLED, damped_newton, newton, newton_until, refine
+from dropper_jax.residual.newton import CONVERGED, damped_newton, newton, newton_until, refine
 from dropper_jax.residual.problem import GRAVITY_SCALE, CondensedParts, StepProblem, node_blocks
 from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, couples_inertia, point_masses_only
 from dropper_jax.residual.solver import Solver
@@ -12,7 +12,7 @@ __all__ = [
     "GRAVITY_SCALE",
     "Implicit",
     "Integrator",
-    "SETTLED",
+    "CONVERGED",
     "Solver",
     "StepProblem",
     "Unknowns",

@@ -21,7 +21,7 @@ SEARCHED, CIRCLING = (0.85, 0.7, 0.55, 0.4, 0.25, 0.12, 0.06, 0.03), 0.5
 #: Smoothing of set-valued laws along the way, as a share of the rate that friction stops within the step.
 EASING = (1.0,) * 3 + tuple(0.4**k for k in range(1, 31)) + (0.0,) * 4
 #: With a law corrections end at this part of the tolerance, near rounding, so that what is held does not creep.
-SETTLED = 1e-3
+CONVERGED = 1e-3
 #: Where many iterations are allowed they end at this part of it, at rounding, so that energy is kept.
 ROUNDED = 1e-5
 #: Rows within the tolerance that are more than this share of what they were are rounding.
@@ -45,11 +45,11 @@ def newton(
 
     prepared, scale = solver.prepare(problem, u), problem.row_scale()
 
-    def corrected(u: Unknowns, rows: Unknowns) -> Unknowns:
+    def apply_correction(u: Unknowns, rows: Unknowns) -> Unknowns:
         return add(u, solver.apply(solver.factor(problem, u, prepared), rows), -1.0)
 
     if limit is None or iterations <= FEW:
-        u, _ = jax.lax.scan(lambda u, _: (corrected(u, problem.residual(u)), None), u, None, length=iterations)
+        u, _ = jax.lax.scan(lambda u, _: (apply_correction(u, problem.residual(u)), None), u, None, length=iterations)
         return u, norm(problem.residual(u), scale)
     enough = ROUNDED * limit
 
@@ -59,7 +59,7 @@ def newton(
 
     def correct(now: tuple[Any, ...]) -> tuple[Any, ...]:
         u, rows, size, _, count = now
-        u = corrected(u, rows)
+        u = apply_correction(u, rows)
         rows = problem.residual(u)
         after = norm(rows, scale)
         return u, rows, after, (after <= enough) | ((after <= limit) & (after > STALLED * size)), count + 1
@@ -78,12 +78,12 @@ class Found(NamedTuple):
     Attributes:
         u: the unknowns.
         residual: largest scaled row there, scalar.
-        seen: what the problem saw there (`StepProblem.evaluated`).
+        evaluated: what the problem saw there (`StepProblem.evaluate`).
     """
 
     u: Unknowns
     residual: jax.Array
-    seen: Any
+    evaluated: Any
 
 
 def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, limit: float) -> Found:
@@ -94,17 +94,17 @@ def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, l
     limit, a spring that lags), full corrections jump from one side to the other for good: those are shortened.
     """
     scale = problem.row_scale()
-    rows, seen = problem.evaluated(u)
+    rows, evaluated = problem.evaluate(u)
     least = LEAST.get(str(u.x.dtype), 0)
     fractions, never = jnp.asarray(SEARCHED, u.x.dtype), jnp.full((), jnp.inf, u.x.dtype)
 
-    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+    def keep_iterating(carry: tuple[Any, ...]) -> jax.Array:
         _, _, _, size, _, count = carry
         # a NaN compares false: iterating cannot mend it
         return ((size > limit) & (count < most)) | (count < least) if least else (size > limit) & (count < most)
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        u, rows, seen, size, (last, last_but_one), count = carry
+        u, rows, evaluated, size, (last, last_but_one), count = carry
         du = solver.apply(solver.factor(problem, u), rows)
         circling = size > CIRCLING * last_but_one
         # one trip with the whole correction, or one with each fraction and one with the best of them
@@ -113,27 +113,27 @@ def newton_until(problem: StepProblem, solver: Solver, u: Unknowns, most: int, l
         def unseen(trial: tuple[Any, ...]) -> jax.Array:
             return trial[0] <= most_trials
 
-        def look(trial: tuple[Any, ...]) -> tuple[Any, ...]:
+        def try_fraction(trial: tuple[Any, ...]) -> tuple[Any, ...]:
             k, best, least, _ = trial
             fraction = jnp.where(k < most_trials, fractions[jnp.minimum(k, len(SEARCHED) - 1)], best)
-            rows, seen = problem.evaluated(add(u, du, -fraction))
+            rows, evaluated = problem.evaluate(add(u, du, -fraction))
             size = norm(rows, scale)
             better = (k < most_trials) & (size < least)  # false where they are not finite
             return (
                 k + 1,
                 jnp.where(better, fraction, best),
                 jnp.where(better, size, least),
-                (fraction, rows, seen, size),
+                (fraction, rows, evaluated, size),
             )
 
         none = jnp.zeros((), jnp.int32)
-        first = none, jnp.where(circling, fractions[0], 1.0), never, (never, rows, seen, size)
-        fraction, rows, seen, after = jax.lax.while_loop(unseen, look, first)[-1]
-        return add(u, du, -fraction), rows, seen, after, (size, last), count + 1
+        first = none, jnp.where(circling, fractions[0], 1.0), never, (never, rows, evaluated, size)
+        fraction, rows, evaluated, after = jax.lax.while_loop(unseen, try_fraction, first)[-1]
+        return add(u, du, -fraction), rows, evaluated, after, (size, last), count + 1
 
-    start = u, rows, seen, norm(rows, scale), (never, never), jnp.zeros((), jnp.int32)
-    u, _, seen, size, _, _ = jax.lax.while_loop(unfinished, correct, start)
-    return Found(u, size, seen)
+    start = u, rows, evaluated, norm(rows, scale), (never, never), jnp.zeros((), jnp.int32)
+    u, _, evaluated, size, _, _ = jax.lax.while_loop(keep_iterating, correct, start)
+    return Found(u, size, evaluated)
 
 
 def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations: int) -> tuple[Unknowns, jax.Array]:
@@ -147,7 +147,7 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
         u, rows = now
         du = solver.apply(solver.factor(problem, u), rows)
 
-        def look(k: jax.Array, best: tuple[Any, ...]) -> tuple[Any, ...]:
+        def try_fraction(k: jax.Array, best: tuple[Any, ...]) -> tuple[Any, ...]:
             moved = add(u, du, -fractions[k])
             rows = problem.residual(moved)
             size = norm(rows, scale)
@@ -155,7 +155,7 @@ def damped_newton(problem: StepProblem, solver: Solver, u: Unknowns, iterations:
             return jax.tree.map(lambda a, b: jnp.where(better, a, b), (moved, rows, size), best)
 
         # a loop, not a batch: the rows stand in the program once more, not three times
-        u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), look, (u, rows, never))
+        u, rows, _ = jax.lax.fori_loop(0, len(FRACTIONS), try_fraction, (u, rows, never))
         return (u, rows), None
 
     (u, rows), _ = jax.lax.scan(correct, (u, problem.residual(u)), None, length=iterations)
@@ -171,8 +171,8 @@ def follow(problem: StepProblem, solver: Solver, u: Unknowns) -> tuple[Unknowns,
     """
 
     def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
-        eased = problem.eased(easing)
-        u = add(u, solver.apply(solver.factor(eased, u), eased.residual(u)), -1.0)
+        smoothed_problem = problem.with_smoothing(easing)
+        u = add(u, solver.apply(solver.factor(smoothed_problem, u), smoothed_problem.residual(u)), -1.0)
         laws = problem.model.laws
         z = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))  # multipliers of ties follow them
         return u._replace(z=z + u.z[len(laws) :]), None
@@ -190,7 +190,7 @@ def refine(matvec: Linear, apply: Linear, b: Unknowns, column_scale: Unknowns) -
     x = apply(b)
     enough = 1e3 * jnp.finfo(b.x.dtype).eps
 
-    def unfinished(carry: tuple[Any, ...]) -> jax.Array:
+    def keep_iterating(carry: tuple[Any, ...]) -> jax.Array:
         _, _, change, before, size, count = carry
         return (change > enough * size) & (count < REFINEMENTS) & ((change < before) | (count < 8))
 
@@ -202,4 +202,4 @@ def refine(matvec: Linear, apply: Linear, b: Unknowns, column_scale: Unknowns) -
 
     size = norm(x, column_scale)
     start = (x, x, size, jnp.full_like(size, jnp.inf), size, jnp.zeros((), jnp.int32))
-    return jax.lax.while_loop(unfinished, correct, start)[0]
+    return jax.lax.while_loop(keep_iterating, correct, start)[0]

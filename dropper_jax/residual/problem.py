@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.model import Effect, Kinematics, Model, Pieces, State
+from dropper_jax.model import Effect, ElementForce, Kinematics, Model, State
 from dropper_jax.residual.unknowns import Unknowns
 
 GRAVITY_SCALE = GRAVITY  # [m/s^2]; only sizes residuals, the scene's own gravity is an effect's parameter
@@ -21,12 +21,12 @@ class CondensedParts(NamedTuple):
     """The matrix without K, in pieces.
 
     Attributes:
-        pull: nodal force of unit tensions along (n, 3).
+        force: nodal force of unit tensions along (n, 3).
         gradient: derivative of the axial rows with respect to link differences of x, (n, 3).
         compliance: minus their derivative with respect to the tensions, (n,).
     """
 
-    pull: jax.Array
+    force: jax.Array
     gradient: jax.Array
     compliance: jax.Array
 
@@ -38,10 +38,10 @@ class StepProblem:
     easing: jax.Array | None = None
 
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
-        self.model, self.s, self.h = model.lumped(), s, h
+        self.model, self.s, self.h = model.lump_mass(), s, h
 
     @property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> tuple[ElementForce, ...]:
         """Forces in the rows that couple nodes piece by piece."""
         return self.model.pieces
 
@@ -52,11 +52,11 @@ class StepProblem:
         """Rows in physical units: forces [N], elongations [m], torques [N m]."""
         raise NotImplementedError
 
-    def evaluated(self, u: Unknowns) -> tuple[Unknowns, Any]:
+    def evaluate(self, u: Unknowns) -> tuple[Unknowns, Any]:
         """The rows, and what was seen on the way that `finish` needs again."""
         return self.residual(u), None
 
-    def eased(self, easing: jax.Array) -> StepProblem:
+    def with_smoothing(self, easing: jax.Array) -> StepProblem:
         """The same equations with smoothed laws."""
         other = copy(self)
         other.easing = easing
@@ -76,7 +76,7 @@ class StepProblem:
         """K of the condensed solver, (nodes, 3, 3), or (nodes,) where it is a multiple of the unit matrix."""
         raise NotImplementedError
 
-    def condensed(self, u: Unknowns) -> CondensedParts:
+    def condensed_parts(self, u: Unknowns) -> CondensedParts:
         """The rest of the condensed matrix."""
         raise NotImplementedError
 
@@ -92,18 +92,20 @@ class StepProblem:
         """For the network solver: pull of each link (n, 3) [N] and its axial row (n,) [m]."""
         raise NotImplementedError
 
-    def finish(self, u: Unknowns, seen: Any = None) -> State:
-        """The state at the end of the step; `seen` as `evaluated` gave it at u, where that is at hand."""
+    def finish(self, u: Unknowns, evaluated: Any = None) -> State:
+        """The state at the end of the step; `evaluated` as `evaluate` gave it at u, where that is at hand."""
         raise NotImplementedError
 
-    def ended(
+    def end_state(
         self, r: jax.Array, v: jax.Array, tension: jax.Array, work: Callable[[], jax.Array], **more: Any
     ) -> State:
         """The state at the end of the step from its places and velocities (nodes, 3), tensions (n,) and work (k,)."""
         model, s, t = self.model, self.s, self.s.t + self.h
         own = s.own
         if own:
-            own = model.advanced(model.kinematics(s.r, s.v, s.t), model.kinematics(r, v, t), tension, self.h)
+            own = model.advance_internal_state(
+                model.kinematics(s.r, s.v, s.t), model.kinematics(r, v, t), tension, self.h
+            )
         done = s.work + work() if s.work.size else s.work
         return replace(s, r=r, v=v, tension=tension, t=t, work=done, own=own, **{"angles": None, **more})
 
@@ -114,14 +116,16 @@ class StepProblem:
         force = model.node_mass * jnp.maximum(GRAVITY_SCALE, model.node_length / h**2)
         laws = zip(model.laws, self.s.law, strict=False)  # multipliers of ties follow them
         z = tuple(jnp.broadcast_to(law.law_scale(line, h), guess.shape) for law, guess in laws)
-        return Unknowns(force[:, None], line.length, z + tuple(tie.gap_size(model) for tie in model.ties))
+        return Unknowns(
+            force[:, None], line.length, z + tuple(constraint.gap_size(model) for constraint in model.constraints)
+        )
 
     def column_scale(self) -> Unknowns:
         """Sizes of the unknowns: x by `unknown_size`, tensions by mean weights or inertia, the laws' as their rows."""
         line = self.model.line
         force = jnp.mean(line.mass) * jnp.maximum(GRAVITY_SCALE, jnp.mean(line.length) / self.h**2)
         laws = self.row_scale().z[: len(self.model.laws)]
-        pulls = tuple(tie.pull_size(self.model) for tie in self.model.ties)
+        pulls = tuple(constraint.force_size(self.model) for constraint in self.model.constraints)
         return Unknowns(self.unknown_size(), jnp.broadcast_to(force, line.length.shape), laws + pulls)
 
     def unknown_size(self) -> jax.Array:

@@ -44,7 +44,7 @@ class Integrator:
         """The declared options: meaning and range by name."""
         return {f.name: f.metadata for f in dataclasses.fields(cls)}
 
-    def suited(self, model: Model) -> Integrator:
+    def form_for(self, model: Model) -> Integrator:
         """The form of this scheme for the model; most have one for all."""
         return self
 
@@ -74,7 +74,7 @@ class Implicit(Integrator, ABC):
     #: Whether effects with unknowns of their own (dry friction) can be solved along.
     takes_laws: ClassVar[bool] = False
     #: Whether rigid bodies (`model.Tie`) can be solved along.
-    takes_ties: ClassVar[bool] = False
+    takes_constraints: ClassVar[bool] = False
     #: Newton iterations with an exact Jacobian, and with the condensed one.
     iterations: ClassVar[int] = 4
     condensed_iterations: ClassVar[int] = 12
@@ -85,7 +85,7 @@ class Implicit(Integrator, ABC):
 
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
         """The equations of one step."""
-        return self.equations(model.entered(s.own), s, h)
+        return self.equations(model.with_internal_state(s.own), s, h)
 
     def refuse(self, model: Model) -> str | None:
         if isinstance(model.geometry, Graph) and not self.networkable:
@@ -95,7 +95,7 @@ class Implicit(Integrator, ABC):
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"
         if model.laws and not self.takes_laws:
             return _law_not_taken(model)
-        if model.ties and not self.takes_ties:
+        if model.constraints and not self.takes_constraints:
             return _bodies_not_taken()
         return super().refuse(model)
 
@@ -111,7 +111,7 @@ class Explicit(Integrator, ABC):
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
-        if model.ties:
+        if model.constraints:
             return _bodies_not_taken()
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"

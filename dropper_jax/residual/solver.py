@@ -10,10 +10,10 @@ from dropper_jax.residual.scheme import Implicit
 from dropper_jax.residual.unknowns import Unknowns
 
 Factors = TypeVar("Factors")
-Kept = TypeVar("Kept")
+Prepared = TypeVar("Prepared")
 
 
-class Solver(Protocol[Kept, Factors]):
+class Solver(Protocol[Prepared, Factors]):
     """The matrix may be approximate; Newton and derivatives are refined to the exact rows."""
 
     name: str
@@ -21,10 +21,10 @@ class Solver(Protocol[Kept, Factors]):
     def refuse(self, model: Model, integrator: Implicit) -> str | None:
         """Why it cannot serve the model under a scheme, or None."""
 
-    def prepare(self, problem: StepProblem, u: Unknowns) -> Kept:
+    def prepare(self, problem: StepProblem, u: Unknowns) -> Prepared:
         """What is kept over the iterations of a step."""
 
-    def factor(self, problem: StepProblem, u: Unknowns, prepared: Kept | None = None) -> Factors:
+    def factor(self, problem: StepProblem, u: Unknowns, prepared: Prepared | None = None) -> Factors:
         """The matrix at the unknowns, ready to be applied."""
 
     def apply(self, factor: Factors, rows: Unknowns) -> Unknowns:

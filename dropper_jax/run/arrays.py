@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
-from dropper_jax.axial.force_table import stacked
+from dropper_jax.axial.force_table import stack_tables
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.effects import EFFECTS, Effect
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -15,7 +15,7 @@ from dropper_jax.load.checks_water import line_reach
 from dropper_jax.model import Geometry, Graph, Line, Member, Model, Path, Point, check_slots
 from dropper_jax.run.bodies import make_bodies, make_vessels
 from dropper_jax.run.failures import make_failures
-from dropper_jax.scene import LineSpec, PointSpec, SceneData, joined
+from dropper_jax.scene import LineSpec, PointSpec, SceneData, join_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
@@ -95,9 +95,9 @@ def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
     """The law of all links; where lines differ, groups of them."""
     names = tuple(dict.fromkeys(line.axial_law for line in lines))
     if len(names) == 1:
-        return _law(joined(lines))
+        return _law(join_lines(lines))
     of = np.concatenate([[names.index(line.axial_law)] * line.links for line in lines])
-    laws = tuple(_law(joined(tuple(line for line in lines if line.axial_law == name))) for name in names)
+    laws = tuple(_law(join_lines(tuple(line for line in lines if line.axial_law == name))) for name in names)
     return Groups(laws, tuple(tuple(np.flatnonzero(of == i).tolist()) for i in range(len(names))))
 
 
@@ -105,7 +105,7 @@ def _law(line: LineSpec) -> AxialLaw:
     if line.rigid:
         return LAWS["rigid"]()
     if line.tables is not None:
-        strain, force, slope = stacked(line.tables)
+        strain, force, slope = stack_tables(line.tables)
         return Tabulated(EA=line.EA, damping=line.axial_damping, strain=strain, force=force, slope=slope)
     return LAWS[line.axial_law](EA=line.EA, damping=line.axial_damping, **line.constants)
 

@@ -36,14 +36,14 @@ def make_bodies(scene: SceneData, index: dict[str, int], gravity: float) -> tupl
         for i in range(4)
     ]
     affine = np.linalg.inv(np.concatenate([corner, np.ones((len(corner), 4, 1))], axis=2))
-    seats = [(i, name, place) for i, body in enumerate(scene.bodies) for name, place in body.attachments.items()]
+    seats = [(i, name, position) for i, body in enumerate(scene.bodies) for name, position in body.attachments.items()]
     rigid = RigidBodies(
         mass=np.array([body.mass for body in scene.bodies]),
         centre_of_mass=np.array([body.centre_of_mass for body in scene.bodies]),
         moments=np.array([[body.inertia_matrix[i, j] for i, j in MOMENTS] for body in scene.bodies]),
         corner=corner,
         affine=affine,
-        seat=np.array([place for _, _, place in seats]).reshape(-1, 3),
+        seat=np.array([position for _, _, position in seats]).reshape(-1, 3),
         velocity=np.array([_centre_velocity(body) for body in scene.bodies]),
         spin=np.array([body.angular_velocity for body in scene.bodies]),
         gravity=gravity,
@@ -88,14 +88,14 @@ def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
     spheres = [sphere for body in scene.bodies for sphere in body.spheres]
     of = [(i, cylinder) for i, body in enumerate(scene.bodies) for cylinder in body.cylinders]
     ends = [(i, c, end) for i, c in of for end in ("from", "to") if c.ends in ("both", end)]
-    places = [(i, c.start if end == "from" else c.end) for i, c, end in ends]
+    positions = [(i, c.start if end == "from" else c.end) for i, c, end in ends]
     outward = [(i, (c.end - c.start) / c.length) for i, c, end in ends]
     each = lambda key: [getattr(c, key) for c in cylinders for _ in range(c.slices)]  # noqa: E731
     water = BodyWater(
         slices,
         cdn=np.array([*each("cdn"), *(s.cd for s in spheres)]),
         can=np.array([*each("can"), *(s.ca for s in spheres)]),
-        end=_shares(rigid, places),
+        end=_shares(rigid, positions),
         outward=_shares(rigid, outward) - _shares(rigid, [(i, np.zeros(3)) for i, _ in outward]),
         end_radius=np.array([0.5 * c.diameter for _, c, _ in ends]),
         cdt=np.array([c.cdt for _, c, _ in ends]),
@@ -130,9 +130,9 @@ def _pieces(
     )
 
 
-def _shares(rigid: RigidBodies, places: list[tuple[int, np.ndarray]]) -> np.ndarray:
+def _shares(rigid: RigidBodies, positions: list[tuple[int, np.ndarray]]) -> np.ndarray:
     """Shares (places, 4) of places in their bodies' corners."""
-    found = [np.append(place, 1.0) @ np.asarray(rigid.affine[i]) for i, place in places]
+    found = [np.append(position, 1.0) @ np.asarray(rigid.affine[i]) for i, position in positions]
     return np.array(found).reshape(-1, 4)
 
 
@@ -141,9 +141,9 @@ def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarra
 
     Roll and yaw are continuous in time; pitch is between -pi/2 and pi/2, where the three are not unique.
     """
-    if not model.ties:
+    if not model.constraints:
         return {}
-    pose = jax.vmap(lambda place: model.ties[0].pose(model, place))
+    pose = jax.vmap(lambda position: model.constraints[0].pose(model, position))
     (position, axes), (velocity, rates) = (jax.tree.map(np.asarray, pose(a)) for a in (r, v))
     turned = attitude(axes)
     turned[..., 0::2] = np.unwrap(turned[..., 0::2], axis=0)
@@ -159,15 +159,17 @@ COVERED, ASIDE = 0.95, 0.05
 def make_vessels(scene: SceneData, sea: Sea | None) -> list[Effect]:
     """One moving point for each attachment of a vessel."""
     return [
-        _moved(vessel, f"vessel.{i}", name, place, scene, sea)
+        _vessel_effect(vessel, f"vessel.{i}", name, position, scene, sea)
         for i, vessel in enumerate(scene.vessels)
-        for name, place in vessel.attachments.items()
+        for name, position in vessel.attachments.items()
     ]
 
 
-def _moved(vessel: VesselSpec, path: str, name: str, place: np.ndarray, scene: SceneData, sea: Sea | None) -> Effect:
+def _vessel_effect(
+    vessel: VesselSpec, path: str, name: str, position: np.ndarray, scene: SceneData, sea: Sea | None
+) -> Effect:
     if vessel.rao is None:
-        return VesselByTable(vessel.time, vessel.motion, place, np.array(vessel.heading), point=name)
+        return VesselByTable(vessel.time, vessel.motion, position, np.array(vessel.heading), point=name)
     waves = sea.waves
     omega, amplitude = np.asarray(waves.omega, float), np.asarray(waves.amplitude, float)
     course = np.broadcast_to(np.asarray(waves.direction, float), omega.shape) - vessel.heading
@@ -191,7 +193,7 @@ def _moved(vessel: VesselSpec, path: str, name: str, place: np.ndarray, scene: S
         response.real,
         response.imag,
         place=vessel.position,
-        arm=place,
+        arm=position,
         heading=np.array(vessel.heading),
         settled=jnp.array([0.0, scene.sea.ramp]),
         point=name,

@@ -63,7 +63,7 @@ def first_row(s: State, work: int) -> Row:
     return Row(s.r, s.v, s.tension, jnp.zeros(work, s.r.dtype), s.parted, s.own)
 
 
-def named(last: Last) -> dict[str, np.ndarray]:
+def name_leaves(last: Last) -> dict[str, np.ndarray]:
     """The leaves by name."""
     return {_name(way): np.asarray(leaf) for way, leaf in jax.tree_util.tree_flatten_with_path(last)[0]}
 
@@ -73,7 +73,7 @@ def units(name: str) -> str:
     return UNITS.get(name.rpartition("_")[2], "1")
 
 
-def restored(kind: Last, last: dict[str, np.ndarray]) -> Last:
+def restore_carry(kind: Last, last: dict[str, np.ndarray]) -> Last:
     """The end of a run of saved leaves; `kind` is any of the same scene and scheme.
 
     Raises:
@@ -82,10 +82,10 @@ def restored(kind: Last, last: dict[str, np.ndarray]) -> Last:
     if not last:
         raise SceneError(f"{RUN} holds no last state, as those of earlier versions; allowed: one made by this version")
     leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
-    return jax.tree.unflatten(tree, [jnp.asarray(_checked(_name(way), like, last)) for way, like in leaves])
+    return jax.tree.unflatten(tree, [jnp.asarray(_check_leaf(_name(way), like, last)) for way, like in leaves])
 
 
-def _checked(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray]) -> np.ndarray:
+def _check_leaf(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray]) -> np.ndarray:
     if name not in last:
         raise SceneError(f"{RUN} lacks {name!r} of its last state; allowed: a file as it was written")
     found = last[name]
@@ -97,8 +97,8 @@ def _checked(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray])
     return found
 
 
-def _name(way: tuple[Any, ...]) -> str:
-    return LAST + jax.tree_util.keystr(way, simple=True, separator="_")
+def _name(key_path: tuple[Any, ...]) -> str:
+    return LAST + jax.tree_util.keystr(key_path, simple=True, separator="_")
 
 
 def same_scene(scene: Scene, before: Scene) -> None:
@@ -142,13 +142,13 @@ def may_go_on(status: str, failure: str) -> None:
         raise SceneError(f"{RUN} failed, {failure}; allowed: one that is ok or was interrupted")
 
 
-def done(carry: Progress | Adaptive | Controlled) -> int:
+def steps_done(carry: Progress | Adaptive | Controlled) -> int:
     """Steps, or saved times of runs that hold their error, that a carry has behind it."""
     if isinstance(carry, Controlled):
         return int(carry.saved)
     return int((carry if isinstance(carry, Progress) else carry.progress).done)
 
 
-def refused(carry: Progress | Adaptive | Controlled) -> int:
+def steps_refused(carry: Progress | Adaptive | Controlled) -> int:
     """Steps refused so far."""
     return 0 if isinstance(carry, Progress) else int(carry.refused)

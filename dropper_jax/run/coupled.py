@@ -15,17 +15,17 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, SimulationError, nearest
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Displacement, Model
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
-from dropper_jax.run.carry import named, restored, same_scene
-from dropper_jax.run.coupled_forces import own_mass, point_forces, set_free
+from dropper_jax.run.carry import name_leaves, restore_carry, same_scene
+from dropper_jax.run.coupled_forces import half_link_mass, point_forces, set_free
 from dropper_jax.run.start import initial_state
-from dropper_jax.stepping.integrate import Progress, begin, failed
+from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
@@ -35,7 +35,7 @@ MOST = 1_000_000
 Vectors = Sequence[Sequence[float]] | np.ndarray
 
 
-class _Went(NamedTuple):
+class _CoupledStepResult(NamedTuple):
     """Where some steps led: progress, the largest residual, steps taken by other means, the forces (c, 3) [N]."""
 
     progress: Progress
@@ -47,7 +47,7 @@ class _Went(NamedTuple):
 class _Motion(NamedTuple):
     """Places, velocities and accelerations (c, 3) of the coupled points at the end of the last step."""
 
-    places: np.ndarray
+    positions: np.ndarray
     velocities: np.ndarray
     accelerations: np.ndarray
 
@@ -60,16 +60,16 @@ class _Saved(NamedTuple):
     forces: np.ndarray
 
 
-@kept(static=("stepper", "coupled"))
+@cached_jit(static=("stepper", "coupled"))
 def _go(
     stepper: Stepper, model: Model, free: Model, progress: Progress, h: jax.Array, count: jax.Array, coupled: tuple
-) -> _Went:
+) -> _CoupledStepResult:
     """`count` steps of h [s]."""
 
-    def one(_: jax.Array, went: tuple[Any, ...]) -> tuple[Any, ...]:
-        (s0, done, first_bad), residual, retried = went
+    def one(_: jax.Array, result: tuple[Any, ...]) -> tuple[Any, ...]:
+        (s0, done, first_bad), residual, retried = result
         s, report = step(stepper, model, s0, h, first_bad < 0)
-        bad = failed(stepper, model, s, report.residual)
+        bad = step_failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (first_bad < 0), done, first_bad)
         # not `maximum`, which would lose that a step gave no number
         worst = jnp.where(report.residual <= residual, residual, report.residual)
@@ -77,10 +77,10 @@ def _go(
 
     zero = jnp.zeros((), model.dtype), jnp.zeros((), jnp.int32)
     progress, residual, retried = jax.lax.fori_loop(0, count, one, (progress, *zero))
-    return _Went(progress, residual, retried, point_forces(model, free, progress.state, coupled))
+    return _CoupledStepResult(progress, residual, retried, point_forces(model, free, progress.state, coupled))
 
 
-_forces = kept(static=("points",))(point_forces)
+_forces = cached_jit(static=("points",))(point_forces)
 
 
 class Coupled:
@@ -148,13 +148,13 @@ class Coupled:
             SceneError: a static pose that is not found, values that are not finite or not of this shape.
         """
         home = np.array([self.scene.point(name).position for name in self.points])
-        places = home if positions is None else self._read("positions", positions)
-        rates = np.zeros_like(places) if velocities is None else self._read("velocities", velocities)
-        here = self._moved_to(places)
+        all_positions = home if positions is None else self._read("positions", positions)
+        rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
+        here = self._moved_to(all_positions)
         model = build_model(here)
         if any(e.moves(name) for e in model.having(Displacement) for name in self.points):
             raise SceneError("points: move already by an effect of the scene; allowed: held points that rest")
-        motion = CoupledMotion.uniform(self.points, places, rates, self.accelerations)
+        motion = CoupledMotion.uniform(self.points, all_positions, rates, self.accelerations)
         self._model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
         self._indices = tuple([p.name for p in model.points].index(name) for name in self.points)
         self._free = set_free(model, self._indices)
@@ -164,7 +164,7 @@ class Coupled:
         self._plain = self._stepper.until_converged or not model.laws
         progress = begin(self._stepper, self._model, initial_state(self._model, here.start))
         forces = np.asarray(_forces(self._model, self._free, progress.state, points=self._indices))
-        self._saved = _Saved(progress, _Motion(places, rates, np.zeros_like(places)), forces)
+        self._saved = _Saved(progress, _Motion(all_positions, rates, np.zeros_like(all_positions)), forces)
         self.status, self.failure = "ok", ""
         return forces.copy()
 
@@ -193,19 +193,19 @@ class Coupled:
             why = f"is {count:.3g} steps of {self.scene.run.dt:g} s inside"
             raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST}")
         model = self._moving(saved, to, dt)
-        went = self._advance(model, saved.progress, dt / count, count)
-        self.residual, self.retried = float(went.residual), int(went.retried)
-        forces = np.asarray(went.forces)
-        bad = int(went.progress.first_bad) >= 0
+        result = self._advance(model, saved.progress, dt / count, count)
+        self.residual, self.retried = float(result.residual), int(result.retried)
+        forces = np.asarray(result.forces)
+        bad = int(result.progress.first_bad) >= 0
         if bad or not np.all(np.isfinite(forces)):
             self._fail(dt, count)
         self.status, self.failure = "ok", ""
-        self._saved = _Saved(went.progress, to, forces)
+        self._saved = _Saved(result.progress, to, forces)
         return forces.copy()
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
         """The whole state as arrays, and in an `.npz` file where a path is given."""
-        arrays = named(self._state())
+        arrays = name_leaves(self._state())
         if path is not None:
             text = np.array(json.dumps({"scene": self.scene.as_written(), "points": self.points}))
             atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
@@ -223,7 +223,7 @@ class Coupled:
         if self._saved is None:
             self.init()
         arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
-        found = restored(self._state(), arrays)
+        found = restore_carry(self._state(), arrays)
         motion = _Motion(*(np.asarray(a) for a in found.motion))
         self._saved = _Saved(found.progress, motion, np.asarray(found.forces))
         self.status, self.failure = "ok", ""
@@ -240,7 +240,7 @@ class Coupled:
     @property
     def mass(self) -> np.ndarray:
         self._state()
-        return np.asarray(own_mass(self._free, self._indices))
+        return np.asarray(half_link_mass(self._free, self._indices))
 
     @property
     def positions(self) -> np.ndarray:
@@ -259,32 +259,32 @@ class Coupled:
             raise SceneError("Coupled: has not begun; allowed: `init` first")
         return self._saved
 
-    def _advance(self, model: Model, progress: Progress, h: float, count: int) -> _Went:
+    def _advance(self, model: Model, progress: Progress, h: float, count: int) -> _CoupledStepResult:
         """The steps inside, by the program for steps that resist where the plain one does not solve them."""
         given = model, self._free, progress, jnp.asarray(h, model.dtype), jnp.asarray(count, jnp.int32)
-        went = _go(self._stepper.plain if self._plain else self._stepper, *given, coupled=self._indices)
-        if self._plain and int(went.progress.first_bad) >= 0 and self._stepper != self._stepper.plain:
+        result = _go(self._stepper.plain if self._plain else self._stepper, *given, coupled=self._indices)
+        if self._plain and int(result.progress.first_bad) >= 0 and self._stepper != self._stepper.plain:
             self._plain = False
-            went = _go(self._stepper, *given, coupled=self._indices)
-        return went
+            result = _go(self._stepper, *given, coupled=self._indices)
+        return result
 
     def _moving(self, saved: _Saved, to: _Motion, dt: float, at: float | None = None) -> Model:
         """The model whose points go from where they are to there."""
         pairs = [np.stack(both) for both in zip(saved.motion, to, strict=True)]
         t = float(saved.progress.state.t) if at is None else at
         model, motion = self._model, self._model.effects[-1]
-        places, rates, bends = (jnp.asarray(a, model.dtype) for a in pairs)
+        positions, rates, bends = (jnp.asarray(a, model.dtype) for a in pairs)
         values = {"begin": jnp.asarray(t, model.dtype), "width": jnp.asarray(dt, model.dtype)}
         bends = bends if self.accelerations else None
-        motion = replace(motion, places=places, velocities=rates, accelerations=bends, **values)
+        motion = replace(motion, places=positions, velocities=rates, accelerations=bends, **values)
         return replace(model, effects=(*model.effects[:-1], motion))
 
-    def _moved_to(self, places: np.ndarray) -> Scene:
+    def _moved_to(self, positions: np.ndarray) -> Scene:
         names = [p.name for p in self.scene.points]
         home = [self.scene.point(name).position for name in self.points]
-        if all(np.array_equal(a, b) for a, b in zip(places, home, strict=True)):
+        if all(np.array_equal(a, b) for a, b in zip(positions, home, strict=True)):
             return self.scene
-        where = zip(self.points, places, strict=True)
+        where = zip(self.points, positions, strict=True)
         return self.scene.with_values({f"point.{names.index(name)}.position": p.tolist() for name, p in where})
 
     def _fail(self, dt: float, count: int) -> None:

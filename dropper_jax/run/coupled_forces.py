@@ -14,7 +14,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.model import Graph, Law, Model, Path, State, Tie, as_parted
+from dropper_jax.model import Graph, HolonomicConstraint, Law, Model, Path, State, as_parted
 from dropper_jax.model.slots import Force
 
 
@@ -34,23 +34,23 @@ def set_free(model: Model, points: tuple[int, ...]) -> Model:
         freed: Graph | Path = replace(geometry, held=held)
     else:
         freed = replace(geometry, held=(True, geometry.held[1] and geometry.members[0].end not in points))
-    gone = lambda e: isinstance(e, Force) and (isinstance(e, (Law, Tie)) or e.bodily or e.single_line)  # noqa: E731
-    effects = tuple(e for e in model.effects if not gone(e))
+    drop = lambda e: isinstance(e, Force) and (isinstance(e, (Law, HolonomicConstraint)) or e.bodily or e.single_line)  # noqa: E731
+    effects = tuple(e for e in model.effects if not drop(e))
     return replace(model, lines=(replace(line, geometry=freed),), effects=effects)
 
 
 def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -> jax.Array:
     """Forces (c, 3) [N] on held points: tensions along their links, and the effects' forces; `free` is `set_free`'s."""
-    seen = as_parted(model.entered(s.own), s.parted)
+    seen = as_parted(model.with_internal_state(s.own), s.parted)
     ends = seen.ends(s.t)
     links = seen.links(s.r, ends)
-    pull = seen.geometry.held_pull((s.tension / safe_norm(links))[:, None] * links)
+    held_forces = seen.geometry.held_force((s.tension / safe_norm(links))[:, None] * links)
     rows = [list(seen.geometry.held_points).index(p) for p in points]
-    own = _own(seen.geometry, free.entered(s.own), s, ends.places, _velocities(ends, s))
-    return pull[np.array(rows)] + _at(free.geometry, points, own)
+    own = _effect_forces(seen.geometry, free.with_internal_state(s.own), s, ends.positions, _velocities(ends, s))
+    return held_forces[np.array(rows)] + _at(free.geometry, points, own)
 
 
-def own_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
+def half_link_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
     """Mass (c,) [kg] of the halves of links at the points."""
     return _at(free.geometry, points, free.line.node_mass[:, None])[:, 0]
 
@@ -59,7 +59,7 @@ def _velocities(ends: Any, s: State) -> jax.Array:
     return jnp.zeros_like(ends.places) if ends.velocities is None else ends.velocities
 
 
-def _own(geometry: Any, free: Model, s: State, places: jax.Array, velocities: jax.Array) -> jax.Array:
+def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, velocities: jax.Array) -> jax.Array:
     """The effects' forces (nodes, 3) [N] on the nodes of the freed model."""
     held = list(geometry.held_points)
 
@@ -70,7 +70,7 @@ def _own(geometry: Any, free: Model, s: State, places: jax.Array, velocities: ja
         rows = [of_ends[held.index(p)] if p in held else field[node[p]] for p in free.geometry.free_points]
         return jnp.concatenate([field[: geometry.inner], jnp.stack(rows)])
 
-    return free.force(free.instant(nodal(s.r, places), nodal(s.v, velocities), s.t))
+    return free.force(free.instant(nodal(s.r, positions), nodal(s.v, velocities), s.t))
 
 
 def _at(geometry: Any, points: tuple[int, ...], nodal: jax.Array) -> jax.Array:

@@ -26,7 +26,7 @@ class Design:
 
     Attributes:
         path, value: the scene's value that was found, in its own unit.
-        target, wanted, reached: what was asked for, [N] or [m].
+        target, requested, reached: what was asked for, [N] or [m].
         solves: static poses that it took.
         scene: the scene with the value set.
         end_forces: of a tension's line, the forces [N] on its first and last point, which a link's tension is not.
@@ -35,21 +35,21 @@ class Design:
     path: str
     value: float
     target: str
-    wanted: float
+    requested: float
     reached: float
     solves: int
     scene: Scene
     end_forces: tuple[float, float] | None = None
 
 
-def solve_design(scene: SceneLike, path: str, low: float, high: float, target: str, wanted: float) -> Design:
+def solve_design(scene: SceneLike, path: str, low: float, high: float, target: str, goal: float) -> Design:
     """The value of `path` between `low` and `high` for which a static quantity is as wanted.
 
     Args:
         scene: anything that `load_scene` takes.
         path: of one number of the scene, such as `line.0.length` or `point.float.volume`.
         target: `tension.LINE.first`, `tension.LINE.last` or `tension.LINE.max` [N], or `depth.POINT` [m] below z = 0.
-        wanted: the value of the target.
+        goal: the value of the target.
 
     Root finding on the statics (Brent's method: secant steps, kept between the ends); every value is a full
     equilibrium, so that slack lines and contact may switch on the way.
@@ -68,17 +68,17 @@ def solve_design(scene: SceneLike, path: str, low: float, high: float, target: s
             if pose.status != "ok":
                 raise SceneError(f"{path}: {value:g} has no equilibrium: {pose.message}")
             seen[value] = float(measure(changed, pose))
-        return seen[value] - wanted
+        return seen[value] - goal
 
     ends = miss(low), miss(high)
     if ends[0] * ends[1] > 0:
         raise SceneError(
-            f"{path}: {low:g} to {high:g} gives {target} from {ends[0] + wanted:.6g} to {ends[1] + wanted:.6g}, which "
-            f"does not pass {wanted:g}; allowed: a range whose ends lie on either side"
+            f"{path}: {low:g} to {high:g} gives {target} from {ends[0] + goal:.6g} to {ends[1] + goal:.6g}, which "
+            f"does not pass {goal:g}; allowed: a range whose ends lie on either side"
         )
     value = brentq(miss, low, high, xtol=PRECISION * max(abs(low), abs(high)), rtol=4 * np.finfo(float).eps)
-    reached, changed = miss(value) + wanted, scene.with_values({path: value})
-    return Design(path, value, target, wanted, reached, len(seen), changed, _end_forces(changed, target))
+    reached, changed = miss(value) + goal, scene.with_values({path: value})
+    return Design(path, value, target, goal, reached, len(seen), changed, _end_forces(changed, target))
 
 
 def _end_forces(scene: Scene, target: str) -> tuple[float, float] | None:

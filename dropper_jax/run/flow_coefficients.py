@@ -91,18 +91,18 @@ def _period(sea: Sea) -> float:
     return float(2 * np.pi / sea.waves.omega[0]) if sea.waves.size == 1 or sea.waves.bound else mean_period(sea)
 
 
-def _across(sea: Sea, places: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _across(sea: Sea, positions: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """RMS of the waves' velocity across links, and speed of the current across them, (n,) [m/s] each."""
     depth = jnp.asarray(sea.depth)
-    steady = np.zeros_like(places)
+    steady = np.zeros_like(positions)
     if sea.current is not None:
-        steady = np.asarray(sea.current.profile(jnp.asarray(places[:, 2]), depth))
+        steady = np.asarray(sea.current.profile(jnp.asarray(positions[:, 2]), depth))
     along = np.sum(steady * tangent, axis=1, keepdims=True) * tangent
     current = np.linalg.norm(steady - along, axis=1)
     if sea.waves is None:
-        return np.zeros(len(places)), current
+        return np.zeros(len(positions)), current
     waves = sea.waves
-    level, upright = (np.asarray(a) for a in waves.profiles(jnp.minimum(jnp.asarray(places[:, 2]), 0.0), depth))
+    level, upright = (np.asarray(a) for a in waves.profiles(jnp.minimum(jnp.asarray(positions[:, 2]), 0.0), depth))
     course = np.asarray(waves.direction) * np.ones(waves.size)
     speed = np.asarray(waves.speeds)
     # velocity of a component: level part as the cosine, upright part as the sine of its phase

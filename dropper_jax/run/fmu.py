@@ -102,14 +102,14 @@ class Unit:
         for i, name in enumerate(plain_names(self.lines.points)):
             for level, letter, unit in ((0, "", "m"), (1, "v", "m/s")):
                 for axis, word in enumerate(AXES):
-                    place = (level, i, axis)
+                    index = (level, i, axis)
                     variable = kinds.Float64(
                         f"{name}_{letter}{word}",
-                        start=float(self.motion[place]),
+                        start=float(self.motion[index]),
                         description=f"[{unit}]",
                         causality=causality.input,
-                        getter=lambda place=place: float(self.motion[place]),
-                        setter=lambda value, place=place: self.motion.__setitem__(place, value),
+                        getter=lambda index=index: float(self.motion[index]),
+                        setter=lambda value, index=index: self.motion.__setitem__(index, value),
                         **varies,
                     )
                     self.register_variable(variable)

@@ -26,26 +26,26 @@ FLAGS = {"step_status": ((0, 1), "good failed")}
 Variables = dict[str, tuple[Any, ...]]
 
 
-def derived(solution: Samples) -> Variables:
+def derive_variables(solution: Samples) -> Variables:
     """Variables computed from a run: surface at the origin, pull on held points, tension at the ends of lines."""
     names, loads = held_points(solution.scene), []
     for name in names:
         arrays = (solution.t, solution.positions, solution.t_tension, solution.tension)
         loads.append(point_load(solution.scene, name, *arrays))
-    told = "sum of the tensions of the lines that end at a held point, along them; at tension_time"
+    meaning = "sum of the tensions of the lines that end at a held point, along them; at tension_time"
     found: Variables = {}
     if names:
-        found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _said("N", told))
+        found["point_load"] = (("time", "held_point", "axis"), np.stack(loads, axis=1), _attributes("N", meaning))
     ends = np.stack(list(end_tensions(solution.scene, solution.tension).values()), axis=1)
-    told = "tension of the first and the last link of each line; at tension_time"
-    found["end_tension"] = (("time", "line", "end"), ends, _said("N", told))
+    meaning = "tension of the first and the last link of each line; at tension_time"
+    found["end_tension"] = (("time", "line", "end"), ends, _attributes("N", meaning))
     if solution.scene.sea is not None:
         eta = surface_over(solution.scene, np.zeros((len(solution.t), 1, 3)), solution.t)[:, 0]
-        found["elevation"] = ("time", eta, _said("m", "elevation of the surface at x = 0, y = 0"))
+        found["elevation"] = ("time", eta, _attributes("m", "elevation of the surface at x = 0, y = 0"))
     return found
 
 
-def places(solution: Samples) -> Variables:
+def coordinates(solution: Samples) -> Variables:
     """Coordinates: arc length of nodes and links, names of held points, lines and ends."""
     scene, nodes, links = solution.scene, [], []
     written_node: list[str] = []
@@ -62,8 +62,8 @@ def places(solution: Samples) -> Variables:
         written_link += [line.name] * len(links[-1])
     along = "unstretched arc length from the beginning of the line"
     found: Variables = {
-        "arc_length_of_node": ("node", np.concatenate(nodes), _said("m", along)),
-        "arc_length_of_link": ("link", np.concatenate(links), _said("m", f"{along} to the middle of the link")),
+        "arc_length_of_node": ("node", np.concatenate(nodes), _attributes("m", along)),
+        "arc_length_of_link": ("link", np.concatenate(links), _attributes("m", f"{along} to the middle of the link")),
         "line": ("line", np.array(list(dict.fromkeys(written_link)), dtype=str), {"long_name": "line as written"}),
         "end": ("end", ["first", "last"], {"long_name": "end of a line"}),
         "written_line_of_node": ("node", np.array(written_node, dtype=str), {"long_name": "line, pieces together"}),
@@ -99,8 +99,8 @@ def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[st
     missing, so coordinates have no fill value.
     """
     dataset = dataset.copy()
-    told = {"comment": "simulated time: the date means nothing", "units_metadata": "leap_seconds: none"}
-    dataset["time"].attrs.update(units=EPOCH, calendar="standard", **told)
+    comment = {"comment": "simulated time: the date means nothing", "units_metadata": "leap_seconds: none"}
+    dataset["time"].attrs.update(units=EPOCH, calendar="standard", **comment)
     packed: dict[str, dict[str, Any]] = {}
     for name in dataset.variables:
         variable = dataset[name]
@@ -124,5 +124,5 @@ def add_attributes(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset
 
 
-def _said(units: str, meaning: str) -> dict[str, str]:
+def _attributes(units: str, meaning: str) -> dict[str, str]:
     return {"units": units, "long_name": meaning}

@@ -7,14 +7,14 @@ import numpy as np
 from dropper_jax.scene import SceneData, line_slices, whole_lines
 
 
-def places_at(t: np.ndarray, places: np.ndarray, times: np.ndarray) -> np.ndarray:
+def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Places (q, ...) [m] at times (q,) [s], linear between the saved places (k, ...) at t (k,) [s]."""
     if len(t) < 2:
-        return places[np.zeros(len(times), int)]
-    place = np.interp(times, t, np.arange(len(t)))
-    low = np.minimum(place.astype(int), len(t) - 2)
-    share = (place - low).reshape(-1, *[1] * (places.ndim - 1))
-    return (1 - share) * places[low] + share * places[low + 1]
+        return positions[np.zeros(len(times), int)]
+    row = np.interp(times, t, np.arange(len(t)))
+    low = np.minimum(row.astype(int), len(t) - 2)
+    share = (row - low).reshape(-1, *[1] * (positions.ndim - 1))
+    return (1 - share) * positions[low] + share * positions[low + 1]
 
 
 def point_load(
@@ -36,7 +36,7 @@ def point_load(
         )
         for point, nodes, link, sign in ends:
             if point == name:
-                both = places_at(t, positions[:, nodes], t_tension)
+                both = positions_at(t, positions[:, nodes], t_tension)
                 along = sign * (both[:, 1] - both[:, 0])
                 size = np.linalg.norm(along, axis=1, keepdims=True)
                 total += tension[:, link, None] * along / np.where(size > 0, size, 1.0)

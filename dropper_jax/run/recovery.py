@@ -13,11 +13,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.assembled import assembled, followed
+from dropper_jax.run.assembly import build_solution, with_adaptive_steps
 from dropper_jax.run.build import build_model, stepper_of
-from dropper_jax.run.resolution import judged
-from dropper_jax.run.rows import ABOUT, OnDisk, whole_rows
-from dropper_jax.run.simulate import Solution, first_of
+from dropper_jax.run.resolution import with_quality_checks
+from dropper_jax.run.row_store import ABOUT, OnDisk, count_rows
+from dropper_jax.run.simulate import Solution, initial_carry
 from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.integrate import Trajectory, begin
@@ -31,14 +31,14 @@ def recover(path: Path) -> list[str]:
     """
     lines = []
     for folder in [item for item in leftovers(path) if item.is_dir()]:
-        if not whole_rows(folder):
+        if not count_rows(folder):
             remove(folder)
             continue
         try:
             solution = left_in(folder)
             lost = f"the piece after t = {solution.t[-1]:.6g} s is lost"
-            told = replace(solution, warnings=(*solution.warnings, f"killed: {lost}"))
-            kept = told.save(_free_name(path))
+            reported = replace(solution, warnings=(*solution.warnings, f"killed: {lost}"))
+            kept = reported.save(_free_name(path))
         except (SceneError, OSError, ValueError, KeyError, TypeError) as error:
             lines.append(f"{folder}: what a killed run left cannot be used: {' '.join(str(error).split())}")
             continue
@@ -82,10 +82,10 @@ def solution_of_rows(scene: Scene, folder: Path, settings: dict[str, Any]) -> So
     stepper = stepper_of(model, scene.run, **renamed)
     if isinstance(stepper.integrator, ProjectedRungeKutta):
         raise SceneError(f"integrator: {stepper.integrator.name} holds its steps by their error; allowed: any other")
-    first, since = first_of(stepper, model, scene, None)
+    first, since = initial_carry(stepper, model, scene, None)
     s = begin(stepper, model, initial_state(model, scene.start)).state
     beside = None if scene.run.step_tolerance is None else Within(*(0.0,) * len(Within._fields))
-    rows = OnDisk.left(folder, (Trajectory(*(0.0,) * 8, s.parted, s.own), beside))
-    run, within = rows.joined(scene.run.saves)
-    solution = assembled(Solution, scene, stepper, model, first, since, run, dict(settings), rows)
-    return judged(solution if within is None else followed(solution, within, 0))
+    rows = OnDisk.reopen(folder, (Trajectory(*(0.0,) * 8, s.parted, s.own), beside))
+    run, within = rows.concatenate(scene.run.saves)
+    solution = build_solution(Solution, scene, stepper, model, first, since, run, dict(settings), rows)
+    return with_quality_checks(solution if within is None else with_adaptive_steps(solution, within, 0))

@@ -23,7 +23,7 @@ def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tu
     Args:
         positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
     """
-    return (*_overloaded(scene, tension), *_stretched(scene, positions), *_misplaced(scene, positions))
+    return (*_check_loads(scene, tension), *_check_stretch(scene, positions), *_check_buoys(scene, positions))
 
 
 def check_stretch(scene: Scene, positions: np.ndarray) -> None:
@@ -48,13 +48,13 @@ def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]
             yield line.name, float(np.max(size / line.length - 1.0))
 
 
-def _stretched(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     for line, strain in _strains(scene, positions):
         if strain > STRETCHED:
             yield f"{line}: is stretched by {strain:.0%} at rest; check its length and EA"
 
 
-def _overloaded(scene: Scene, tension: np.ndarray) -> Iterator[str]:
+def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         if line.breaking_load is None:
             continue
@@ -67,7 +67,7 @@ def _overloaded(scene: Scene, tension: np.ndarray) -> Iterator[str]:
             )
 
 
-def _misplaced(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     nodes = point_nodes(scene)
     for buoy in scene.buoys:
         base = float(positions[nodes[buoy.point], 2]) - buoy.attachment

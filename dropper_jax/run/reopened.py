@@ -57,7 +57,7 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
         )
 
 
-def reopened(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type[Kind]) -> Kind:
+def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type[Kind]) -> Kind:
     """The run, as a `kind` of samples, of provenance and arrays that were read from a file.
 
     Raises:

@@ -35,7 +35,7 @@ RESOLVED = 60
 MOST = 20
 
 
-def judged(solution: Kind) -> Kind:
+def with_quality_checks(solution: Kind) -> Kind:
     """The solution with what it has to say about its own numbers; where energy comes from nowhere or is lost, it is not
     called ok."""
     used = solution.settings
@@ -125,17 +125,17 @@ def _fewer(found: Iterator[tuple[str, float, str]]) -> list[str]:
     for fault in dict.fromkeys(row[0] for row in rows):
         sizes = sorted((row[1] for row in rows if row[0] == fault), reverse=True)
         least[fault] = sizes[min(MOST, len(sizes)) - 1]
-    told: list[str] = []
+    notes: list[str] = []
     count = dict.fromkeys(least, 0)
     for fault, size, text in rows:
         if size >= least[fault] and count[fault] < MOST:
             count[fault] += 1
-            told.append(text)
+            notes.append(text)
     for fault, shown in count.items():
         more = sum(row[0] == fault for row in rows) - shown
         if more:
-            told.append(f"{more} more lines: {fault}")
-    return told
+            notes.append(f"{more} more lines: {fault}")
+    return notes
 
 
 def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
@@ -148,7 +148,7 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
             when = f"{tension[sharp]:.4g} N at {solution.t_tension[1 + sharp[0]]:.4g} s"
             text = f"{line.name}: its largest tension, {when}, lasts a step of {dt:g} s or two: not resolved"
             yield "largest tensions of a step or two: not resolved", float(tension[sharp]), text
-        pulsed = _pulsed(tension)
+        pulsed = _pulse_share(tension)
         if pulsed > PULSES:
             text = f"{line.name}: {pulsed:.0%} of its tension comes in pulses of one step of {dt:g} s: not resolved"
             yield "tension in pulses of one step: not resolved", float(pulsed), text
@@ -185,7 +185,7 @@ def _sharpest(tension: np.ndarray) -> tuple[int, int] | None:
     return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > SHARP * around[1] else None
 
 
-def _pulsed(tension: np.ndarray) -> float:
+def _pulse_share(tension: np.ndarray) -> float:
     """Share of all tension over time that single steps between slack ones hold, of the link with most."""
     taut = tension > 0.0
     alone = taut[1:-1] & ~taut[:-2] & ~taut[2:]

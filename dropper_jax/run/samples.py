@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature
-from dropper_jax.run.rows import BLOCK, let_go
+from dropper_jax.run.row_store import BLOCK, release_pages
 from dropper_jax.run.twists import torque
 from dropper_jax.run.weights import end_forces
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
@@ -146,7 +146,7 @@ class Samples:
         parts = []
         for line in self.lines:
             parts.append(link_angles(self.positions[:, line.nodes], zero="horizontal"))
-            let_go([self.positions])
+            release_pages([self.positions])
         return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
     @property
@@ -267,7 +267,7 @@ def _plain(value: np.ndarray) -> Plain:
     raise TypeError(f"{type(value).__name__} cannot be saved")
 
 
-def finished(run: Samples) -> bool:
+def is_finished(run: Samples) -> bool:
     """Whether a run reached its end with a motion whose errors can be estimated, not one that gained without bound."""
     return run.status == "ok" or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
 
@@ -290,5 +290,5 @@ def largest_size(vectors: np.ndarray) -> float:
         found = []
         for first in range(0, len(vectors), BLOCK):
             found.append(np.max(np.linalg.norm(vectors[first : first + BLOCK], axis=-1)))
-            let_go([vectors])
+            release_pages([vectors])
         return float(np.max(found))

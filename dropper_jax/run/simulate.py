@@ -17,15 +17,24 @@ from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.model import Model, state, work_names
-from dropper_jax.run.assembled import Since, assembled, controlled, followed
+from dropper_jax.run.assembly import TimeOrigin, build_solution, with_adaptive_steps, with_controlled_steps
 from dropper_jax.run.build import SceneLike, build_model, stepper_of
-from dropper_jax.run.carry import Last, first_row, last_row, may_go_on, named, refused, restored, same_scene
-from dropper_jax.run.pieces import compile_run, first_carry, go_through
+from dropper_jax.run.carry import (
+    Last,
+    first_row,
+    last_row,
+    may_go_on,
+    name_leaves,
+    restore_carry,
+    same_scene,
+    steps_refused,
+)
+from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
+from dropper_jax.run.memory_check import check_memory
 from dropper_jax.run.remarks import check_stretch
-from dropper_jax.run.resolution import judged
-from dropper_jax.run.room import check_room
-from dropper_jax.run.rows import InMemory, OnDisk
-from dropper_jax.run.samples import Samples, finished
+from dropper_jax.run.resolution import with_quality_checks
+from dropper_jax.run.row_store import InMemory, OnDisk
+from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.start import initial_state
 from dropper_jax.run.step_check import with_step_check
 from dropper_jax.run.summary import summary
@@ -236,35 +245,35 @@ def simulate(
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, run, **renamed)  # a pairing that makes no sense is refused before the start is sought
     say(0.0, "finding the start")
-    first, since = first_of(stepper, model, scene, start)
+    first, since = initial_carry(stepper, model, scene, start)
     folder = None if scratch is None else Path(scratch)
-    check_room(model, first.row, run, folder)
+    check_memory(model, first.row, run, folder)
     about = {"scene": scene.as_written(), "settings": settings, "went_on": start is not None}
     rows = InMemory() if folder is None else OnDisk(folder, about)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     before = 0 if start is None else int(start.settings["steps"])
     compiled = compile_run(stepper, model, first.carry, run, before)
-    compile_s = time.perf_counter() - begun
+    compile_s = time.perf_counter() - started
     start_s = time.perf_counter() - entered
-    gone = go_through(compiled, run.saves, say, rows)
-    trajectory, within, carry = gone.trajectory, gone.beside, gone.carry
-    solution = assembled(Solution, scene, stepper, model, first, since, trajectory, dict(settings), rows)
+    outcome = run_chunks(compiled, run.saves, say, rows)
+    trajectory, within, carry = outcome.trajectory, outcome.beside, outcome.carry
+    solution = build_solution(Solution, scene, stepper, model, first, since, trajectory, dict(settings), rows)
     if isinstance(carry, Adaptive):
-        solution = followed(solution, within, refused(carry) - refused(first.carry))
+        solution = with_adaptive_steps(solution, within, steps_refused(carry) - steps_refused(first.carry))
     if isinstance(carry, Controlled):
-        solution = controlled(solution, stepper, model, trajectory, within, carry, first.carry)
+        solution = with_controlled_steps(solution, stepper, model, trajectory, within, carry, first.carry)
     if solution.first_bad is None:
-        solution = replace(solution, last=named(Last(last_row(trajectory), carry)))
-    solution = replace(solution, compile_s=compile_s + gone.late_s, run_s=gone.run_s)
-    if gone.interrupted:
-        told = (gone.refused,) if gone.refused else ()
-        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *told))
-    solution = judged(solution)
+        solution = replace(solution, last=name_leaves(Last(last_row(trajectory), carry)))
+    solution = replace(solution, compile_s=compile_s + outcome.late_s, run_s=outcome.run_s)
+    if outcome.interrupted:
+        notes = (outcome.refused,) if outcome.refused else ()
+        solution = replace(solution, status="interrupted", warnings=(*solution.warnings, *notes))
+    solution = with_quality_checks(solution)
     if step_check and tolerance is None and not errors:
-        solution = with_step_check(solution, compiled, gone, start_s + gone.late_s)
+        solution = with_step_check(solution, compiled, outcome, start_s + outcome.late_s)
     if choice is not None:
-        solution = _within(solution, tolerance, choice)
-    if errors and finished(solution):
+        solution = _check_tolerance(solution, tolerance, choice)
+    if errors and is_finished(solution):
         solution = _with_errors(solution, scene, skip, settings, say)
     say(1.0, solution.status)
     if throw and solution.status != "ok":
@@ -272,24 +281,24 @@ def simulate(
     return solution
 
 
-def first_of(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, Since]:
+def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:
     """Where a run begins, at its scene's start or at the end of the run before, and what its times count from."""
     run, names = scene.run, work_names(model) if stepper.track_work else ()
     if before is None:
         s = initial_state(model, scene.start)
         if scene.start.kind == "static":
             check_stretch(scene, np.asarray(model.nodes(s.r, model.ends(s.t))))
-        return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), Since()
+        return Last(first_row(s, len(names)), first_carry(stepper, model, s, run)), TimeOrigin()
 
     def kind(model: Model) -> Last:
         s = state(model, jnp.zeros((model.free_nodes, 3), model.dtype))
         return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
 
-    last, used = restored(jax.eval_shape(kind, model), before.last), before.settings
-    since = Since(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
+    last, used = restore_carry(jax.eval_shape(kind, model), before.last), before.settings
+    since = TimeOrigin(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
     since = since._replace(saves=since.saves + len(before.t) - 1)
     if (run.dt, run.save_every) != (used["dt"], used["save_every"]):
-        since = Since(float(before.t[-1]))
+        since = TimeOrigin(float(before.t[-1]))
         if isinstance(last.carry, Controlled):
             here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
             last = last._replace(carry=here)
@@ -306,7 +315,7 @@ def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, An
     return scene.with_values({"run.dt": choice.dt}), choice
 
 
-def _within(solution: Solution, tolerance: float, choice: Any) -> Solution:
+def _check_tolerance(solution: Solution, tolerance: float, choice: Any) -> Solution:
     """The solution with its estimated error; one that misses the tolerance is not called ok."""
     solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
     if choice.estimate <= tolerance or solution.status != "ok":
@@ -330,5 +339,7 @@ def _with_errors(
 
     again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
-    told = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
-    return replace(solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *told))
+    notes = tuple(f"{name}: its largest tension is not resolved (see the errors)" for name in found["not_resolved"])
+    return replace(
+        solution, settings={**solution.settings, "load_errors": found}, warnings=(*solution.warnings, *notes)
+    )

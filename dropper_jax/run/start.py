@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.model import Displacement, Model, State, state
 from dropper_jax.scene import StartSpec
@@ -54,19 +54,19 @@ def between_points(model: Model, near: State | None = None) -> State:
     """
     graph = replace(model.geometry, held=(True,) * len(model.points))
     carried = ("point_bodies", "spar_buoys")
-    gone = lambda e: e.name in carried or e.bodily or isinstance(e, Displacement)  # noqa: E731
-    effects = tuple(e for e in model.effects if not gone(e))
-    places = [model.points[int(i)].position for i in model.geometry.free_points]
+    drop = lambda e: e.name in carried or e.bodily or isinstance(e, Displacement)  # noqa: E731
+    effects = tuple(e for e in model.effects if not drop(e))
+    positions = [model.points[int(i)].position for i in model.geometry.free_points]
     if not graph.free:
-        return state(model, jnp.stack(places))
+        return state(model, jnp.stack(positions))
     held = replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
     beside = None if near is None else state(held, near.r[: graph.free], tension=near.tension)
-    s = _found(held, None) if beside is None else settle(held, beside)
-    r = jnp.concatenate([s.r, jnp.stack(places)]) if places else s.r
+    s = _equilibrium_state(held, None) if beside is None else settle(held, beside)
+    r = jnp.concatenate([s.r, jnp.stack(positions)]) if positions else s.r
     return state(model, r, tension=s.tension)
 
 
-def _found(model: Model, loads: jax.Array | None) -> State:
+def _equilibrium_state(model: Model, loads: jax.Array | None) -> State:
     pose = equilibrium(model, loads)
     if pose.status not in ("ok", "traced"):
         raise SceneError(f"start: {pose.message}")
@@ -84,9 +84,9 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None) -> 
     """
     if start.kind == "static":
         loads = nodal_loads(model, start.release_nodes, start.release_force)
-        s = _found(model, loads) if near is None else settle(model, _still(model, near), loads)
-        return _pushed(model, s)
-    return _under_tension(model, _pushed(model, _given(model, start, near)))
+        s = _equilibrium_state(model, loads) if near is None else settle(model, _still(model, near), loads)
+        return _with_body_velocities(model, s)
+    return _under_tension(model, _with_body_velocities(model, _state_of_spec(model, start, near)))
 
 
 def _still(model: Model, near: State) -> State:
@@ -94,14 +94,14 @@ def _still(model: Model, near: State) -> State:
     return state(model, near.r, tension=near.tension)
 
 
-def _pushed(model: Model, s: State) -> State:
+def _with_body_velocities(model: Model, s: State) -> State:
     """The state with the velocities that bodies start with."""
-    for bodies in model.ties:
-        s = replace(s, v=s.v + bodies.started(model, s.r))
+    for bodies in model.constraints:
+        s = replace(s, v=s.v + bodies.initial_velocities(model, s.r))
     return s
 
 
-def _given(model: Model, start: StartSpec, near: State | None) -> State:
+def _state_of_spec(model: Model, start: StartSpec, near: State | None) -> State:
     if start.kind == "points":
         return between_points(model, near)
     if start.kind == "angles":
@@ -111,11 +111,11 @@ def _given(model: Model, start: StartSpec, near: State | None) -> State:
     return state(model, start.positions[free], velocities)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
-    acting = model.entered(s.own)
-    if acting.ties:  # lines in scenes with bodies stretch, so that their tensions follow from their lengths
+    acting = model.with_internal_state(s.own)
+    if acting.constraints:  # lines in scenes with bodies stretch, so that their tensions follow from their lengths
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))
     moved = acting.end_acceleration(s.t) if acting.moving else None

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.run.pieces import Gone, Pieces
-from dropper_jax.run.samples import Kind, Samples, finished
+from dropper_jax.run.chunks import ChunkedRun, RunOutcome
+from dropper_jax.run.samples import Kind, Samples, is_finished
 from dropper_jax.scene import whole_lines
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
@@ -57,13 +57,13 @@ class _Compared(NamedTuple):
     distance: np.ndarray
 
 
-def with_step_check(solution: Kind, run: Pieces, outcome: Gone, start_s: float) -> Kind:
+def with_step_check(solution: Kind, run: ChunkedRun, outcome: RunOutcome, start_s: float) -> Kind:
     """The solution with the estimated errors of its step, and a warning where they are large.
 
     Args:
         start_s: time [s] that the run took to its first step.
     """
-    if not finished(solution) or not isinstance(outcome.carry, Progress):
+    if not is_finished(solution) or not isinstance(outcome.carry, Progress):
         return solution
     check = check_full_run if outcome.run_s < max(start_s, BRIEF) else check_stretches
     try:
@@ -76,7 +76,7 @@ def with_step_check(solution: Kind, run: Pieces, outcome: Gone, start_s: float) 
     return replace(solution, settings=settings, warnings=(*solution.warnings, *_warnings(found, solution)))
 
 
-def check_full_run(solution: Samples, run: Pieces, outcome: Gone) -> dict[str, Any] | None:
+def check_full_run(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> dict[str, Any] | None:
     """Estimated errors of a run, by all of it at half the step."""
     saves, carry, parts = len(outcome.trajectory.r), run.carry, []
     bounds = np.linspace(0, saves, min(WINDOWS, saves) + 1).astype(int)
@@ -94,10 +94,10 @@ def check_full_run(solution: Samples, run: Pieces, outcome: Gone) -> dict[str, A
         "positions": None if separation is None else _error(solution, float(np.sqrt(np.mean(separation[:chaos] ** 2)))),
         "chaotic_from_s": None if chaos is None else float(solution.t[1 + chaos]),
     }
-    return {**found, "dt_for_1_percent_s": _advised(solution, found)}
+    return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
 
 
-def check_stretches(solution: Samples, run: Pieces, outcome: Gone) -> dict[str, Any] | None:
+def check_stretches(solution: Samples, run: ChunkedRun, outcome: RunOutcome) -> dict[str, Any] | None:
     """The same by stretches at half the step, from carries that the run passed."""
     saves, trajectory = len(outcome.trajectory.r), outcome.trajectory
     count = max(1, min(STRETCHES, len(outcome.passed) - 1, int(SHARE * saves / 2)))
@@ -126,7 +126,7 @@ def check_stretches(solution: Samples, run: Pieces, outcome: Gone) -> dict[str, 
         "positions": off,
         "chaotic_from_s": None,
     }
-    return {**found, "dt_for_1_percent_s": _advised(solution, found)}
+    return {**found, "dt_for_1_percent_s": _advise_step(solution, found)}
 
 
 def _rows(trajectory: Trajectory, first: int, last: int) -> Trajectory:
@@ -190,7 +190,7 @@ def _error(solution: Samples, change: float) -> float:
     return change * gain / (gain - 1.0)
 
 
-def _advised(solution: Samples, found: dict[str, Any]) -> float:
+def _advise_step(solution: Samples, found: dict[str, Any]) -> float:
     """The step [s] for 1 %, two digits."""
     worst = max(found[name] or 1e-300 for name in WARNED)
     order = INTEGRATORS[solution.settings["integrator"]].order * (1.0 if worst < ROUGH else LESS)

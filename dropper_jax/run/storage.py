@@ -21,9 +21,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import PART, atomic_write, part_prefix, refuse_pipe, remove_leftovers
 from dropper_jax.run import labelled
 from dropper_jax.run.carry import LAST, units
-from dropper_jax.run.held import Held
-from dropper_jax.run.reopened import check_archive, reopened
-from dropper_jax.run.rows import let_go
+from dropper_jax.run.deferred_errors import DeferredErrorFile
+from dropper_jax.run.reopened import check_archive, reopen_run
+from dropper_jax.run.row_store import release_pages
 from dropper_jax.run.samples import ARRAYS, BODIES, FORMAT, WITHIN, Kind, Samples
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ VARIABLES |= BODY_VARIABLES
 SOME = (*WITHIN, *BODIES)
 #: Attribute that holds everything that is no array, as JSON.
 #: Before the names of what effects changed.
-OWN = "own."
+TAG = "own."
 #: Group of a netCDF file that holds the state at the end.
 RESTART = "restart"
 PROVENANCE = "dropper_jax_run"
@@ -64,8 +64,8 @@ NOT_A_RUN = "not a saved run; allowed: a file written by `dropper run --out`"
 
 def write_npz(solution: Samples, path: str | Path) -> Path:
     """Write arrays and provenance to an `.npz` file."""
-    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_within(solution))}
-    arrays |= {OWN + name: values for name, values in solution.own.items()} | solution.last
+    arrays = {name: getattr(solution, name) for name in (*ARRAYS, *_present_fields(solution))}
+    arrays |= {TAG + name: values for name, values in solution.own.items()} | solution.last
     text = np.array(json.dumps(solution.provenance()))
     return atomic_write(path, lambda file: np.savez_compressed(file, meta=text, **arrays))
 
@@ -83,7 +83,7 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
             with np.load(opened, allow_pickle=False) as file:
                 meta = json.loads(str(file["meta"]))
                 arrays = {name: file[name] for name in (*ARRAYS, *(name for name in SOME if name in file.files))}
-                arrays["own"] = {name.removeprefix(OWN): file[name] for name in file.files if name.startswith(OWN)}
+                arrays["own"] = {name.removeprefix(TAG): file[name] for name in file.files if name.startswith(TAG)}
                 arrays["last"] = {name: file[name] for name in file.files if name.startswith(LAST)}
     except SceneError:
         raise
@@ -93,7 +93,7 @@ def read_npz(path: str | Path, kind: type[Kind]) -> Kind:
         raise SceneError(f"{path}: not a saved run; allowed: an .npz file written by `dropper run --out`") from None
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         raise SceneError(f"{path}: a saved run of another format; allowed: format {FORMAT}")
-    return reopened(path, meta, arrays, kind)
+    return reopen_run(path, meta, arrays, kind)
 
 
 def extra(module: str, name: str) -> Any:
@@ -104,7 +104,7 @@ def extra(module: str, name: str) -> Any:
         raise SceneError(f"{module} is not installed; needed: pip install 'dropper-jax[{name}]'") from None
 
 
-def _within(solution: Samples) -> list[str]:
+def _present_fields(solution: Samples) -> list[str]:
     return [name for name in SOME if getattr(solution, name) is not None]
 
 
@@ -120,7 +120,7 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
     found = {
         name: (dimensions, getattr(solution, key), {"units": units, "long_name": meaning})
         for key, (name, dimensions, units, meaning) in VARIABLES.items()
-        if key not in SOME or key in _within(solution)
+        if key not in SOME or key in _present_fields(solution)
     }
     meaning = "angle of the links from the horizontal, positive downwards"
     found["polar_angle"] = (("time", "link"), solution.polar, {"units": "rad", "long_name": meaning})
@@ -135,17 +135,17 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
         found["twist"] = (("time", "node"), turned, {"units": "rad", "long_name": "twist of the lines"})
         found["torque"] = (("time", "link"), carried, {"units": "N m", "long_name": "torque of the links"})
     for name, values in solution.own.items():
-        inner = [f"{OWN}{name}.axis{i}" for i in range(1, values.ndim)]
-        found[OWN + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})
-    found |= labelled.derived(solution)
+        inner = [f"{TAG}{name}.axis{i}" for i in range(1, values.ndim)]
+        found[TAG + name] = (("time", *inner), values, {"long_name": f"what effect {name} changed as the run went on"})
+    found |= labelled.derive_variables(solution)
     for name, values in solution.last.items():
         inner = [f"{name}_axis{i}" for i in range(values.ndim)]
         found[name] = (inner, values, {"units": units(name), "long_name": "part of the state at the end"})
     links = solution.tension.shape[1]
     coordinates = {
         "time": ("time", solution.t, {"units": "s", "long_name": "simulated time", "axis": "T"}),
-        **_places(solution, links),
-        **labelled.places(solution),
+        **_node_coordinates(solution, links),
+        **labelled.coordinates(solution),
         "axis": ("axis", ["x", "y", "z"], {"long_name": "z is positive upwards"}),
         **_bodies(solution),
         "contribution": ("contribution", np.array(solution.work_names, dtype=str), {"long_name": "what did the work"}),
@@ -153,7 +153,7 @@ def to_xarray(solution: Samples) -> xarray.Dataset:
     return labelled.add_attributes(xr.Dataset(found, coordinates, _attributes(solution)))
 
 
-def _places(solution: Samples, links: int) -> dict[str, Any]:
+def _node_coordinates(solution: Samples, links: int) -> dict[str, Any]:
     """Nodes and links by number; of several lines with the names of their lines and their numbers in these."""
     nodes = np.arange(solution.positions.shape[1])
     if len(solution.lines) == 1:
@@ -203,11 +203,11 @@ def from_xarray(dataset: xarray.Dataset, path: str | Path, kind: type[Kind]) -> 
     """
     there = {key: name for key, (name, *_) in VARIABLES.items() if key not in SOME or name in dataset}
     arrays = {key: np.asarray(dataset[name].values) for key, name in there.items()}
-    own = {str(name).removeprefix(OWN): dataset[name].values for name in dataset.data_vars if str(name).startswith(OWN)}
+    own = {str(name).removeprefix(TAG): dataset[name].values for name in dataset.data_vars if str(name).startswith(TAG)}
     last = {str(name): np.asarray(dataset[name].values) for name in dataset.data_vars if str(name).startswith(LAST)}
     time = np.asarray(dataset["time"].values)
     arrays |= {"t": time, "own": own, "last": last}
-    return reopened(path, json.loads(dataset.attrs[PROVENANCE]), arrays, kind)
+    return reopen_run(path, json.loads(dataset.attrs[PROVENANCE]), arrays, kind)
 
 
 def write_netcdf(solution: Samples, path: str | Path) -> Path:
@@ -231,7 +231,7 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
 
     HDF5 brings the process down where a write fails as it closes a file: it is told that all went well, and we are not.
     """
-    held = Held(file, lambda: let_go(arrays))
+    held = DeferredErrorFile(file, lambda: release_pages(arrays))
     names = [name for name in dataset.data_vars if str(name).startswith(LAST)]
     inside, own = ({key: value for key, value in packed.items() if (key in names) == last} for last in (True, False))
     dataset.drop_vars(names).to_netcdf(held, engine="h5netcdf", encoding=own)

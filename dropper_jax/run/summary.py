@@ -10,7 +10,7 @@ from dropper_jax.run.bends import bending_summary, bends
 from dropper_jax.run.resolution import step_facts
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.weights import line_weights
-from dropper_jax.scene import line_places
+from dropper_jax.scene import line_offsets
 
 
 def summary(run: Samples) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def summary(run: Samples) -> dict[str, Any]:
         "final_time_s": run.t[-1],
         "final_positions_m": run.positions[-1],
         "tension_n": run.tension_summary(),
-        **({"tension_of_lines_n": run.line_tensions(), "lines": line_places(run.scene)} if run.scene.branched else {}),
+        **({"tension_of_lines_n": run.line_tensions(), "lines": line_offsets(run.scene)} if run.scene.branched else {}),
         **({"bodies": run.body_summary()} if run.body_position is not None else {}),
         **(
             {"bending": bending_summary(run.scene, run.t, run.curvature, run.bending_moment)}

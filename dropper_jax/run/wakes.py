@@ -37,7 +37,7 @@ class SceneWakes:
     share: np.ndarray
     lines: tuple[LineSlice, ...]
     direction: float
-    places: np.ndarray
+    positions: np.ndarray
 
 
 def has_wakes(scene: Scene) -> bool:

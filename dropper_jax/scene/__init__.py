@@ -6,11 +6,11 @@ from dropper_jax.scene.data import SceneData, is_branched, link_mass_words, poin
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
 from dropper_jax.scene.growth import GrowthSpec, grown
-from dropper_jax.scene.line import LineSpec, joined
+from dropper_jax.scene.line import LineSpec, join_lines
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.season import SeasonSpec
-from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_places, line_slices, whole_lines
+from dropper_jax.scene.slices import LineSlice, WholeLine, held_loads, line_offsets, line_slices, whole_lines
 from dropper_jax.scene.start import StartSpec, directions
 from dropper_jax.scene.vessel import RaoSpec, VesselSpec
 
@@ -41,8 +41,8 @@ __all__ = [
     "held_loads",
     "is_branched",
     "link_mass_words",
-    "joined",
-    "line_places",
+    "join_lines",
+    "line_offsets",
     "line_slices",
     "point_named",
     "read_anchors",

@@ -28,7 +28,7 @@ KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw"
 #: Keys that only a kind has, and which of these it may leave out.
 OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
 #: Bearing of a deep plate in clay over its undrained strength; least depth and distance of plates in diameters.
-CLAY, DEEP, APART = 9.0, 5.0, 3.0
+CLAY, DEEP, SPACING = 9.0, 5.0, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class AnchorSpec:
                 f"{least:g} m, 5 diameters"
             )
         for i in range(1, len(self.plates)):
-            least = APART * max(self.plates[i - 1], self.plates[i])
+            least = SPACING * max(self.plates[i - 1], self.plates[i])
             if self.depths[i] - self.depths[i - 1] < least * (1.0 - 1e-9):
                 raise SceneError(
                     f"{path}.depths.{i}: {self.depths[i]:g} m is less than 3 diameters below the plate above; allowed: "

@@ -25,7 +25,7 @@ from dropper_jax.base.read import (
 
 #: How far outside its shape a body's attachments may lie without a warning, over the body's extent: shackles, rounding.
 OUTSIDE = 0.05
-PLACE = {"unit": "m", "shape": "vector"}
+POSITION = {"unit": "m", "shape": "vector"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -58,11 +58,11 @@ class CylinderSpec:
     def length(self) -> float:
         return float(np.linalg.norm(self.end - self.start))
 
-    def distance(self, place: np.ndarray) -> float:
+    def distance(self, position: np.ndarray) -> float:
         """How far a place (3,) is outside [m]; 0 inside."""
         along = (self.end - self.start) / self.length
-        s = float(along @ (place - self.start))
-        across = float(np.linalg.norm(place - self.start - s * along))
+        s = float(along @ (position - self.start))
+        across = float(np.linalg.norm(position - self.start - s * along))
         return float(np.hypot(max(-s, s - self.length, 0.0), max(across - 0.5 * self.diameter, 0.0)))
 
 
@@ -82,9 +82,9 @@ class SphereSpec:
     def table(self) -> dict[str, Any]:
         return as_table(self)
 
-    def distance(self, place: np.ndarray) -> float:
+    def distance(self, position: np.ndarray) -> float:
         """How far a place (3,) is outside [m]; 0 inside."""
-        return max(float(np.linalg.norm(place - self.centre)) - 0.5 * self.diameter, 0.0)
+        return max(float(np.linalg.norm(position - self.centre)) - 0.5 * self.diameter, 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ class BodySpec:
         }
         given = read_table(own.pop("attachments", {}), f"{path}.attachments")
         attachments = {
-            read_text(name, f"{path}.attachments"): read_parameter(value, f"{path}.attachments.{name}", PLACE, {})
+            read_text(name, f"{path}.attachments"): read_parameter(value, f"{path}.attachments.{name}", POSITION, {})
             for name, value in given.items()
         }
         body = cls(**read_fields(cls, own, path, {}), **shapes, attachments=attachments)
@@ -169,7 +169,7 @@ class BodySpec:
 
     def outside(self) -> dict[str, float]:
         """How far [m] attachments are outside the shapes, by name, of those that are farther than shackles reach."""
-        away = {name: self.distance(place) for name, place in self.attachments.items()}
+        away = {name: self.distance(position) for name, position in self.attachments.items()}
         return {name: distance for name, distance in away.items() if distance > OUTSIDE * self.extent}
 
     @property
@@ -185,23 +185,23 @@ class BodySpec:
     @property
     def extent(self) -> float:
         """Longest side of the box around its shapes [m]."""
-        places = [p for c in self.cylinders for p in (c.start, c.end)]
-        places += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
+        positions = [p for c in self.cylinders for p in (c.start, c.end)]
+        positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
         wide = max((s.diameter for s in self.shapes), default=0.0)
-        return max(float(np.max(np.ptp(places, axis=0))), wide) if places else 0.0
+        return max(float(np.max(np.ptp(positions, axis=0))), wide) if positions else 0.0
 
-    def distance(self, place: np.ndarray) -> float:
+    def distance(self, position: np.ndarray) -> float:
         """How far a place (3,) is outside its shapes [m]; 0 for a body without."""
-        return min((shape.distance(place) for shape in self.shapes), default=0.0)
+        return min((shape.distance(position) for shape in self.shapes), default=0.0)
 
     @property
     def rotation(self) -> np.ndarray:
         """Its axes in the scene's (3, 3)."""
         return rotation(self.attitude)
 
-    def world(self, place: np.ndarray) -> np.ndarray:
+    def world(self, position: np.ndarray) -> np.ndarray:
         """Places (..., 3) of its own in the scene, at the start."""
-        return self.position + place @ self.rotation.T
+        return self.position + position @ self.rotation.T
 
     def table(self) -> dict[str, Any]:
         found = as_table(self)
@@ -215,7 +215,7 @@ class BodySpec:
             if getattr(self, key):
                 found[key] = [shape.table() for shape in getattr(self, key)]
         if self.attachments:
-            found["attachments"] = {name: place.tolist() for name, place in self.attachments.items()}
+            found["attachments"] = {name: position.tolist() for name, position in self.attachments.items()}
         return found
 
 

@@ -10,7 +10,7 @@ from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
 from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec
-from dropper_jax.scene.line import LineSpec, joined
+from dropper_jax.scene.line import LineSpec, join_lines
 from dropper_jax.scene.point import BuoySpec, PointSpec
 from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.season import SeasonSpec
@@ -84,7 +84,7 @@ class SceneData:
     @property
     def line(self) -> LineSpec:
         """All lines as one, their arrays one after another."""
-        return joined(self.lines)
+        return join_lines(self.lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values (text, numbers, lists, tables) from which `from_dict` makes the same scene."""

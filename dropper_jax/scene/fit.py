@@ -175,7 +175,7 @@ def _prior(table: Plain, path: str) -> PriorSpec:
     return spec
 
 
-def _check_unit(path: str, unit: str, wanted: str) -> None:
-    if UNITS[unit][0] != wanted:
-        fitting = [name for name, (base, _) in UNITS.items() if base == wanted]
+def _check_unit(path: str, unit: str, expected: str) -> None:
+    if UNITS[unit][0] != expected:
+        fitting = [name for name, (base, _) in UNITS.items() if base == expected]
         raise SceneError(f"{path}: {unit!r} does not measure this; {nearest(unit, fitting)}")

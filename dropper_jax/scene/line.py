@@ -109,7 +109,7 @@ class LineSpec:
         return {**found, "axial": axial}
 
 
-def joined(lines: tuple[LineSpec, ...]) -> LineSpec:
+def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     """All lines as one, their arrays one after another; what some lines lack is None, internal damping zero there."""
     if len(lines) == 1:
         return lines[0]

@@ -98,7 +98,7 @@ class SeasonSpec:
             if not getattr(spec, key):
                 raise SceneError(f"growth.{key}: is empty; allowed: one or more names of lines, with * for any letters")
             for i, pattern in enumerate(getattr(spec, key)):
-                if not any(_called(name, (pattern,)) for name in names):
+                if not any(_matches_any(name, (pattern,)) for name in names):
                     raise SceneError(
                         f"growth.{key}.{i}: {pattern!r} is the name of no line; allowed: names, with * for any letters"
                     )
@@ -108,9 +108,9 @@ class SeasonSpec:
         """Plain values from which `read` makes the same."""
         return {**as_table(self), "thickness": plain(self.thickness)}
 
-    def on(self, name: str, whole: str | None) -> bool:
+    def on(self, name: str, line: str | None) -> bool:
         """Whether it grows on a line, or on the line that this is a piece of."""
-        return _called((name, whole), self.lines)
+        return _matches_any((name, line), self.lines)
 
     def over(self, depth: np.ndarray, month: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] at depths [m] and a month, its own unless given; nothing harvested."""
@@ -120,7 +120,7 @@ class SeasonSpec:
         return np.interp(depth, self.depth, row), np.interp(depth, self.depth, density)
 
     def layer(
-        self, name: str, whole: str | None, depth: np.ndarray, arc: np.ndarray, bare: np.ndarray
+        self, name: str, line: str | None, depth: np.ndarray, arc: np.ndarray, bare: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and density [kg/m^3] on links of a line, after the harvest.
 
@@ -130,7 +130,7 @@ class SeasonSpec:
         """
         thickness, density = self.over(depth)
         thickness = thickness * self.factor(name, arc)
-        if self.harvested and _called((name, whole), self.harvested_lines):
+        if self.harvested and _matches_any((name, line), self.harvested_lines):
             area = (1.0 - self.harvested) * ((bare + 2.0 * thickness) ** 2 - bare**2)
             thickness = 0.5 * (np.sqrt(bare**2 + area) - bare)
         return thickness, density
@@ -163,5 +163,5 @@ class SeasonSpec:
         return max(left / (self.mussel_mass + ADDED_MASS * displaced), 0.0)
 
 
-def _called(name: tuple[str, str | None], patterns: tuple[str, ...]) -> bool:
+def _matches_any(name: tuple[str, str | None], patterns: tuple[str, ...]) -> bool:
     return any(fnmatchcase(each, pattern) for each in name if each is not None for pattern in patterns)

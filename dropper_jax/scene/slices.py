@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.scene.data import SceneData
-from dropper_jax.scene.line import LineSpec, joined
+from dropper_jax.scene.line import LineSpec, join_lines
 
 
 class LineSlice(NamedTuple):
@@ -48,7 +48,7 @@ def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     return tuple(found)
 
 
-def line_places(scene: SceneData) -> list[dict[str, Any]]:
+def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
     """The same as plain values: first node and link of each line in the arrays, and how many links it has."""
     return [
         {
@@ -70,17 +70,17 @@ def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:
             groups[-1].append(pair)
         else:
             groups.append([pair])
-    return tuple(_whole(group) for group in groups)
+    return tuple(_merge_pieces(group) for group in groups)
 
 
-def _whole(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
-    specs, places = [spec for spec, _ in group], [where for _, where in group]
-    nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(places)]
+def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
+    specs, slices = [spec for spec, _ in group], [where for _, where in group]
+    nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(slices)]
     ends = np.cumsum([spec.links for spec in specs])
     stops = {0: specs[0].start, **{int(end): spec.end for end, spec in zip(ends, specs, strict=True)}}
     name = specs[0].name if len(group) == 1 else specs[0].piece_of
-    links = slice(places[0].links.start, places[-1].links.stop)
-    return WholeLine(name, joined(tuple(specs)), np.concatenate(nodes), links, stops, len(group))
+    links = slice(slices[0].links.start, slices[-1].links.stop)
+    return WholeLine(name, join_lines(tuple(specs)), np.concatenate(nodes), links, stops, len(group))
 
 
 def held_loads(scene: SceneData, positions: np.ndarray, tension: np.ndarray) -> dict[str, np.ndarray]:

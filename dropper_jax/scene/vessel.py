@@ -22,7 +22,7 @@ from dropper_jax.base.read import (
 
 #: Motions of a vessel in its own axes: moves of the reference point, then turns.
 MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-PLACE = {"unit": "m", "shape": "vector"}
+POSITION = {"unit": "m", "shape": "vector"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -131,17 +131,17 @@ class VesselSpec:
     rao: RaoSpec | None = None
     attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
-    OWN: ClassVar[tuple[str, ...]] = ("motion", "rao", "attachments")
+    SPECIAL: ClassVar[tuple[str, ...]] = ("motion", "rao", "attachments")
 
     @classmethod
     def keys(cls) -> list[str]:
-        return [*field_keys(cls), *cls.OWN]
+        return [*field_keys(cls), *cls.SPECIAL]
 
     @classmethod
     def read(cls, table: Plain, path: str) -> VesselSpec:
         own = dict(read_table(table, path))
         check_keys(own, cls.keys(), path)
-        more = {key: own.pop(key) for key in cls.OWN if key in own}
+        more = {key: own.pop(key) for key in cls.SPECIAL if key in own}
         given = read_table(more.get("attachments", {}), f"{path}.attachments")
         if not given:
             raise SceneError(f"{path}.attachments: missing; needed: names of points with their places on the vessel")
@@ -150,8 +150,8 @@ class VesselSpec:
             rao=RaoSpec.read(more["rao"], f"{path}.rao") if "rao" in more else None,
             motion=_motion(more["motion"], f"{path}.motion") if "motion" in more else None,
             attachments={
-                str(name): read_parameter(place, f"{path}.attachments.{name}", PLACE, {})
-                for name, place in given.items()
+                str(name): read_parameter(position, f"{path}.attachments.{name}", POSITION, {})
+                for name, position in given.items()
             },
         )
         if (vessel.rao is None) == (vessel.motion is None) or (vessel.time is None) != (vessel.motion is None):
@@ -168,9 +168,9 @@ class VesselSpec:
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
-    def world(self, place: np.ndarray) -> np.ndarray:
+    def world(self, position: np.ndarray) -> np.ndarray:
         """A place (3,) of its own in the scene, on average."""
-        return self.position + self.rotation @ place
+        return self.position + self.rotation @ position
 
     def table(self) -> dict[str, Any]:
         found = as_table(self)
@@ -178,7 +178,7 @@ class VesselSpec:
             found["rao"] = self.rao.table()
         if self.motion is not None:
             found["motion"] = self.motion.tolist()
-        return {**found, "attachments": {name: place.tolist() for name, place in self.attachments.items()}}
+        return {**found, "attachments": {name: position.tolist() for name, position in self.attachments.items()}}
 
 
 def _motion(value: Plain, path: str) -> np.ndarray:

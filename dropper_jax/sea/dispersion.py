@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 
 #: Newton steps from Fenton's approximation, whose relative error is below 5.2e-4: two reach rounding, one is spare.
 ITERATIONS = 3
@@ -36,7 +36,7 @@ def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAV
     return (a + b**2 * sech2) / (jnp.tanh(b) + b * sech2) / depth
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity

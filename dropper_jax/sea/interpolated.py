@@ -60,9 +60,9 @@ class GridWaves(Waves):
 
     def _locate(self, x: jax.Array, axis: int, count: int) -> tuple[jax.Array, jax.Array]:
         """First of the 4 grid points around x (n,) and their weights (n, 4); held outside the grid."""
-        place = jnp.clip((x - self.origin[axis]) / self.step[axis], 1.0, count - 2.0)
-        first = jnp.clip(jnp.floor(place).astype(jnp.int32) - 1, 0, count - 4)
-        return first, _cubic(place - first)
+        cell = jnp.clip((x - self.origin[axis]) / self.step[axis], 1.0, count - 2.0)
+        first = jnp.clip(jnp.floor(cell).astype(jnp.int32) - 1, 0, count - 4)
+        return first, _cubic(cell - first)
 
     def _elevation(self, s: jax.Array, c: jax.Array) -> jax.Array:
         first, weight = self._locate(s, 0, self.surface.shape[0])
@@ -130,7 +130,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
         projection=jnp.asarray(projection),
         error=jnp.zeros(2),
     )
-    return _measured(made, waves, depth, asked, high)
+    return _with_error(made, waves, depth, asked, high)
 
 
 def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -145,21 +145,21 @@ def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[n
     return surface, level, rising
 
 
-def _measured(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
+def _with_error(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """The grid with its error, from 20 times at 20 places."""
     rng = np.random.default_rng(0)
     s, z = np.moveaxis(rng.uniform(low, high, (20, 20, 2)), -1, 0)
     course = float(waves.direction)
-    places = jnp.asarray(np.stack([s * np.cos(course), s * np.sin(course), z], axis=-1))
+    positions = jnp.asarray(np.stack([s * np.cos(course), s * np.sin(course), z], axis=-1))
     steady = (replace(one, ramp=None) for one in (waves, made))
-    exact, found = _motions(*steady, places, jnp.asarray(rng.uniform(0.0, 1000.0, 20)), depth)
+    exact, found = _motions(*steady, positions, jnp.asarray(rng.uniform(0.0, 1000.0, 20)), depth)
     pairs = zip(exact[1:], found[1:], strict=True)
     return replace(made, error=jnp.stack([jnp.max(jnp.abs(a - b)) / jnp.sqrt(3 * jnp.mean(a**2)) for a, b in pairs]))
 
 
 @jax.jit
 def _motions(
-    exact: Waves, found: GridWaves, places: jax.Array, times: jax.Array, depth: float
+    exact: Waves, found: GridWaves, positions: jax.Array, times: jax.Array, depth: float
 ) -> tuple[Motion, Motion]:
     """Both at places (q, n, 3) and times (q,)."""
-    return tuple(jax.vmap(lambda r, t, w=w: w.motion(r, t, depth))(places, times) for w in (exact, found))
+    return tuple(jax.vmap(lambda r, t, w=w: w.motion(r, t, depth))(positions, times) for w in (exact, found))

@@ -57,7 +57,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         )
         _refuse_blocked(waves)
         if spec.interpolation == "grid":
-            waves = _interpolated(spec, waves, *reach)
+            waves = _interpolate_waves(spec, waves, *reach)
     level = None if spec.level is None else make_level(spec.level)
     return Sea(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=waves, current=current, level=level)
 
@@ -77,7 +77,7 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     doppler = current is not None and spec.wave_current == "doppler"
     k = _linear_number(spec, given)
     mean = _along(spec, current, k) if doppler else 0.0
-    return _solved(
+    return _solve_wave(
         given.theory,
         float(2.0 * np.max(given.size)),
         *(None if value is None else float(np.max(value)) for value in (given.period, given.length)),
@@ -113,7 +113,7 @@ def _along(spec: SeaSpec, current: Current | None, k: float) -> float:
 
 
 @lru_cache(maxsize=32)
-def _solved(
+def _solve_wave(
     theory: str,
     height: float,
     period: float | None,
@@ -163,7 +163,7 @@ def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
     )
 
 
-def _interpolated(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
+def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
     if waves.direction.ndim or spec.stretching == "none":
         what = "one direction" if waves.direction.ndim else "sea.stretching constant or wheeler"
         raise SceneError(f"sea.interpolation: 'grid' cannot serve this sea; allowed: none, or a sea with {what}")

@@ -16,7 +16,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import Plain, as_table, field_keys, plain, read_fields, read_table, read_text, refuse
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.base.references import referenced
+from dropper_jax.base.references import find_referenced
 from dropper_jax.sea.current import KINDS
 from dropper_jax.sea.readers import read_components, read_elevation
 from dropper_jax.sea.spectrum import SHAPES
@@ -119,7 +119,7 @@ def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
     if clash:
         raise SceneError(f"{path}.{clash[0]}: given twice, here and in the file; allowed: one of the two")
     read = read_elevation if values["kind"] == "elevation" else read_components
-    return {"kind": "components", "file": None, **read(referenced(values["file"], f"{path}.file"), f"{path}.file")}
+    return {"kind": "components", "file": None, **read(find_referenced(values["file"], f"{path}.file"), f"{path}.file")}
 
 
 def _check_sizes(values: dict[str, Any], path: str) -> None:

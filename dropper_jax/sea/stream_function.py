@@ -61,12 +61,12 @@ def stream_function(
         criterion,
     )
     orders = ORDERS if order is None else (*(n for n in ORDERS if n < order), order)
-    x = _climbed(problem, height / depth, orders, depth)
+    x = _climb_orders(problem, height / depth, orders, depth)
     found, error = x, problem.between(x)
     for n in (n for n in orders if n > _order(x)):
         if order is None and error < GOOD:
             break
-        finer = _newton(problem, _refined(found, n), height / depth)
+        finer = _newton(problem, _refine_harmonics(found, n), height / depth)
         if finer is not None:
             found, error = finer, problem.between(finer)
     if (error > ENOUGH) if order is None else (_order(found) < order):
@@ -170,7 +170,7 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
     return x if falling else None
 
 
-def _climbed(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
+def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
     """The wave with as few harmonics as it takes to get to its height; long waves need many."""
     for n in orders:
         try:
@@ -235,7 +235,7 @@ def _cosines(eta: np.ndarray) -> np.ndarray:
     return found
 
 
-def _refined(x: np.ndarray, order: int) -> np.ndarray:
+def _refine_harmonics(x: np.ndarray, order: int) -> np.ndarray:
     """The same wave with more harmonics."""
     k, eta, v, *rest = _parts(x)
     angle = np.pi * np.arange(order + 1) / order

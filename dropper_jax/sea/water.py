@@ -69,12 +69,12 @@ class Sea:
             heights = self.waves.heights(r[:, 2], motion.elevation, self.depth)
             r = jnp.concatenate([r[:, :2], heights[:, None]], axis=1)
 
-        def field(place: jax.Array) -> jax.Array:
-            total = jnp.zeros_like(place)
+        def field(position: jax.Array) -> jax.Array:
+            total = jnp.zeros_like(position)
             if self.waves is not None:
-                total = total + self.waves.airy_velocity(place, t, self.depth)
+                total = total + self.waves.airy_velocity(position, t, self.depth)
             if self.current is not None:
-                total = total + self.current.velocity(place[:, 2], t, self.depth)
+                total = total + self.current.velocity(position[:, 2], t, self.depth)
             return total
 
         return jax.jvp(field, (r,), (motion.velocity,))[1]
@@ -94,7 +94,7 @@ class Sea:
         ramp = None if self.waves is None else self.waves.ramp
         return found if ramp is None else [*found, jnp.stack([jnp.zeros_like(ramp), ramp])]
 
-    def calm(self) -> Sea:
+    def without_waves(self) -> Sea:
         """The same water without waves."""
         return replace(self, waves=None)
 

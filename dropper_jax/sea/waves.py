@@ -133,10 +133,10 @@ class Waves:
         return self.rise(t)[0] * self._orbit(r[:, 2], cos, sin, depth)[0]
 
     def excursion(
-        self, place: jax.Array, t: jax.Array, depth: jax.Array, heave: jax.Array, surge: jax.Array
+        self, position: jax.Array, t: jax.Array, depth: jax.Array, heave: jax.Array, surge: jax.Array
     ) -> jax.Array:
         """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
-        phases = self.phases(place[:1], place[1:2], t)[0]
+        phases = self.phases(position[:1], position[1:2], t)[0]
         across = self.speeds / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
         cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
         up = self.amplitude * heave * jnp.cos(phases)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 Tree = TypeVar("Tree")
 
 
-def settled(tree: Tree) -> Tree:
+def optimization_barrier(tree: Tree) -> Tree:
     """The same arrays, computed once: a loop that makes no trip, into which the compiler fuses nothing.
 
     Without it all that makes a block is computed again for each element that reads it: of a longline of 99 nodes a

@@ -18,20 +18,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.base.place import place, summed
-from dropper_jax.model import Graph, Tie
+from dropper_jax.base.scatter import scatter_add, scatter_add_many
+from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
-from dropper_jax.solvers.blocks import settled
+from dropper_jax.solvers.blocks import optimization_barrier
 from dropper_jax.solvers.pieces import Coupling
 from dropper_jax.solvers.saddle import LinkParts, Saddle
 from dropper_jax.solvers.stretching import Stretching
 
 #: Unknowns of a body: places of its corners, multipliers of its edges, and of its pin.
-PLACES, EDGES, PIN = 12, 6, 3
+BODY_COORDINATES, EDGES, PIN = 12, 6, 3
 
 
 @dataclass(frozen=True)
-class Carried:
+class BodyNodeMap:
     """Which free nodes are whose: corners (bodies, 4), seats (seats,), the rest (kept,), and the graph of the rest.
 
     Attributes:
@@ -43,34 +43,38 @@ class Carried:
     rest: Graph
     corners: np.ndarray
     seats: np.ndarray
-    kept: np.ndarray
+    retained_nodes: np.ndarray
     edge: np.ndarray
     pinned: np.ndarray
 
     @classmethod
-    def of(cls, problem: StepProblem, tie: Tie, between: Coupling | None) -> Carried:
-        graph, corners, seats = problem.model.geometry, tie.body_nodes(problem.model), tie.seats(problem.model)
+    def of(cls, problem: StepProblem, constraint: HolonomicConstraint, between: Coupling | None) -> BodyNodeMap:
+        graph, corners, seats = (
+            problem.model.geometry,
+            constraint.body_nodes(problem.model),
+            constraint.seats(problem.model),
+        )
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
         edge = np.concatenate([seats, corners.ravel()]) if touched else seats
-        kept, pinned = np.setdiff1d(np.arange(graph.free), away), np.array(tie.pinned, int)
+        kept, pinned = np.setdiff1d(np.arange(graph.free), away), np.array(constraint.pinned, int)
         return cls(graph, rest, corners, seats, kept, edge, pinned)
 
     @property
     def size(self) -> int:
         """Unknowns of one body."""
-        return PLACES + EDGES + (PIN if self.pinned.size else 0)
+        return BODY_COORDINATES + EDGES + (PIN if self.pinned.size else 0)
 
-    def moved(self, edge: jax.Array) -> jax.Array:
+    def scatter_edge(self, edge: jax.Array) -> jax.Array:
         """Moves of the edge (edge, 3) among those of all free nodes."""
-        return place(self.edge, edge, self.graph.free)
+        return scatter_add(self.edge, edge, self.graph.free)
 
     def sums(self, along: jax.Array) -> jax.Array:
         """Sum on the free nodes of what links (n, 3) carry, in the sign of the rows."""
         return self.graph.from_last(along) - self.graph.from_first(along)
 
-    def widened(self, values: jax.Array) -> jax.Array:
+    def pad_seats(self, values: jax.Array) -> jax.Array:
         """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
         more = len(self.edge) - len(self.seats)
         return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1)) if more else values
@@ -80,8 +84,8 @@ class Carried:
         if between is None:
             return None, None
         pairs = np.array(between.pairs, int).reshape(-1, 2)
-        inside = np.isin(pairs, self.kept).all(axis=1)
-        own = np.searchsorted(self.kept, pairs[inside])
+        inside = np.isin(pairs, self.retained_nodes).all(axis=1)
+        own = np.searchsorted(self.retained_nodes, pairs[inside])
         within = Coupling(tuple(map(tuple, own.tolist())), between.blocks[np.flatnonzero(inside)])
         others = Coupling(tuple(map(tuple, pairs[~inside].tolist())), between.blocks[np.flatnonzero(~inside)])
         return within if within.pairs else None, others if others.pairs else None
@@ -98,47 +102,47 @@ class Lines:
     """The lines of a scene with bodies, their kept nodes factored: how they answer moves of the edge.
 
     Attributes:
-        own: blocks (edge, 3, 3) of the edge's rows by its own moves, links and pieces aside.
+        block: blocks (edge, 3, 3) of the edge's rows by its own moves, links and pieces aside.
         others: blocks of pieces that reach the edge, or None.
     """
 
-    nodes: Carried
+    nodes: BodyNodeMap
     links: LinkParts
-    kept: Stretching | Saddle
-    own: jax.Array
+    solver: Stretching | Saddle
+    block: jax.Array
     others: Coupling | None
 
-    def transposed(self) -> Lines:
+    def transpose(self) -> Lines:
         others = self.others
         if others is not None:
             others = Coupling(tuple((j, i) for i, j in others.pairs), jnp.swapaxes(others.blocks, -1, -2))
-        own = jnp.swapaxes(self.own, -1, -2)
-        return replace(self, links=self.links.transposed(), kept=self.kept.transposed(), own=own, others=others)
+        own = jnp.swapaxes(self.block, -1, -2)
+        return replace(self, links=self.links.transpose(), solver=self.solver.transpose(), block=own, others=others)
 
     def answer(
         self, edge: jax.Array, force: jax.Array | None = None, stretch: jax.Array | None = None
     ) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Other moves (free, 3), tensions (n,) and the edge's rows (edge, 3) as the edge moves (edge, 3)."""
         nodes, links, graph = self.nodes, self.links, self.nodes.graph
-        moved = nodes.moved(edge)
+        moved = nodes.scatter_edge(edge)
         d = graph.differences(moved, None)
         rows = -nodes.sums(jnp.sum(links.turn * d[:, None, :], axis=-1))
         rows = rows if self.others is None else rows - self._by_pieces(self.others, moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
         rows, own = (rows if force is None else force + rows), (own if stretch is None else stretch + own)
-        x, y = self.kept.solve(rows[nodes.kept], own)
-        x = place(nodes.kept, x, graph.free)
+        x, y = self.solver.solve(rows[nodes.retained_nodes], own)
+        x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
-        along = jnp.sum(links.turn * d[:, None, :], axis=-1) + links.pull * y[:, None]
+        along = jnp.sum(links.turn * d[:, None, :], axis=-1) + links.force * y[:, None]
         pulled = nodes.sums(along)
         pulled = pulled if self.others is None else pulled + self._by_pieces(self.others, moved + x)
-        return x, y, jnp.sum(self.own * edge[:, None, :], axis=-1) + pulled[nodes.edge]
+        return x, y, jnp.sum(self.block * edge[:, None, :], axis=-1) + pulled[nodes.edge]
 
     @staticmethod
     def _by_pieces(others: Coupling, moved: jax.Array) -> jax.Array:
         """Rows (free, 3) of pieces that reach the edge, by moves of all free nodes (free, 3)."""
         row, column = np.array(others.pairs, int).T
-        return summed(row, jnp.sum(others.blocks * moved[column][:, None, :], axis=-1), len(moved))
+        return scatter_add_many(row, jnp.sum(others.blocks * moved[column][:, None, :], axis=-1), len(moved))
 
 
 @dataclass(frozen=True)
@@ -150,33 +154,36 @@ class BodyFactor:
     bodies: tuple[jax.Array, jax.Array]
     turned: bool = False
 
-    def transposed(self) -> BodyFactor:
-        return replace(self, lines=self.lines.transposed(), turned=not self.turned)
+    def transpose(self) -> BodyFactor:
+        return replace(self, lines=self.lines.transpose(), turned=not self.turned)
 
     def solve(self, force: jax.Array, stretch: jax.Array, gaps: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Moves (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the gaps' rows."""
         lines, nodes, bodies = self.lines, self.lines.nodes, len(self.lines.nodes.corners)
         seats, edges, off, pins = len(nodes.seats), *parts(gaps, nodes)
-        off, pull = nodes.widened(off), nodes.widened(force[nodes.seats])
+        off, link_force = nodes.pad_seats(off), nodes.pad_seats(force[nodes.seats])
         right = force[nodes.corners].reshape(bodies, 4, 3)
         if nodes.edge.size:
-            right = right + (self.shares.T @ (pull - lines.answer(off, force, stretch)[2])).reshape(bodies, 4, 3)
-        rows = jnp.concatenate([right.reshape(bodies, PLACES), edges, *pins], axis=1)
+            right = right + (self.shares.T @ (link_force - lines.answer(off, force, stretch)[2])).reshape(bodies, 4, 3)
+        rows = jnp.concatenate([right.reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
         found = lu_solve(self.bodies, rows.ravel(), trans=1 if self.turned else 0).reshape(bodies, -1)
-        corner = found[:, :PLACES].reshape(-1, 3)
+        corner = found[:, :BODY_COORDINATES].reshape(-1, 3)
         moved = off + self.shares @ corner if nodes.edge.size else off
         x, y, pulled = lines.answer(moved, force, stretch)
-        x = x + place(nodes.seats, moved[:seats], nodes.graph.free)
-        x = x + place(nodes.corners.ravel(), corner, nodes.graph.free)
-        edges, pins = found[:, PLACES : PLACES + EDGES], found[nodes.pinned, PLACES + EDGES :]
-        return x, y, jnp.concatenate([edges.ravel(), (pull - pulled)[:seats].ravel(), pins.ravel()])
+        x = x + scatter_add(nodes.seats, moved[:seats], nodes.graph.free)
+        x = x + scatter_add(nodes.corners.ravel(), corner, nodes.graph.free)
+        edges, pins = (
+            found[:, BODY_COORDINATES : BODY_COORDINATES + EDGES],
+            found[nodes.pinned, BODY_COORDINATES + EDGES :],
+        )
+        return x, y, jnp.concatenate([edges.ravel(), (link_force - pulled)[:seats].ravel(), pins.ravel()])
 
 
-def parts(gaps: jax.Array, nodes: Carried) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
+def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
     """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, where one is pinned, of pins (bodies, 3)."""
     bodies, seats = len(nodes.corners), len(nodes.seats)
     edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
-    pins = [place(nodes.pinned, pins.reshape(-1, 3), bodies)] if nodes.pinned.size else []
+    pins = [scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies)] if nodes.pinned.size else []
     return edges.reshape(bodies, EDGES), off.reshape(seats, 3), pins
 
 
@@ -184,13 +191,13 @@ def factor_bodies(
     problem: StepProblem, u: Unknowns, node: jax.Array, links: LinkParts, between: Coupling | None = None
 ) -> BodyFactor:
     """From A = `node` (free, 3, 3) of the lines' nodes and seats, the links' parts, and what pieces couple."""
-    (tie,) = problem.model.ties
-    nodes = Carried.of(problem, tie, between)
+    (constraint,) = problem.model.constraints
+    nodes = BodyNodeMap.of(problem, constraint, between)
     within, others = nodes.split(between)
     kind = Stretching if problem.model.line.axial.elastic else Saddle
-    kept = kind.of(nodes.rest, node[nodes.kept], links, within)
-    lines = Lines(nodes, links, kept, nodes.widened(node[nodes.seats]), others)
-    shares = tie.seat_shares() if nodes.seats.size else jnp.zeros((0, nodes.corners.size), node.dtype)
+    kept = kind.of(nodes.rest, node[nodes.retained_nodes], links, within)
+    lines = Lines(nodes, links, kept, nodes.pad_seats(node[nodes.seats]), others)
+    shares = constraint.seat_shares() if nodes.seats.size else jnp.zeros((0, nodes.corners.size), node.dtype)
     if len(nodes.edge) > len(nodes.seats):
         shares = jnp.concatenate([shares, jnp.eye(nodes.corners.size, dtype=node.dtype)])
     matrix, count, size = body_blocks(problem, u, nodes), len(nodes.corners), nodes.size
@@ -199,12 +206,12 @@ def factor_bodies(
         unit = jnp.eye(3 * edge, dtype=node.dtype).reshape(-1, edge, 3)
         stiffness = jax.vmap(lambda x: lines.answer(x)[2].ravel(), out_axes=1)(unit)
         mixed = jnp.einsum("ai,ajbk,bl->ijlk", shares, stiffness.reshape(edge, 3, edge, 3), shares)
-        own = mixed.reshape(count, PLACES, count, PLACES)
-        whole = whole + jnp.pad(own, ((0, 0), (0, size - PLACES)) * 2).reshape(whole.shape)
+        own = mixed.reshape(count, BODY_COORDINATES, count, BODY_COORDINATES)
+        whole = whole + jnp.pad(own, ((0, 0), (0, size - BODY_COORDINATES)) * 2).reshape(whole.shape)
     return BodyFactor(lines, shares, lu_factor(whole))
 
 
-def body_blocks(problem: StepProblem, u: Unknowns, nodes: Carried) -> jax.Array:
+def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Array:
     """Rows of each body by its own unknowns (bodies, 18, 18), seats aside, from 18 directions of forward mode.
 
     Where one is pinned 21, in which bodies that are not have multipliers that are nothing.
@@ -216,17 +223,22 @@ def body_blocks(problem: StepProblem, u: Unknowns, nodes: Carried) -> jax.Array:
     def rows(x: jax.Array, z: jax.Array) -> jax.Array:
         force, (gaps,) = only.node_rows(x, (z,))
         edges, _, pins = parts(gaps, nodes)
-        return jnp.concatenate([force[nodes.corners].reshape(bodies, PLACES), edges, *pins], axis=1)
+        return jnp.concatenate([force[nodes.corners].reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
 
     def along(unit: jax.Array) -> jax.Array:
-        x = place(nodes.corners.ravel(), jnp.tile(unit[:PLACES].reshape(4, 3), (bodies, 1)), model.free_nodes)
-        edge, pin = jnp.tile(unit[PLACES : PLACES + EDGES], bodies), jnp.tile(unit[PLACES + EDGES :], len(nodes.pinned))
+        x = scatter_add(
+            nodes.corners.ravel(), jnp.tile(unit[:BODY_COORDINATES].reshape(4, 3), (bodies, 1)), model.free_nodes
+        )
+        edge, pin = (
+            jnp.tile(unit[BODY_COORDINATES : BODY_COORDINATES + EDGES], bodies),
+            jnp.tile(unit[BODY_COORDINATES + EDGES :], len(nodes.pinned)),
+        )
         between = jnp.zeros(len(zero) - len(edge) - len(pin), zero.dtype)
         return jax.jvp(rows, (u.x, u.z[-1]), (x, jnp.concatenate([edge, between, pin])))[1]
 
-    found = settled(jax.vmap(along, out_axes=-1)(jnp.eye(nodes.size, dtype=u.x.dtype)))
+    found = optimization_barrier(jax.vmap(along, out_axes=-1)(jnp.eye(nodes.size, dtype=u.x.dtype)))
     if nodes.pinned.size:
         loose = np.zeros((bodies, nodes.size))
-        loose[np.setdiff1d(np.arange(bodies), nodes.pinned), PLACES + EDGES :] = 1.0
+        loose[np.setdiff1d(np.arange(bodies), nodes.pinned), BODY_COORDINATES + EDGES :] = 1.0
         found = found + loose[:, :, None] * np.eye(nodes.size)
     return found

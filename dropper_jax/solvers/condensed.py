@@ -24,7 +24,7 @@ Inverse = jax.Array | tuple[Components, Components, Components]
 
 class _Factor(NamedTuple):
     inverse: Inverse
-    pull: Components
+    force: Components
     gradient: Components
     lower: jax.Array
     diagonal: jax.Array
@@ -41,15 +41,15 @@ def _part(x: Components, where: slice) -> Components:
     return tuple(c[where] for c in x)
 
 
-def _eliminate(inverse: Inverse, pull: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
+def _eliminate(inverse: Inverse, force: Components, gradient: Components, compliance: jax.Array, free: int) -> _Factor:
     """The tridiagonal matrix left in the tensions: node i joins link i before it and link i + 1 after it."""
     links = compliance.shape[0]
     held = free < links
-    own = _times(inverse, _part(pull, slice(free)))
+    own = _times(inverse, _part(force, slice(free)))
     joined = slice(None) if held else slice(-1)  # nodes with a link after them
     inner = tuple(_part(row, joined) for row in inverse) if isinstance(inverse, tuple) else inverse[joined]
     after = slice(1, None)
-    following = _times(inner, _part(pull, after))
+    following = _times(inner, _part(force, after))
     zero = jnp.zeros_like(compliance[:1])
     far = -dot(_part(gradient, slice(free)), own)
     far = jnp.concatenate([far, zero]) if held else far
@@ -58,7 +58,7 @@ def _eliminate(inverse: Inverse, pull: Components, gradient: Components, complia
     lower = dot(_part(gradient, after), _part(own, joined))
     return _Factor(
         inverse,
-        pull,
+        force,
         gradient,
         jnp.concatenate([zero, lower]),
         far + near - compliance,
@@ -72,7 +72,7 @@ def _solve(f: _Factor, rows: Unknowns) -> Unknowns:
     moved = tuple(link_differences(c, None, ends) for c in loose)
     b = rows.y - dot(f.gradient, moved)
     y = solve_tridiagonal(f.lower, f.diagonal, f.upper, b)
-    back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.pull))
+    back = _times(f.inverse, tuple(gather_links(y * p, ends) for p in f.force))
     return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
 
@@ -105,9 +105,9 @@ class Condensed:
         self, problem: StepProblem, u: Unknowns, prepared: Inverse | None = None
     ) -> tuple[_Factor, CondensedParts]:
         inverse = self.prepare(problem, u) if prepared is None else prepared
-        parts = problem.condensed(u)
+        parts = problem.condensed_parts(u)
         free = u.x.shape[0]
-        return _eliminate(inverse, components(parts.pull), components(parts.gradient), parts.compliance, free), parts
+        return _eliminate(inverse, components(parts.force), components(parts.gradient), parts.compliance, free), parts
 
     def apply(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         return _solve(factor[0], rows)
@@ -115,4 +115,4 @@ class Condensed:
     def apply_transposed(self, factor: tuple[_Factor, CondensedParts], rows: Unknowns) -> Unknowns:
         f, parts = factor
         inverse = tuple(zip(*f.inverse, strict=True)) if isinstance(f.inverse, tuple) else f.inverse
-        return _solve(_eliminate(inverse, f.gradient, f.pull, parts.compliance, rows.x.shape[0]), rows)
+        return _solve(_eliminate(inverse, f.gradient, f.force, parts.compliance, rows.x.shape[0]), rows)

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.solvers.blocks import inverse, multiply, settled
+from dropper_jax.solvers.blocks import inverse, multiply, optimization_barrier
 from dropper_jax.solvers.order import Order, Round
 
 
@@ -35,7 +35,7 @@ class Elimination(NamedTuple):
     order: Order
     rounds: tuple[Eliminated, ...]
 
-    def transposed(self) -> Elimination:
+    def transpose(self) -> Elimination:
         flip = lambda a: jnp.swapaxes(a, -1, -2)  # noqa: E731
         return self._replace(rounds=tuple(Eliminated(flip(d), flip(up), flip(low)) for d, low, up in self.rounds))
 
@@ -44,7 +44,7 @@ def _with_zero(a: jax.Array) -> jax.Array:
     return jnp.concatenate([a, jnp.zeros_like(a, shape=(1, *a.shape[1:]))])
 
 
-def gathered(a: jax.Array, table: np.ndarray) -> jax.Array:
+def gather_sums(a: jax.Array, table: np.ndarray) -> jax.Array:
     """Sums (places, ...) of the rows of a (n, ...) that a static table (most, places) lists; n stands for nothing."""
     a = _with_zero(a)
     return sum((a[row] for row in table[1:]), a[table[0]])
@@ -54,7 +54,7 @@ def eliminate(order: Order, blocks: jax.Array) -> Elimination:
     """Factor the matrix whose blocks (blocks, k, k) stand in the order that `elimination_order` was given."""
     rounds = []
     if order.rounds:
-        blocks = gathered(settled(blocks), order.place)
+        blocks = gather_sums(optimization_barrier(blocks), order.slot)
     for table in order.rounds:
         done, blocks = _eliminate(table, blocks)
         rounds.append(done)
@@ -69,7 +69,7 @@ def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
     after = _with_zero(blocks)[table.keep]
     if table.change.size:
         products = multiply(done.upper[:, None], multiply(done.inverse, done.lower))
-        after = after - gathered(products.reshape(-1, k, k), table.change)
+        after = after - gather_sums(products.reshape(-1, k, k), table.change)
     return done, after
 
 
@@ -81,7 +81,7 @@ def solve(factor: Elimination, rhs: jax.Array) -> jax.Array:
         found.append(own)
         if table.change_rows.size:
             moved = apply(done.upper, apply(done.inverse, own))
-            left = left - gathered(moved.reshape(-1, rhs.shape[-1]), table.change_rows)
+            left = left - gather_sums(moved.reshape(-1, rhs.shape[-1]), table.change_rows)
     x = left
     for table, done, own in zip(order.rounds[::-1], factor.rounds[::-1], found[::-1], strict=True):
         if table.degree:

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import Graph, Model, Pieces
+from dropper_jax.model import ElementForce, Graph, Model
 from dropper_jax.residual import Implicit, StepProblem, Unknowns, node_blocks
-from dropper_jax.solvers.blocks import multiply, settled
+from dropper_jax.solvers.blocks import multiply, optimization_barrier
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.elimination import apply
 from dropper_jax.solvers.pieces import coupling
@@ -33,12 +33,12 @@ class LawBlocks(NamedTuple):
     """A node-local law in the Jacobian: force rows by z (free, 3, 2), its rows by x (free, 2, 3) and z (free, 2, 2)."""
 
     force: jax.Array
-    place: jax.Array
-    own: jax.Array
+    position: jax.Array
+    law: jax.Array
 
-    def transposed(self) -> LawBlocks:
+    def transpose(self) -> LawBlocks:
         flip = lambda a: jnp.swapaxes(a, -1, -2)  # noqa: E731
-        return LawBlocks(flip(self.place), flip(self.force), flip(self.own))
+        return LawBlocks(flip(self.position), flip(self.force), flip(self.law))
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class NetworkFactor:
     system: Stretching | Saddle | BodyFactor
     law: LawBlocks | None
 
-    def transposed(self) -> NetworkFactor:
-        return NetworkFactor(self.system.transposed(), None if self.law is None else self.law.transposed())
+    def transpose(self) -> NetworkFactor:
+        return NetworkFactor(self.system.transpose(), None if self.law is None else self.law.transpose())
 
     def solve(self, rows: Unknowns) -> Unknowns:
         gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
@@ -57,8 +57,8 @@ class NetworkFactor:
             x, y, *pulls = self.system.solve(rows.x, rows.y, *gaps)
             return Unknowns(x, y, tuple(pulls))
         given = rows.z[0]
-        x, y, *pulls = self.system.solve(rows.x - apply(self.law.force, apply(self.law.own, given)), rows.y, *gaps)
-        return Unknowns(x, y, (apply(self.law.own, given - apply(self.law.place, x)), *pulls))
+        x, y, *pulls = self.system.solve(rows.x - apply(self.law.force, apply(self.law.law, given)), rows.y, *gaps)
+        return Unknowns(x, y, (apply(self.law.law, given - apply(self.law.position, x)), *pulls))
 
 
 def _inverse2(m: jax.Array) -> jax.Array:
@@ -91,24 +91,28 @@ class Network:
         free, dtype, model = problem.model.free_nodes, u.x.dtype, problem.model
         law, own = None, problem
         between = coupling(problem, u)
-        if model.ties or between is not None:
-            own = problem.acting(tuple(e for e in model.effects if not (e.bodily or isinstance(e, Pieces))))
+        if model.constraints or between is not None:
+            own = problem.acting(tuple(e for e in model.effects if not (e.bodily or isinstance(e, ElementForce))))
         if model.laws and u.z:  # what joins in at an instant has none
-            node, law = settled(_law_blocks(own, u))
-            law = law._replace(own=_inverse2(law.own + SOFT * jnp.eye(2, dtype=dtype)))
-            node = node - multiply(law.force, multiply(law.own, law.place))
+            node, law = optimization_barrier(_law_blocks(own, u))
+            law = law._replace(law=_inverse2(law.law + SOFT * jnp.eye(2, dtype=dtype)))
+            node = node - multiply(law.force, multiply(law.law, law.position))
         else:
-            node = settled(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], free, dtype))
-        if model.ties:
-            return NetworkFactor(factor_bodies(problem, u, node, settled(_link_parts(problem, u)), between), law)
+            node = optimization_barrier(node_blocks(lambda x: own.node_rows(u.x + x, ())[0], free, dtype))
+        if model.constraints:
+            return NetworkFactor(
+                factor_bodies(problem, u, node, optimization_barrier(_link_parts(problem, u)), between), law
+            )
         kind = Stretching if problem.model.line.axial.elastic else Saddle
-        return NetworkFactor(kind.of(problem.model.geometry, node, settled(_link_parts(problem, u)), between), law)
+        return NetworkFactor(
+            kind.of(problem.model.geometry, node, optimization_barrier(_link_parts(problem, u)), between), law
+        )
 
     def apply(self, factor: NetworkFactor, rows: Unknowns) -> Unknowns:
         return factor.solve(rows)
 
     def apply_transposed(self, factor: NetworkFactor, rows: Unknowns) -> Unknowns:
-        return factor.transposed().solve(rows)
+        return factor.transpose().solve(rows)
 
 
 def _link_parts(problem: StepProblem, u: Unknowns) -> LinkParts:
@@ -118,8 +122,8 @@ def _link_parts(problem: StepProblem, u: Unknowns) -> LinkParts:
         return jax.jvp(lambda d: problem.link_rows(d, u.y), (links,), (jnp.broadcast_to(axis, links.shape),))[1]
 
     turn, gradient = jax.vmap(along, out_axes=-1)(jnp.eye(3, dtype=u.x.dtype))
-    _, (pull, compliance) = jax.jvp(lambda y: problem.link_rows(links, y), (u.y,), (jnp.ones_like(u.y),))
-    return LinkParts(turn, pull, gradient, compliance)
+    _, (force, compliance) = jax.jvp(lambda y: problem.link_rows(links, y), (u.y,), (jnp.ones_like(u.y),))
+    return LinkParts(turn, force, gradient, compliance)
 
 
 def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:

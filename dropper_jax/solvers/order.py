@@ -48,13 +48,13 @@ class Round:
 
 @dataclass(frozen=True)
 class Order:
-    """The rounds; `place` is where each block (row, column) is collected from, (most, blocks), see `Round`.
+    """The rounds; `slot` is where each block (row, column) is collected from, (most, blocks), see `Round`.
 
     `nodes` lists all nodes in the order of the rounds, `position` where each stands in it.
     """
 
     rounds: tuple[Round, ...]
-    place: np.ndarray
+    slot: np.ndarray
     nodes: np.ndarray
     position: np.ndarray
 
@@ -71,13 +71,13 @@ def elimination_order(
     """
     kept = {pair for pair in blocks if max(pair) < count}
     taken = _rounds(count, kept, after or {}, most)
-    lists = [_listed(neighbours, degree) for neighbours, degree in taken]
+    lists = [_list_blocks(neighbours, degree) for neighbours, degree in taken]
     present = kept | {(i, i) for i in range(count)}
     following: list[list[Pair | None]] = []
     rests = []
     for (neighbours, _), listed in zip(taken, lists, strict=True):
-        gone = set(neighbours)
-        rest = {pair for pair in present if gone.isdisjoint(pair)}
+        eliminated = set(neighbours)
+        rest = {pair for pair in present if eliminated.isdisjoint(pair)}
         following.append(listed + sorted(rest))
         rests.append(rest | {(a, b) for near in neighbours.values() for a in near for b in near})
         present = rests[-1]
@@ -93,8 +93,8 @@ def elimination_order(
     where: dict[Pair, list[int]] = {}
     for number, pair in enumerate(blocks):
         where.setdefault(pair, []).append(number)
-    place = _table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
-    return Order(tuple(rounds), place, np.array(nodes, int), position)
+    slot = _table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
+    return Order(tuple(rounds), slot, np.array(nodes, int), position)
 
 
 def _rounds(
@@ -129,7 +129,7 @@ def _rounds(
     return rounds
 
 
-def _listed(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
+def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
     """The blocks of the nodes of a round in the order of `Round`; None where a node has fewer neighbours."""
     slots = [(i, others[c] if c < len(others) else None) for c in range(degree) for i, others in neighbours.items()]
     rows = [None if a is None else (i, a) for i, a in slots]
@@ -141,7 +141,7 @@ def _round(
     neighbours: dict[int, list[int]], degree: int, now: list[Pair | None], then: list[Pair | None], later: list[int]
 ) -> Round:
     width = len(neighbours)
-    place = {pair: number for number, pair in enumerate(now) if pair}
+    slot_of = {pair: number for number, pair in enumerate(now) if pair}
     products: dict[Pair, list[int]] = {}
     rows: dict[int, list[int]] = {}
     number = {node: at for at, node in enumerate(later)}
@@ -156,7 +156,7 @@ def _round(
         nodes=np.array(list(neighbours), int),
         degree=degree,
         neighbours=ends,
-        keep=np.array([place.get(pair, len(now)) if pair else len(now) for pair in then], int),
+        keep=np.array([slot_of.get(pair, len(now)) if pair else len(now) for pair in then], int),
         change=_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
         change_rows=_table([rows.get(node, []) for node in later], degree * width),
     )

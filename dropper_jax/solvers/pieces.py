@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.place import summed
-from dropper_jax.model import Pieces, at_pieces
+from dropper_jax.base.scatter import scatter_add_many
+from dropper_jax.model import ElementForce, at_pieces
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.order import Pair
 
@@ -29,7 +29,7 @@ def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
     return Coupling(sum((c.pairs for c in found), ()), jnp.concatenate([c.blocks for c in found]))
 
 
-def _of(problem: StepProblem, u: Unknowns, effect: Pieces) -> Coupling:
+def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
     model, k = problem.model, problem.instant(u.x)
     graph, nodes = model.geometry, effect.piece_nodes(model)
 
@@ -48,10 +48,10 @@ def _of(problem: StepProblem, u: Unknowns, effect: Pieces) -> Coupling:
     zero = jnp.zeros_like(r)
     columns = jax.vmap(lambda e: jax.jvp(rows, (zero,), (jnp.broadcast_to(e, r.shape),))[1], out_axes=-1)(unit)
     blocks = jnp.moveaxis(columns.reshape(len(nodes), each, 3, each, 3), 3, 2).reshape(-1, 3, 3)
-    return _summed(nodes, blocks, graph.free)
+    return _sum_blocks(nodes, blocks, graph.free)
 
 
-def _summed(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
+def _sum_blocks(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
     """Blocks of the same two nodes together; those of held points fall away."""
     each = nodes.shape[1]
     row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()
@@ -59,4 +59,4 @@ def _summed(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
     kept = np.flatnonzero((row < free) & (column < free))
     codes, where = np.unique(row[kept] * free + column[kept], return_inverse=True)
     pairs = tuple(zip((codes // free).tolist(), (codes % free).tolist(), strict=True))
-    return Coupling(pairs, summed(where, blocks[kept], len(codes)))
+    return Coupling(pairs, scatter_add_many(where, blocks[kept], len(codes)))

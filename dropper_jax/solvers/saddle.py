@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Graph
-from dropper_jax.solvers.blocks import settled
+from dropper_jax.solvers.blocks import optimization_barrier
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import WIDER, Order, Pair, elimination_order
 from dropper_jax.solvers.pieces import Coupling
@@ -30,13 +30,13 @@ class LinkParts(NamedTuple):
     """Of the links: G (n, 3, 3), p and g (n, 3), c (n,)."""
 
     turn: jax.Array
-    pull: jax.Array
+    force: jax.Array
     gradient: jax.Array
     compliance: jax.Array
 
-    def transposed(self) -> LinkParts:
-        turn, pull, gradient, compliance = self
-        return LinkParts(jnp.swapaxes(turn, -1, -2), gradient, pull, compliance)
+    def transpose(self) -> LinkParts:
+        turn, force, gradient, compliance = self
+        return LinkParts(jnp.swapaxes(turn, -1, -2), gradient, force, compliance)
 
 
 class Saddle(NamedTuple):
@@ -50,41 +50,41 @@ class Saddle(NamedTuple):
         """From A = `node` (free, 3, 3), and what it has besides its diagonal."""
         diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
         size = jnp.max(jnp.abs(diagonal)) if graph.free else jnp.max(jnp.abs(links.turn)) + 1.0
-        before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.before, _last(graph)))
-        none, nothing = jnp.zeros_like(before.pull), jnp.zeros_like(before.compliance)
-        bare, zero = jnp.zeros_like(last.pull), jnp.zeros_like(last.compliance)
+        before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.previous_links, _last(graph)))
+        none, nothing = jnp.zeros_like(before.force), jnp.zeros_like(before.compliance)
+        bare, zero = jnp.zeros_like(last.force), jnp.zeros_like(last.compliance)
         points = len(graph.free_points)
         point = jnp.zeros((points, 3), node.dtype)
         unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
         values = [
-            _block(diagonal[: graph.inner], before.pull, before.gradient, before.compliance),
+            _block(diagonal[: graph.inner], before.force, before.gradient, before.compliance),
             _block(diagonal[graph.inner :], point, point, jnp.ones((points,), node.dtype)),
             _block(unit, bare, bare, last.compliance - CLOSING / size),
             _block(-before.turn, none, -before.gradient, nothing),
-            _block(-before.turn, -before.pull, none, nothing),
+            _block(-before.turn, -before.force, none, nothing),
             *(_block(-last.turn, bare, bare, zero),) * 2,
-            _block(jnp.zeros_like(last.turn), -last.pull, bare, zero),
+            _block(jnp.zeros_like(last.turn), -last.force, bare, zero),
             _block(jnp.zeros_like(last.turn), bare, -last.gradient, zero),
-            _block(jnp.zeros_like(last.turn), last.pull, bare, zero),
+            _block(jnp.zeros_like(last.turn), last.force, bare, zero),
             _block(jnp.zeros_like(last.turn), bare, last.gradient, zero),
         ]
         if between is None:
             return cls(graph, eliminate(_group_order(graph), jnp.concatenate(values)))
-        wide = jnp.pad(settled(between.blocks), ((0, 0), (0, 1), (0, 1)))
+        wide = jnp.pad(optimization_barrier(between.blocks), ((0, 0), (0, 1), (0, 1)))
         return cls(graph, eliminate(_group_order(graph, between.pairs), jnp.concatenate([*values, wide])))
 
-    def transposed(self) -> Saddle:
-        return self._replace(groups=self.groups.transposed())
+    def transpose(self) -> Saddle:
+        return self._replace(groups=self.groups.transpose())
 
     def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
         graph = self.graph
         last, points = _last(graph), len(graph.free_points)
-        own = jnp.concatenate([stretch[graph.before], jnp.zeros((points,), force.dtype), stretch[last]])
+        own = jnp.concatenate([stretch[graph.previous_links], jnp.zeros((points,), force.dtype), stretch[last]])
         moved = jnp.concatenate([force, jnp.zeros((len(last), 3), force.dtype)])
         found = solve(self.groups, jnp.concatenate([moved, own[:, None]], axis=-1))
         number = np.empty(graph.links, int)
-        number[graph.before], number[last] = np.arange(graph.inner), graph.free + np.arange(len(last))
+        number[graph.previous_links], number[last] = np.arange(graph.inner), graph.free + np.arange(len(last))
         return found[: graph.free, :3], found[number, 3]
 
 
@@ -105,15 +105,15 @@ def _group_order(graph: Graph, between: tuple[Pair, ...] = ()) -> Order:
     count, none = graph.free + len(graph.members), graph.free + len(graph.members)
     number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  held nodes are no group
     own, closing = list(range(count)), list(range(graph.free, count))
-    inner, first = list(range(graph.inner)), number(graph.first[graph.before])
+    inner, first = list(range(graph.inner)), number(graph.first[graph.previous_links])
     start, end = number(graph.first[_last(graph)]), number(graph.last[_last(graph)])
     sides = [(own, own), (inner, first), (first, inner), (start, end), (end, start)]
     sides += [(start, closing), (closing, start), (end, closing), (closing, end)]
     pairs = [pair for side in sides for pair in zip(*side, strict=True)]
-    return elimination_order(count, [*pairs, *between], _after(graph), most=WIDER if between else 2)
+    return elimination_order(count, [*pairs, *between], _before_last_link(graph), most=WIDER if between else 2)
 
 
-def _after(graph: Graph) -> dict[int, set[int]]:
+def _before_last_link(graph: Graph) -> dict[int, set[int]]:
     """What goes before each line's last link: the line's inner nodes, and a point at one end that no other one has.
 
     Both ends where there are more lines than points.
@@ -121,16 +121,16 @@ def _after(graph: Graph) -> dict[int, set[int]]:
     free = [{int(path[i]) for i in (0, -1) if path[i] < graph.free} for path in graph.paths]
     owner: dict[int, int] = {}
 
-    def given(line: int, seen: set[int]) -> bool:
-        for point in free[line] - seen:
-            seen.add(point)
-            if point not in owner or given(owner[point], seen):
+    def assign_owner(line: int, visited: set[int]) -> bool:
+        for point in free[line] - visited:
+            visited.add(point)
+            if point not in owner or assign_owner(owner[point], visited):
                 owner[point] = line
                 return True
         return False
 
     for line in range(len(free)):
-        given(line, set())
+        assign_owner(line, set())
     point_of = {line: {point} for point, line in owner.items()}
     lines = enumerate(graph.paths)
     return {graph.free + i: set(map(int, path[1:-1])) | point_of.get(i, free[i]) for i, path in lines}

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Graph
-from dropper_jax.solvers.blocks import settled
+from dropper_jax.solvers.blocks import optimization_barrier
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
 from dropper_jax.solvers.order import WIDER, Order, Pair, elimination_order
 from dropper_jax.solvers.pieces import Coupling
@@ -26,22 +26,22 @@ class Stretching(NamedTuple):
     @classmethod
     def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Stretching:
         """From A = `node` (free, 3, 3), and what it has besides its diagonal."""
-        ratio = links.pull / links.compliance[:, None]
+        ratio = links.force / links.compliance[:, None]
         stiffness = links.turn - ratio[..., None] * links.gradient[:, None, :]
         diagonal = node + graph.from_first(stiffness) + graph.from_last(stiffness)
         blocks = jnp.concatenate([diagonal, -stiffness, -stiffness])
         if between is None:
             return cls(graph, links, eliminate(_node_order(graph), blocks))
-        blocks = jnp.concatenate([blocks, settled(between.blocks)])
+        blocks = jnp.concatenate([blocks, optimization_barrier(between.blocks)])
         return cls(graph, links, eliminate(_node_order(graph, between.pairs), blocks))
 
-    def transposed(self) -> Stretching:
-        return self._replace(links=self.links.transposed(), nodes=self.nodes.transposed())
+    def transpose(self) -> Stretching:
+        return self._replace(links=self.links.transpose(), nodes=self.nodes.transpose())
 
     def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Moves (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
-        graph, (_, pull, gradient, compliance) = self.graph, self.links
-        x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * pull))
+        graph, (_, link_force, gradient, compliance) = self.graph, self.links
+        x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * link_force))
         return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
 
 

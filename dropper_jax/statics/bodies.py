@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import cross, dot
-from dropper_jax.base.place import place
-from dropper_jax.model import Model, State, Tie, state
+from dropper_jax.base.scatter import scatter_add
+from dropper_jax.model import HolonomicConstraint, Model, State, state
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced
 from dropper_jax.statics.tangent import DenseTangent, NodeMoves
 
@@ -30,7 +30,7 @@ class Coordinates:
     Bodies that are pinned (bodies,) have no moves.
     """
 
-    kept: np.ndarray
+    retained_nodes: np.ndarray
     corners: np.ndarray
     seats: np.ndarray
     free: int
@@ -38,15 +38,15 @@ class Coordinates:
 
     @classmethod
     def of(cls, model: Model) -> Coordinates:
-        (tie,) = model.ties
-        corners, seats = tie.body_nodes(model), tie.seats(model)
+        (constraint,) = model.constraints
+        corners, seats = constraint.body_nodes(model), constraint.seats(model)
         away = np.concatenate([corners.ravel(), seats])
-        pinned = np.isin(np.arange(len(corners)), np.array(tie.pinned, int))
+        pinned = np.isin(np.arange(len(corners)), np.array(constraint.pinned, int))
         return cls(np.setdiff1d(np.arange(model.free_nodes), away), corners, seats, model.free_nodes, pinned)
 
     @property
     def size(self) -> int:
-        return 3 * len(self.kept) + len(self.moving)
+        return 3 * len(self.retained_nodes) + len(self.moving)
 
     @property
     def moving(self) -> np.ndarray:
@@ -57,36 +57,40 @@ class Coordinates:
 
     def first(self, body: int) -> int:
         """Number of the first coordinate of a body."""
-        return 3 * len(self.kept) + int(np.searchsorted(self.moving, 6 * body))
+        return 3 * len(self.retained_nodes) + int(np.searchsorted(self.moving, 6 * body))
 
     def split(self, q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Moves of nodes (kept, 3) and bodies (bodies, 3) [m], and half turns of bodies (bodies, 3) [rad]."""
-        nodes = q[: 3 * len(self.kept)].reshape(-1, 3)
-        bodies = place(self.moving, q[3 * len(self.kept) :], 6 * len(self.corners)).reshape(-1, 2, 3)
+        nodes = q[: 3 * len(self.retained_nodes)].reshape(-1, 3)
+        bodies = scatter_add(self.moving, q[3 * len(self.retained_nodes) :], 6 * len(self.corners)).reshape(-1, 2, 3)
         return nodes, bodies[:, 0], 0.5 * bodies[:, 1]
 
-    def place(self, tie: Tie, r: jax.Array, q: jax.Array) -> jax.Array:
+    def positions_of(self, constraint: HolonomicConstraint, r: jax.Array, q: jax.Array) -> jax.Array:
         """Places (free, 3) [m] of all free nodes, from those at q = 0."""
         nodes, shift, half = self.split(q)
         corner = r[self.corners]
         centre = jnp.mean(corner, axis=1, keepdims=True)
         if np.any(self.pinned):
-            centre = jnp.where(self.pinned[:, None, None], tie.references(corner)[:, None], centre)
+            centre = jnp.where(self.pinned[:, None, None], constraint.references(corner)[:, None], centre)
         arm = corner - centre
         turn = jnp.broadcast_to(half[:, None], arm.shape)
         once = cross(turn, arm)
         corner = centre + shift[:, None] + arm + 2.0 * (once + cross(turn, once)) / (1.0 + dot(turn, turn))[..., None]
         corner = corner.reshape(-1, 3)
-        moved = place(self.corners.ravel(), corner, self.free)
+        moved = scatter_add(self.corners.ravel(), corner, self.free)
         if self.seats.size:
-            moved = moved + place(self.seats, tie.seat_shares() @ corner, self.free)
-        return moved + place(self.kept, r[self.kept] + nodes, self.free) if self.kept.size else moved
+            moved = moved + scatter_add(self.seats, constraint.seat_shares() @ corner, self.free)
+        return (
+            moved + scatter_add(self.retained_nodes, r[self.retained_nodes] + nodes, self.free)
+            if self.retained_nodes.size
+            else moved
+        )
 
 
-def generalised(model: Model, s: State, loads: jax.Array, q: jax.Array) -> jax.Array:
+def generalised_forces(model: Model, s: State, loads: jax.Array, q: jax.Array) -> jax.Array:
     """Unbalanced generalised forces, minus Q (coordinates,) [N], [N m], at q from the pose s."""
-    where, (tie,) = Coordinates.of(model), model.ties
-    r, back = jax.vjp(lambda q: where.place(tie, s.r, q), q)
+    where, (constraint,) = Coordinates.of(model), model.constraints
+    r, back = jax.vjp(lambda q: where.positions_of(constraint, s.r, q), q)
     rows, _ = unbalanced(model, state(model, r, t=s.t), loads)
     return back(rows)[0]
 
@@ -98,7 +102,9 @@ def arms(model: Model) -> jax.Array:
     spread = corner - jnp.mean(corner, axis=1, keepdims=True)
     size = jnp.sqrt(jnp.max(dot(spread, spread), axis=1))
     turns = jnp.stack([jnp.ones_like(size), size], axis=1)
-    return jnp.concatenate([jnp.ones(3 * len(where.kept), size.dtype), jnp.repeat(turns.ravel(), 3)[where.moving]])
+    return jnp.concatenate(
+        [jnp.ones(3 * len(where.retained_nodes), size.dtype), jnp.repeat(turns.ravel(), 3)[where.moving]]
+    )
 
 
 @dataclass(frozen=True)
@@ -118,14 +124,14 @@ class BodyMoves:
 
     def rows(self, s: State, loads: jax.Array, x: jax.Array) -> jax.Array:
         size = arms(self.model)
-        return generalised(self.model, s, loads, x / size) / size
+        return generalised_forces(self.model, s, loads, x / size) / size
 
     def moved(self, s: State, loads: jax.Array, x: jax.Array) -> State:
-        where, (tie,) = Coordinates.of(self.model), self.model.ties
-        r = where.place(tie, s.r, x / arms(self.model))
+        where, (constraint,) = Coordinates.of(self.model), self.model.constraints
+        r = where.positions_of(constraint, s.r, x / arms(self.model))
         return balanced(self.model, state(self.model, r, t=s.t), loads)
 
 
 def moves_of(model: Model) -> NodeMoves | BodyMoves:
     """The unknowns of the model's pose."""
-    return BodyMoves(model) if model.ties else NodeMoves(model)
+    return BodyMoves(model) if model.constraints else NodeMoves(model)

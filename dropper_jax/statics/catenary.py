@@ -44,7 +44,7 @@ def catenary_guess(
     distance = float(np.hypot(*across))
     direction = across / distance if distance > 0 else np.array([1.0, 0.0])
     if distance < 1e-6 * total:
-        x, z, tension = _folded(arc, total, rise, float(np.mean(length)), per_metre)
+        x, z, tension = _fold_line(arc, total, rise, float(np.mean(length)), per_metre)
     else:
         x, z, tension = _hanging(arc, middle, total, distance, rise, per_metre)
     nodes = start + np.column_stack([x * direction[0], x * direction[1], -down * z])
@@ -65,7 +65,7 @@ def _hanging(
     return x, z, per_metre * np.hypot(a, middle - s0)
 
 
-def _folded(
+def _fold_line(
     arc: np.ndarray, total: float, rise: float, link: float, per_metre: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Both ends above one another: down and up again, opened by half a link so that the fold has a side."""
@@ -150,12 +150,12 @@ def _minimise(
         return float(np.sum(length * (np.sqrt(size2 + soft**2) + 0.5 * flexibility * size2)) - x @ span)
 
     for _ in range(ROUNDS):
-        pull = force - before
-        size = np.sqrt(np.sum(pull**2, axis=1) + soft**2)
-        slope = np.sum((length * (1.0 / size + flexibility))[:, None] * pull, axis=0) - span
+        link_force = force - before
+        size = np.sqrt(np.sum(link_force**2, axis=1) + soft**2)
+        slope = np.sum((length * (1.0 / size + flexibility))[:, None] * link_force, axis=0) - span
         if np.max(np.abs(slope)) < 1e-13 * np.sum(length):
             break
-        unit = pull / size[:, None]
+        unit = link_force / size[:, None]
         curve = np.sum(length * (1.0 / size + flexibility)) * np.eye(3)
         curve -= np.einsum("j,ja,jb->ab", length / size, unit, unit)
         step = np.linalg.solve(curve, slope)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stiffness import stiffness_with_held, verges
@@ -112,36 +112,36 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
     """
     if not model.line.axial.elastic:
         raise SceneError("line.axial.law: 'rigid' has no axial stiffness; allowed: elastic, rope, tabulated")
-    if model.ties:
+    if model.constraints:
         raise SceneError("body: rigid bodies are not linearised; allowed: scenes of lines, points and buoys")
     if model.laws:
         raise SceneError(f"effects.{model.laws[0].name}: dry friction has no linear form; allowed: scenes without it")
     loads = jnp.zeros_like(pose.r) if loads is None else loads
-    (damping, by_speed), (mass, _), by_place = _matrices(rest(model), pose)
+    (damping, by_speed), (mass, _), by_position = _matrices(rest(model), pose)
     f = 3 * model.free_nodes
     stiffness = stiffness_with_held(rest(model), pose, loads)[:f].toarray()
     names = tuple(model.points[int(i)].name for i in model.geometry.held_points)
     cut = lambda a: (np.asarray(a)[:, :f], np.asarray(a)[:, f:])  # noqa: E731
     (k, kh), (c, ch), (m, mh) = cut(stiffness), cut(damping), cut(mass)
-    by = np.asarray(by_place), np.asarray(by_speed)
+    by = np.asarray(by_position), np.asarray(by_speed)
     return Linearised(m, c, k, mh, ch, kh, *by, np.asarray(pose.tension), names, verges(model, pose))
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | jax.Array, ...]:
     """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by places."""
     free, held = 3 * model.free_nodes, 3 * model.geometry.ends
-    places = model.ends(pose.t).places
+    positions = model.ends(pose.t).positions
 
     def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = lambda y: (y[:free].reshape(-1, 3), y[free:].reshape(-1, 3))  # noqa: E731
         (dr, du), (dv, dw), (da, db) = at(x), at(v), at(a)
-        k = model.instant(pose.r + dr, dv, pose.t, Ends(places + du, dw))
+        k = model.instant(pose.r + dr, dv, pose.t, Ends(positions + du, dw))
         tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
-        left = model.inertia(k, da, db) - model.force(k) - model.pull(tension, direction)
+        left = model.inertia(k, da, db) - model.force(k) - model.tension_force(tension, direction)
         return left.ravel(), tension
 
     zero = jnp.zeros(free + held, model.dtype)
-    by_place = jax.jacfwd(lambda x: rows(x, zero, zero)[1])(zero)
-    return *(jax.jacfwd(rows, argnums=i)(zero, zero, zero) for i in (1, 2)), by_place
+    by_position = jax.jacfwd(lambda x: rows(x, zero, zero)[1])(zero)
+    return *(jax.jacfwd(rows, argnums=i)(zero, zero, zero) for i in (1, 2)), by_position

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stability import stiffness_and_motions, stiffness_of_motions
@@ -80,7 +80,7 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     shape = shape / largest[:, :, None]
     mass, omega = 1.0 / np.ravel(largest) ** 2, np.sqrt(value)  # eigenvectors have x'Mx = 1
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
-    bodies = _of_bodies(model, pose, shape) if model.ties else None
+    bodies = _of_bodies(model, pose, shape) if model.constraints else None
     return Modes(2 * np.pi / omega, shape, mass, ratio, bodies)
 
 
@@ -124,12 +124,12 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
 def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
     """Forces (free nodes, 3) [N] at the pose when it moves with v, without what rigid links pull."""
     k = model.instant(pose.r, v, pose.t, model.ends(pose.t))
-    return model.force(k) + model.pull(
+    return model.force(k) + model.tension_force(
         model.line.axial.tension(k.links, k.link_velocities, model.line.length), k.tangents
     )
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
     """`x'Cx` (modes,) [kg/s]."""
     model = rest(model)
@@ -141,7 +141,7 @@ def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
     return jax.lax.map(of, shapes)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
     """Mean power (modes,) [W] of all forces over a swing with the largest velocities (modes, nodes, 3)."""
     model = rest(model)
@@ -152,9 +152,9 @@ def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
 
 def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     """Moves and small turns of the bodies (modes, bodies, 6)."""
-    tie = model.ties[0]
-    axes = np.asarray(tie.pose(model, pose.r)[1])
-    moved, rates = (np.asarray(part) for part in jax.vmap(lambda r: tie.pose(model, r))(jnp.asarray(shape)))
+    constraint = model.constraints[0]
+    axes = np.asarray(constraint.pose(model, pose.r)[1])
+    moved, rates = (np.asarray(part) for part in jax.vmap(lambda r: constraint.pose(model, r))(jnp.asarray(shape)))
     spin = rates @ np.swapaxes(axes, -1, -2)
     turned = [spin[..., 2, 1] - spin[..., 1, 2], spin[..., 0, 2] - spin[..., 2, 0], spin[..., 1, 0] - spin[..., 0, 1]]
     return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
@@ -164,7 +164,7 @@ def _symmetric(matrix: ArrayLike) -> ArrayLike:
     return 0.5 * (matrix + matrix.T)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _mass(model: Model, pose: State) -> jax.Array:
     """Masses and added mass (3 free, 3 free) [kg]."""
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Graph, Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Solver, StepProblem, Unknowns, damped_newton, newton
 from dropper_jax.solvers import SOLVERS
@@ -31,7 +31,7 @@ def rest(model: Model) -> Model:
     Dry friction may hold many poses, the frictionless one is taken; waves pass, a current stays.
     """
     effects = tuple(e for e in model.effects if not isinstance(e, Law))
-    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.calm())
+    return replace(model, effects=effects, sea=None if model.sea is None else model.sea.without_waves())
 
 
 class RestProblem(StepProblem):
@@ -57,8 +57,8 @@ class RestProblem(StepProblem):
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
-        pull = y[:, None] * line.axial.direction(d, d, d, line.length)
-        return pull, line.axial.at_rest(d, y, line.length)
+        force = y[:, None] * line.axial.direction(d, d, d, line.length)
+        return force, line.axial.at_rest(d, y, line.length)
 
     def tension(self, x: jax.Array) -> jax.Array:
         """Tensions that belong to the links' lengths (n,) [N]."""
@@ -66,8 +66,8 @@ class RestProblem(StepProblem):
         return line.axial.tension(d, jnp.zeros_like(d), line.length)
 
     def residual(self, u: Unknowns) -> Unknowns:
-        pull, axial = self.link_rows(self.link_vectors(u.x), u.y)
-        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(pull), axial)
+        force, axial = self.link_rows(self.link_vectors(u.x), u.y)
+        return Unknowns(self.node_rows(u.x, ())[0] - self.model.gather(force), axial)
 
     def row_scale(self) -> Unknowns:
         weight = force_scale(self.model) * jnp.ones((self.model.free_nodes, 1), self.model.dtype)
@@ -80,8 +80,8 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     With NumPy on the host: each operation on arrays of JAX would be a program of its own.
     """
     mass = xp.mean(xp.asarray(model.line.mass))
-    if model.ties:
-        mass = xp.maximum(mass, PART * xp.max(xp.asarray(model.ties[0].mass)))
+    if model.constraints:
+        mass = xp.maximum(mass, PART * xp.max(xp.asarray(model.constraints[0].mass)))
     return GRAVITY_SCALE * mass
 
 
@@ -104,7 +104,7 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
     units = xp.maximum(UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
-    return xp.maximum(10.0 * TOLERANCE if model.ties else TOLERANCE, jnp.finfo(model.dtype).eps * units)
+    return xp.maximum(10.0 * TOLERANCE if model.constraints else TOLERANCE, jnp.finfo(model.dtype).eps * units)
 
 
 def system_tolerance(model: Model) -> float:
@@ -112,7 +112,7 @@ def system_tolerance(model: Model) -> float:
     return float(rest_tolerance(model, np))
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] at a pose, and the tensions there."""
     return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
@@ -137,7 +137,7 @@ def rest_solver(model: Model) -> Solver:
     return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= DENSE_LIMIT else SOLVERS["banded"]
 
 
-@kept(static=("iterations", "damped"), brief=True)
+@cached_jit(static=("iterations", "damped"), brief=True)
 def polish(
     model: Model, s: State, loads: jax.Array, kappa: jax.Array, iterations: int = 25, damped: bool = True
 ) -> tuple[State, jax.Array]:

@@ -16,20 +16,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Effect, Ends, Graph, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
-from dropper_jax.statics.laid_out import laid_out
 from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
 from dropper_jax.statics.stability import escape, stable
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import (
     ROUNDS,
+    describe_unbalance,
     find_rest,
     find_softened,
     guess,
     springy,
-    unsettled,
 )
 
 #: Smallest share of the loads that continuation tries to add before it gives up.
@@ -80,7 +80,7 @@ def search(model: Model, loads: jax.Array | None, t: float) -> Equilibrium:
     if share == 1.0 and residual <= system_tolerance(model):
         s, residual = escape(model, s, residual, system_tolerance(model), partial(_fall, model, loads))
     if share < 1.0 or not residual <= system_tolerance(model):
-        message = unsettled(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
+        message = describe_unbalance(model, s, share * loads, residual, f"beyond {share:.1%} of the loads")
     elif not stable(model, s):
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, a bed or the surface on the way
@@ -97,16 +97,16 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float) -> Equili
     if not residual <= tolerance:
         s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
     current = model.sea is not None and model.sea.current is not None
-    drifting = current and not model.ties and bool(np.any(np.asarray(s.tension) <= 0.0))
+    drifting = current and not model.constraints and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
         s, residual = escape(model, s, residual, tolerance, lambda at, _: find_rest(model, at, loads, tolerance))
-    message = "" if residual <= tolerance else unsettled(model, s, loads, residual, f"in {ROUNDS} rounds")
+    message = "" if residual <= tolerance else describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds")
     friction = outward(full)
     if not message and friction is not None:
-        model, rounding = laid_out(model, s, friction.kinetic)
+        model, rounding = with_static_seabed_friction(model, s, friction.kinetic)
         tolerance = max(tolerance, float(rounding))
         s, residual = find_rest(model, s, loads, tolerance)
-        message = "" if residual <= tolerance else unsettled(model, s, loads, residual, f"in {ROUNDS} rounds")
+        message = "" if residual <= tolerance else describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds")
     if not message and model.line is not rigid:
         s, residual = solve_statics(replace(model, lines=(rigid,)), s, loads)
         message = (
@@ -126,7 +126,10 @@ def outward(full: Model) -> Effect | None:
     """The friction that holds the lines of a system where they were laid, or None."""
     friction = full.effect("seabed_friction")
     outward = (
-        friction is not None and friction.statics == "outward" and isinstance(full.geometry, Graph) and not full.ties
+        friction is not None
+        and friction.statics == "outward"
+        and isinstance(full.geometry, Graph)
+        and not full.constraints
     )
     return friction if outward else None
 
@@ -161,7 +164,7 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
     return state(model, nodes, tension=tension, t=t)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
     """The held ends, and the forces (free nodes, 3) [N] on nodes at rest at places r, or where the line begins."""
     ends = model.ends(t)
@@ -178,7 +181,7 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
     while residual <= system_tolerance(model) and share < 1.0 and increment >= SMALLEST_INCREMENT:
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
-        if trial_residual <= system_tolerance(model) and _near(s.r, trial.r, model):
+        if trial_residual <= system_tolerance(model) and _on_same_branch(s.r, trial.r, model):
             s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
         else:
             increment = step / 2.0
@@ -194,12 +197,12 @@ def _catenary(model: Model, t: float) -> State:
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 
 
-def _near(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
+def _on_same_branch(r0: jax.Array, r1: jax.Array, model: Model) -> bool:
     """A load increment that moves a node by more than half a line length may have jumped to another branch."""
     return bool(jnp.max(jnp.abs(r1 - r0)) < 0.5 * jnp.sum(model.line.length))
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _nodes(model: Model, s: State) -> jax.Array:
     """All nodes' places (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))

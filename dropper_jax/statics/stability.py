@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.solvers.dense import residual_matrix
@@ -23,7 +23,7 @@ FEW, ROUNDING, NUDGE = 200, 1e-6, 0.1
 TURNING = 1e-8
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
     """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
     moves, loads = moves_of(model), jnp.zeros_like(s.r)
@@ -42,13 +42,13 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
         return tuple(np.asarray(part) for part in stiffness_and_motions(model, s))
     matrix, size = np.asarray(_rows_by_unknowns(model, s)), s.r.size
     soft = np.diag(matrix)[size:] != 0.0
-    pull, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
+    force, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
     compliance = np.diag(matrix)[size:][soft, None]
     motions = null_space(lengths[~soft])
-    return motions.T @ (matrix[:size, :size] - pull @ (lengths[soft] / compliance)) @ motions, motions
+    return motions.T @ (matrix[:size, :size] - force @ (lengths[soft] / compliance)) @ motions, motions
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
     problem = RestProblem(model, s, jnp.zeros_like(s.r))
     return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))

@@ -18,14 +18,14 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.place import place
+from dropper_jax.base.scatter import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.residual.unknowns import norm
 from dropper_jax.statics.bodies import moves_of
-from dropper_jax.statics.laid_out import laid_out
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
@@ -43,7 +43,7 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
     values = forces if isinstance(forces, jax.Array) else np.asarray(forces, model.dtype)
-    return place(index, values, model.free_nodes)
+    return scatter_add(index, values, model.free_nodes)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:
@@ -65,12 +65,12 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, ne
     Raises:
         SceneError: where nothing gives the line a shape (no weight); traced values without a pose near by.
     """
-    if near is not None or _traced((model, loads)):
+    if near is not None or _is_traced((model, loads)):
         return _differentiable(model, loads, t, near)
     return search(model, loads, t)
 
 
-def _traced(tree: object) -> bool:
+def _is_traced(tree: object) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
@@ -78,7 +78,7 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
     """The pose next to one that is given, or that is found on the host for the values that are differentiated at."""
     if near is None:
         at = jax.lax.stop_gradient((model, loads))
-        if _traced(at):
+        if _is_traced(at):
             raise SceneError(
                 "near: no pose to start from inside jit or vmap; allowed: `equilibrium(...).state` of a design near by"
             )
@@ -89,18 +89,18 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
     near = replace(near, t=jnp.asarray(t, model.dtype))
     loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
     s, acting = _settle(model, near, loads, there)
-    residual, tolerance = _left(acting, s, loads)
+    residual, tolerance = _remaining_residual(acting, s, loads)
     status, message = "traced", ""
-    if not _traced((model, s)):
+    if not _is_traced((model, s)):
         message = "" if float(residual) <= tolerance else "no equilibrium found next to the pose that was given"
         status = "not_converged" if message else "ok"
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
 
 
-def _left(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
+def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
     """Largest scaled row of a settled pose, and what it may be (NaN where that is not known in a trace)."""
-    tolerance = np.nan if _traced(model) else 2.0 * system_tolerance(model)
-    if model.ties or model.line.axial.elastic:
+    tolerance = np.nan if _is_traced(model) else 2.0 * system_tolerance(model)
+    if model.constraints or model.line.axial.elastic:
         return unbalance(model, s, loads), tolerance
     problem = RestProblem(model, s, loads)
     return norm(problem.residual(Unknowns(jnp.zeros_like(s.r), s.tension)), problem.row_scale()), tolerance
@@ -122,10 +122,10 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
     """The pose, and the model that is at rest there."""
     model = rest(full)
-    if model.ties or model.line.axial.elastic:
+    if model.constraints or model.line.axial.elastic:
         friction = outward(full)
         if friction is not None:
-            model = laid_out(model, settled(model, near, loads), friction.kinetic)[0]
+            model = with_static_seabed_friction(model, settled(model, near, loads), friction.kinetic)[0]
         found = settled(model, near, loads, there)
         return state(full, found.r, tension=found.tension, t=near.t), model
     near = replace(jax.lax.stop_gradient(near), t=near.t)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
@@ -68,8 +68,8 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
         )
     loads = jnp.zeros_like(pose.r) if loads is None else loads
     model = rest(model)
-    asked = _asked(model, names)
-    matrix = _of_bodies(model, pose, loads) if model.ties else stiffness_with_held(model, pose, loads)
+    asked = _resolve_names(model, names)
+    matrix = _of_bodies(model, pose, loads) if model.constraints else stiffness_with_held(model, pose, loads)
     whole = _condensed(model, pose, loads, matrix, _numbers(model, asked))
     freedoms = tuple(
         f"{name}.{axis}" for name, (kind, _) in asked.items() for axis in (BODY if kind == "body" else POINT)
@@ -88,18 +88,20 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
     return (f"links {links} are on the verge of going slack: derivatives are those of one side",)
 
 
-def _asked(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
+def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
     """What is meant by each name: ("held", number among held points), ("free", node) or ("body", number)."""
     graph, found = model.geometry, {}
-    bodies = list(model.ties[0].names) if model.ties else []
-    places = {} if not model.ties else {int(node): i for i, node in enumerate(Coordinates.of(model).kept)}
+    bodies = list(model.constraints[0].names) if model.constraints else []
+    retained = (
+        {} if not model.constraints else {int(node): i for i, node in enumerate(Coordinates.of(model).retained_nodes)}
+    )
     corners = 4 * len(bodies)
     known = [p.name for p in model.points[: len(model.points) - corners]]
     for name in names:
         if name in found:
             raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
         if name in bodies:
-            if bodies.index(name) in model.ties[0].pinned:
+            if bodies.index(name) in model.constraints[0].pinned:
                 raise SceneError(f"points: {name!r} is pinned and cannot be moved; allowed: what is free or held")
             found[name] = "body", bodies.index(name)
             continue
@@ -111,9 +113,9 @@ def _asked(model: Model, names: Sequence[str]) -> dict[str, tuple[str, int]]:
             found[name] = "held", int(held[0])
             continue
         node = _node(model, point)
-        if model.ties and node not in places:
+        if model.constraints and node not in retained:
             raise SceneError(f"points: {name!r} sits on a rigid body; allowed: the body's own name")
-        found[name] = "free", places[node] if model.ties else node
+        found[name] = "free", retained[node] if model.constraints else node
     return found
 
 
@@ -122,21 +124,23 @@ def _node(model: Model, point: int) -> int:
     return int(graph.point_node[point]) if hasattr(graph, "point_node") else model.free_nodes - 1
 
 
-def _shifted(model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _shifted_residual(
+    model: Model, pose: State, loads: jax.Array, x: jax.Array, u: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces, minus F, on free nodes (free, 3) and held points (held, 3) [N], moved by x and u [m]."""
     problem = RestProblem(model, pose, loads)
-    problem.ends = Ends(problem.ends.places + u, problem.ends.velocities)
+    problem.ends = Ends(problem.ends.positions + u, problem.ends.velocities)
     tension = problem.tension(x)
-    pull, _ = problem.link_rows(problem.link_vectors(x), tension)
-    return problem.residual(Unknowns(x, tension)).x, -model.geometry.held_pull(pull)
+    force, _ = problem.link_rows(problem.link_vectors(x), tension)
+    return problem.residual(Unknowns(x, tension)).x, -model.geometry.held_force(force)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
     """By moves of held points: rows (3 free, h) and these points' forces (h, h); these by free nodes (h, 3 free)."""
     x, u = jnp.zeros_like(pose.r), jnp.zeros((model.geometry.ends, 3), model.dtype)
-    rows, own = jax.jacfwd(lambda u: _shifted(model, pose, loads, x, u))(u)
-    back = jax.jacrev(lambda x: _shifted(model, pose, loads, x, u)[1])(x)
+    rows, own = jax.jacfwd(lambda u: _shifted_residual(model, pose, loads, x, u))(u)
+    back = jax.jacrev(lambda x: _shifted_residual(model, pose, loads, x, u)[1])(x)
     return rows.reshape(x.size, u.size), own.reshape(u.size, u.size), back.reshape(u.size, x.size)
 
 
@@ -150,7 +154,7 @@ def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_arra
 
 def _numbers(model: Model, asked: dict[str, tuple[str, int]]) -> np.ndarray:
     """Rows of K of the points and bodies that are asked for, in their order."""
-    where = Coordinates.of(model) if model.ties else None
+    where = Coordinates.of(model) if model.constraints else None
     first = {
         "free": lambda i: 3 * i,
         "held": lambda i: (3 * model.free_nodes if where is None else where.size) + 3 * i,
@@ -194,7 +198,7 @@ def _solver(
         words = free_motion(model, pose, loads)
         if not words:
             node = int(nodes[np.argmax(np.max(np.abs(left), axis=1))]) // 3
-            words = "nothing holds " + ("a body" if model.ties else name_of(model, node))
+            words = "nothing holds " + ("a body" if model.constraints else name_of(model, node))
         raise SceneError(f"points: the others have no equilibrium of their own: {words}; allowed: what is held")
 
     return solve
@@ -204,17 +208,17 @@ def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
     """The same in the coordinates of `statics.bodies`, bodies moved and turned about their reference points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
-    where, tie = Coordinates.of(model), model.ties[0]
+    where, constraint = Coordinates.of(model), model.constraints[0]
     held, count = model.geometry.ends, where.size
 
     def rows_of(q: jax.Array) -> jax.Array:
-        moved = lambda w: where.place(tie, pose.r, w) - pose.r  # noqa: E731
+        moved = lambda w: where.positions_of(constraint, pose.r, w) - pose.r  # noqa: E731
         x, back = jax.vjp(moved, q[:count])
-        free, own = _shifted(model, pose, loads, x, q[count:].reshape(held, 3))
+        free, own = _shifted_residual(model, pose, loads, x, q[count:].reshape(held, 3))
         return jnp.concatenate([back(free)[0], own.ravel()])
 
     matrix = np.asarray(jax.jit(jax.jacfwd(rows_of))(jnp.zeros(count + 3 * held, model.dtype)))
-    reference = np.asarray(tie.pose(model, pose.r)[0])
+    reference = np.asarray(constraint.pose(model, pose.r)[0])
     centre = np.mean(np.asarray(pose.r)[where.corners], axis=1)
     turn = np.eye(len(matrix))
     for i in np.flatnonzero(~where.pinned):

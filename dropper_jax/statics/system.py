@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.axial import AxialLaw
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import BodyMoves, moves_of
@@ -75,7 +75,7 @@ def correct_pose(
     return moves.moved(s, loads, share * dx), size, jnp.maximum(kappa, SMALLEST * soft)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
     """Largest scaled unbalanced force of a pose."""
     moves = moves_of(model)
@@ -85,24 +85,24 @@ def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
 def guess(model: Model, t: float = 0.0) -> State:
     """Every line straight between its points, where the scene puts these."""
     geometry = model.geometry
-    places = np.array([np.asarray(p.position, float) for p in model.points])
-    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).places, float)
-    places[geometry.held_points] = moved
+    positions = np.array([np.asarray(p.position, float) for p in model.points])
+    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).positions, float)
+    positions[geometry.held_points] = moved
     r = np.zeros((geometry.free, 3))
-    if model.ties:  # corners of bodies are on no line
-        r[geometry.point_node[geometry.free_points]] = places[geometry.free_points]
+    if model.constraints:  # corners of bodies are on no line
+        r[geometry.point_node[geometry.free_points]] = positions[geometry.free_points]
     length = np.asarray(model.line.length, float)
     for member, path, span in zip(geometry.members, geometry.paths, geometry.spans, strict=True):
         along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
-        line = places[member.start] + along[:, None] * (places[member.end] - places[member.start])
-        if np.array_equal(places[member.start], places[member.end]):  # a loop hangs below its point
+        line = positions[member.start] + along[:, None] * (positions[member.end] - positions[member.start])
+        if np.array_equal(positions[member.start], positions[member.end]):  # a loop hangs below its point
             line[:, 2] -= 0.5 * np.sum(length[span]) * np.sin(np.pi * along)
         inner = (path >= 0) & (path < geometry.free)
         r[path[inner]] = line[inner]
     return state(model, jnp.asarray(r), t=t)
 
 
-@kept(static=("rounds",), brief=True)
+@cached_jit(static=("rounds",), brief=True)
 def descend(
     model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
 ) -> tuple[State, jax.Array]:
@@ -144,7 +144,7 @@ def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) ->
     """
     residual = np.inf
     for share in SOFTENING:
-        s, residual = find_rest(with_axial(model, model.line.axial.softened(share)), s, loads, tolerance)
+        s, residual = find_rest(with_axial(model, model.line.axial.soften(share)), s, loads, tolerance)
     return s, residual
 
 
@@ -159,16 +159,16 @@ def springy(model: Model) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape)))
 
 
-def unsettled(model: Model, s: State, loads: jax.Array, residual: float, sought: str) -> str:
+def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, sought: str) -> str:
     """Which node is farthest from balance in a pose that was not found, and why; `sought` tells how far."""
-    if model.ties:
+    if model.constraints:
         return f"no equilibrium of lines and bodies found: largest scaled unbalanced force {residual:.1e}"
     rows = np.asarray(RestProblem(model, s, loads).residual(Unknowns(jnp.zeros_like(s.r), s.tension)).x)
     size = np.max(np.abs(rows), axis=1)
     node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
     force = ", ".join(f"{x:.3g}" for x in rows[node])
-    place = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
+    position = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
     return (
         f"no equilibrium found {sought}: largest scaled unbalanced force {residual:.1e}, "
-        f"{name_of(model, node)} at ({place}) m is left with ({force}) N"
+        f"{name_of(model, node)} at ({position}) m is left with ({force}) N"
     )

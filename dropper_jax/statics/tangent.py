@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Geometry, Graph, Model, State, state
 from dropper_jax.solvers.dense import LU
 from dropper_jax.solvers.elimination import Elimination, eliminate, solve
@@ -118,7 +118,7 @@ class Tangent:
 
     def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
         """The moves that forces call for."""
-        return solve(factor.transposed() if transposed else factor, rows)
+        return solve(factor.transpose() if transposed else factor, rows)
 
 
 @dataclass(frozen=True)
@@ -145,16 +145,16 @@ def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Arr
     factor = tangent.factor(linear, tangent.kappa, right)
 
     def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
-        return refined(matrix, partial(tangent.apply, factor, transposed=transposed), b)
+        return refine_solution(matrix, partial(tangent.apply, factor, transposed=transposed), b)
 
     return jax.lax.custom_linear_solve(linear, right, partial(solve_with, False), partial(solve_with, True))
 
 
-def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
+def refine_solution(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
     """x of `matrix(x) = b` by `x <- x + apply(b - matrix(x))`, until that changes nothing any more."""
     enough = 1e2 * jnp.finfo(b.dtype).eps
 
-    def unfinished(carry: tuple[jax.Array, ...]) -> jax.Array:
+    def keep_iterating(carry: tuple[jax.Array, ...]) -> jax.Array:
         x, _, change, before, count = carry
         falling = (change < 0.5 * before) | (count < 2)
         return (change > enough * jnp.max(jnp.abs(x))) & falling & (count < REFINEMENTS)
@@ -166,7 +166,7 @@ def refined(matrix: Linear, apply: Linear, b: jax.Array) -> jax.Array:
         return x, b - matrix(x), jnp.max(jnp.abs(dx)), change, count + 1
 
     never = jnp.full((), jnp.inf, b.dtype)
-    x, left, *_ = jax.lax.while_loop(unfinished, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
+    x, left, *_ = jax.lax.while_loop(keep_iterating, correct, (jnp.zeros_like(b), b, never, never, jnp.zeros((), int)))
     return jnp.where(jnp.max(jnp.abs(left)) <= LEFT * jnp.max(jnp.abs(b)), x, jnp.nan)
 
 
@@ -199,7 +199,7 @@ def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
     return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
     return stiffness_matrix(NodeMoves(model), s, loads)
 
@@ -237,7 +237,7 @@ def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.
 def free_motion(model: Model, s: State, loads: jax.Array) -> str:
     """Which node moves freely about a pose, in words; empty where all are held, and for links that do not stretch."""
     model = rest(model)
-    if model.ties or not model.line.axial.elastic:
+    if model.constraints or not model.line.axial.elastic:
         return ""
     least, way = softest_motion(model, s, loads)
     if least > FREE * float(soft_scale(model)):

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.stepping.integrate import Progress, Trajectory, begin, failed
+from dropper_jax.stepping.integrate import Progress, Trajectory, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
@@ -82,7 +82,7 @@ def advance_adaptively(
         far = jnp.full_like(s.tension, jnp.inf)
         start = _Interval(adaptive, nothing, nothing, far, -far, jnp.zeros((), model.dtype), none, none, none)
 
-        def unfinished(done: _Interval) -> jax.Array:
+        def before_end(done: _Interval) -> jax.Array:
             return done.adaptive.progress.state.t < end - 1e-9 * dt
 
         def attempt(done: _Interval) -> _Interval:
@@ -104,7 +104,7 @@ def advance_adaptively(
             following = after.adaptive._replace(h=tried.following, refused=refused + ~tried.take)
             return after._replace(adaptive=following)
 
-        done = jax.lax.while_loop(unfinished, attempt, start)
+        done = jax.lax.while_loop(before_end, attempt, start)
         s = replace(done.adaptive.progress.state, t=end)
         progress = Progress(s, done.adaptive.progress.done + 1, done.adaptive.progress.first_bad)
         counts = done.residual, done.retried, done.bad, progress.first_bad
@@ -143,7 +143,7 @@ def _try(
     left = end - state.t
     h = left / jnp.ceil(left / wanted - 1e-9)
     s1, report = step(stepper, model, state, h, first_bad < 0)
-    bad = failed(stepper, model, s1, report.residual)
+    bad = step_failed(stepper, model, s1, report.residual)
     rough = roughness(model, state, s1, h) / tolerance
     rough = jnp.where(bad | ~jnp.isfinite(rough), MOST, rough)
     # a run that has failed goes on to its end, however rough
@@ -152,7 +152,7 @@ def _try(
     return _Tried(s1, report, h, bad, take, jnp.clip(h * factor, SHORTEST * dt, dt))
 
 
-def followed_steps(
+def adaptive_step_lengths(
     stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, tolerance: jax.Array, most: int = 100_000
 ) -> tuple[jax.Array, jax.Array]:
     """Lengths (most,) [s] of the steps that follow the snaps of `intervals` of dt [s] from s, and their number.
@@ -163,7 +163,7 @@ def followed_steps(
     adaptive = adaptive_start(begin(stepper, model, s), dt)
     last = adaptive.progress.state.t + intervals * dt
 
-    def unfinished(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
+    def before_end(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
         return (carry[0].progress.state.t < last - 1e-9 * dt) & (carry[2] < most)
 
     def attempt(carry: tuple[Adaptive, jax.Array, jax.Array]) -> tuple[Adaptive, jax.Array, jax.Array]:
@@ -176,7 +176,7 @@ def followed_steps(
         return after, lengths.at[number].set(jnp.where(tried.take, tried.h, 0.0)), number + tried.take
 
     nothing = jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32)
-    _, lengths, number = jax.lax.while_loop(unfinished, attempt, (adaptive, *nothing))
+    _, lengths, number = jax.lax.while_loop(before_end, attempt, (adaptive, *nothing))
     return lengths, number
 
 

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Unknowns
-from dropper_jax.stepping.derivative import _At, _inputs, _pull
+from dropper_jax.stepping.derivative import _At, _backward_step, _inputs
 from dropper_jax.stepping.integrate import begin
 from dropper_jax.stepping.solve import substep
 from dropper_jax.stepping.stepper import Stepper
@@ -58,8 +58,8 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
         raise SceneError(f"run.integrator: {scheme.name!r} has no way back; allowed: energy_momentum")
     if not stepper.until_converged:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")
-    start = model.begun()
-    if model.line.failures is not None or start or model.laws or model.ties:
+    start = model.initial_internal_state()
+    if model.line.failures is not None or start or model.laws or model.constraints:
         what = "links that break" if model.line.failures is not None else "friction, bodies or effects with a state"
         raise SceneError(f"scene: {what} are not followed backwards; allowed: storms without them")
 
@@ -78,13 +78,13 @@ def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -
     return Record(before, unknowns, r, tension, jnp.max(residual), last)
 
 
-def way_back(
+def backward_pass(
     stepper: Stepper,
     model: Model,
     moving: Sequence[int],
     run: Record,
     h: jax.Array,
-    by_place: jax.Array,
+    by_position: jax.Array,
     by_tension: jax.Array,
     by_end: State | None = None,
 ) -> tuple[list[jax.Array], State]:
@@ -92,7 +92,7 @@ def way_back(
 
     Args:
         moving: numbers of the leaves of the model that count; static.
-        by_place: df/dr_k (k, q, nodes, 3); by_tension: df/dT_k (k, q, n).
+        by_position: df/dr_k (k, q, nodes, 3); by_tension: df/dT_k (k, q, n).
         by_end: derivatives by the last state, every leaf (q, ...), of what comes after this run; none where left out.
 
     Returns:
@@ -101,7 +101,7 @@ def way_back(
     leaves, tree = jax.tree.flatten(model)
     h = jnp.asarray(h, model.dtype)
     inputs_of = lambda u: (leaves, h, u, None)  # noqa: E731
-    many = by_place.shape[1]
+    many = by_position.shape[1]
     chosen = [leaves[i] for i in moving]
 
     def one(carry: tuple[State, list[jax.Array]], row: tuple[State, Unknowns, jax.Array, jax.Array]) -> tuple:
@@ -109,22 +109,22 @@ def way_back(
         before, u, by_r, by_t = row
         at = _At(chosen, before, [])
 
-        def pull(ct: State, by_r: jax.Array, by_t: jax.Array) -> _At:
-            ct = _added(ct, by_r, by_t)
-            return _pull(stepper, stepper.solver, _partial(tree, tuple(moving), inputs_of(u)), at, ct, u)
+        def backward_step(ct: State, by_r: jax.Array, by_t: jax.Array) -> _At:
+            ct = _add_cotangents(ct, by_r, by_t)
+            return _backward_step(stepper, stepper.solver, _partial(tree, tuple(moving), inputs_of(u)), at, ct, u)
 
-        found = jax.vmap(pull)(ct, by_r, by_t)
+        found = jax.vmap(backward_step)(ct, by_r, by_t)
         return (found.s, [a + b for a, b in zip(total, found.model, strict=True)]), None
 
     first = jax.tree.map(lambda a: a[0], run.before)
     ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first) if by_end is None else by_end
     total = [jnp.zeros((many, *a.shape), a.dtype) for a in chosen]
-    rows = run.before, run.unknowns, by_place, by_tension
+    rows = run.before, run.unknowns, by_position, by_tension
     (ct, total), _ = jax.lax.scan(one, (ct, total), rows, reverse=True)
     return total, ct
 
 
-def _added(ct: State, by_r: jax.Array, by_t: jax.Array) -> State:
+def _add_cotangents(ct: State, by_r: jax.Array, by_t: jax.Array) -> State:
     return replace(ct, r=ct.r + by_r, tension=ct.tension + by_t)
 
 

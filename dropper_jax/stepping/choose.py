@@ -34,7 +34,7 @@ def make_stepper(
     """
     check_names(integrator, solver)
     options = {key: settings.pop(key) for key in OPTIONS if key in settings}
-    scheme = make_scheme(integrator, options).suited(model)
+    scheme = make_scheme(integrator, options).form_for(model)
     reason = scheme.refuse(model)
     if reason:
         raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, beside
+from dropper_jax.integrators.projected import Knot, ProjectedRungeKutta, at_knot, time_just_after
 from dropper_jax.integrators.reduced import moving, on_links
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.integrate import Trajectory, begin
@@ -108,7 +108,7 @@ def advance_controlled(
 
     def due(both: tuple[Controlled, tuple[jax.Array, ...]]) -> jax.Array:
         carry, _ = both
-        return (carry.saved < last) & (time(carry) <= beside(carry.now.t)) & (carry.bad == 0)
+        return (carry.saved < last) & (time(carry) <= time_just_after(carry.now.t)) & (carry.bad == 0)
 
     def write(both: tuple[Controlled, tuple[jax.Array, ...]]) -> tuple[Controlled, tuple[jax.Array, ...]]:
         carry, rows = both
@@ -138,13 +138,13 @@ def _trajectory(
 ) -> Trajectory:
     """Rows y (k, ...) at times t (k,) as a trajectory, brought to the lengths that interpolation leaves."""
 
-    def seen(row: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def to_links(row: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         r, v = on_links(model, *row)
         return r, v, moving(model, r, v, row[2], False).tension
 
-    *places, work = _rows(model, y)
+    *motion, work = _rows(model, y)
     # row by row: a loop becomes one kernel, where all rows at once would take some hundred
-    r, v, tension = jax.lax.map(seen, (*places, beside(t, -1.0)))
+    r, v, tension = jax.lax.map(to_links, (*motion, time_just_after(t, -1.0)))
     number = first + jnp.arange(len(t), dtype=jnp.int32)
     lost = number >= saved
     none = jnp.zeros(len(t), jnp.int32)
@@ -162,7 +162,7 @@ def _rows(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
 def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
     """The carry after a step that was tried."""
     scheme: ProjectedRungeKutta = stepper.integrator
-    carry = _turned(stepper, model, carry, tolerance)
+    carry = _turn_corner(stepper, model, carry, tolerance)
     now, q = carry.now, scheme.order
     h, landing = _to_corner(model, now.t, carry.h)
     after, errors = scheme.attempt(model, now, h, stepper.track_work)
@@ -177,7 +177,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     again = jnp.clip(SAFETY * e ** (-1.0 / q), REFUSED, SAFETY)
     following = jnp.minimum(jax.lax.stop_gradient(h) * jnp.where(good, onward, again), _longest(model))
     knots = jax.tree.map(partial(jnp.where, good), (*carry.knots[1:], after), carry.knots)
-    shortest = jax.lax.stop_gradient(beside(jnp.abs(now.t), 64.0) - jnp.abs(now.t))
+    shortest = jax.lax.stop_gradient(time_just_after(jnp.abs(now.t), 64.0) - jnp.abs(now.t))
     lost = ~good & ~(h > shortest)  # a step that is no number is lost too
     return carry._replace(
         knots=knots,
@@ -191,7 +191,7 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     )
 
 
-def _turned(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
+def _turn_corner(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.Array) -> Controlled:
     """The carry, after a step that ended at a corner with what jumps there."""
     if model.corners is None:
         return carry
@@ -221,7 +221,7 @@ def _longest(model: Model) -> jax.Array:
 def _next_corner(model: Model, t: jax.Array) -> jax.Array:
     """The next time at which an effect is not smooth; infinite where there is none."""
     corners = model.corners
-    return jnp.min(jnp.where(corners > beside(t, 2.0), corners, jnp.inf))
+    return jnp.min(jnp.where(corners > time_just_after(t, 2.0), corners, jnp.inf))
 
 
 def _to_corner(model: Model, t: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array | None]:
@@ -239,12 +239,12 @@ def _between(model: Model, knots: tuple[Knot, ...], known: jax.Array, t: jax.Arr
     unit = knots[-1].t - knots[-2].t
     times = jnp.stack([(knot.t - knots[-1].t) / unit for knot in knots])
     x = (t - knots[-1].t) / unit
-    (place, speed), (work, _) = (_weights(times, x, known, n) for n in (3, 2))
+    (position, speed), (work, _) = (_weights(times, x, known, n) for n in (3, 2))
     y, rate = jnp.stack([k.y for k in knots]), jnp.stack([k.rate for k in knots])
     r, v, a = y[:, :size], rate[:, :size], rate[:, size : 2 * size]
     scaled = jnp.concatenate([r, unit * v, unit**2 * a])
     w, p = y[:, 2 * size :], rate[:, 2 * size :]
-    found = [place @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
+    found = [position @ scaled, speed @ scaled / unit, work @ jnp.concatenate([w, unit * p])]
     return jnp.concatenate(found)
 
 
@@ -293,7 +293,7 @@ def controlled_steps(
 
     def go(both: tuple[Controlled, Steps]) -> jax.Array:
         carry, steps = both
-        return (beside(carry.now.t) < last) & (steps.number < most) & (carry.bad == 0)
+        return (time_just_after(carry.now.t) < last) & (steps.number < most) & (carry.bad == 0)
 
     def one(both: tuple[Controlled, Steps]) -> tuple[Controlled, Steps]:
         carry, steps = both
@@ -339,18 +339,18 @@ def integrate_along(
         known = known + 1
         return (onward, jnp.where(step[1], 0, known)), (now, ended, known)
 
-    (last, _), (begun, ended, known) = jax.lax.scan(
+    (last, _), (starts, ended, known) = jax.lax.scan(
         one, (first, jnp.zeros((), jnp.int32)), (steps.length, steps.corner)
     )
     origin = first.t
     t = origin + dt * (1 + jnp.arange(saves))
 
     def at(t: jax.Array) -> jax.Array:
-        i = jnp.minimum(jnp.searchsorted(jax.lax.stop_gradient(beside(ended.t)), t), steps.number - 1)
+        i = jnp.minimum(jnp.searchsorted(jax.lax.stop_gradient(time_just_after(ended.t)), t), steps.number - 1)
         pick = lambda knots, i: jax.tree.map(lambda a: a[i], knots)  # noqa: E731
-        knots = (pick(begun, i), pick(ended, i))
+        knots = (pick(starts, i), pick(ended, i))
         if scheme.knots == 3:
-            earlier = pick(begun, jnp.maximum(i - 1, 0))
+            earlier = pick(starts, jnp.maximum(i - 1, 0))
             earlier = earlier._replace(t=jnp.where(i > 0, earlier.t, knots[0].t - 1.0))
             knots = (earlier, *knots)
         return _between(model, knots, known[i], t)

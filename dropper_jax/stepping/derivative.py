@@ -37,13 +37,13 @@ Frozen = tuple[list[jax.Array], jax.Array, Unknowns, jax.Array]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _solved(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Stepped:
+def _solve_step(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array) -> Stepped:
     run = solve_once if model.laws else solve
     s1, _, residual, level = run(stepper, model, s, h, alive)
     return s1, residual, level
 
 
-@partial(_solved.defjvp, symbolic_zeros=True)
+@partial(_solve_step.defjvp, symbolic_zeros=True)
 def _solved_jvp(
     stepper: Stepper, primals: tuple[Model, State, jax.Array, jax.Array], tangents: tuple[Any, ...]
 ) -> tuple[Stepped, Stepped]:
@@ -196,14 +196,14 @@ def _backward(
     _, _, u, level = frozen
     one_way = stepper.solver == stepper.fallback  # a whole step is then a chain of one, with half as much to compile
     if not (one_way and stepper.halvings):
-        whole = _pull(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, cotangent, u)
+        whole = _backward_step(stepper, stepper.solver, partial(_inputs, tree, moving, frozen), at, cotangent, u)
         if not stepper.halvings:
             return whole
     pieces = _pieces(level)
     part, at = _cut(frozen, at, pieces)
     inputs = partial(_inputs, tree, moving, part)
-    room = 2**stepper.halvings
-    shelf = jax.tree.map(lambda a: jnp.zeros((room, *a.shape), a.dtype).at[0].set(a), (at.s, u))
+    capacity = 2**stepper.halvings
+    shelf = jax.tree.map(lambda a: jnp.zeros((capacity, *a.shape), a.dtype).at[0].set(a), (at.s, u))
 
     def record(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         i, now, shelf = carry
@@ -211,13 +211,13 @@ def _backward(
         shelf = jax.tree.map(lambda all_, one: all_.at[i].set(one), shelf, (now, u))
         return i + 1, after, shelf
 
-    begun = (jnp.zeros((), jnp.int32), at.s, shelf)
-    _, _, shelf = jax.lax.while_loop(lambda c: c[0] < pieces, record, begun)
+    first = (jnp.zeros((), jnp.int32), at.s, shelf)
+    _, _, shelf = jax.lax.while_loop(lambda c: c[0] < pieces, record, first)
 
     def piece(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         i, ct, others = carry
         now, u = jax.tree.map(lambda all_: all_[i], shelf)
-        found = _pull(stepper, stepper.fallback, inputs, at._replace(s=now), ct, u)
+        found = _backward_step(stepper, stepper.fallback, inputs, at._replace(s=now), ct, u)
         return i - 1, found.s, jax.tree.map(jnp.add, others, (found.model, found.h))
 
     none = jax.tree.map(jnp.zeros_like, (at.model, at.h))
@@ -229,10 +229,10 @@ def _backward(
 
 def _push(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
     with library(stepper.batched):
-        return _pushed(stepper, solver, inputs, at, given, u)
+        return _forward_step(stepper, solver, inputs, at, given, u)
 
 
-def _pushed(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
+def _forward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, u: Unknowns) -> State:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)
@@ -246,15 +246,15 @@ def _pushed(stepper: Stepper, solver: str, inputs: Inputs, at: _At, given: _At, 
     return jax.jvp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), (at, u), (given, du))[1]
 
 
-def _pull(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
+def _backward_step(stepper: Stepper, solver: str, inputs: Inputs, at: _At, cotangent: State, u: Unknowns) -> _At:
     problem = stepper.integrator.problem(*inputs(at))
     linear = SOLVERS[solver]
     factor = linear.factor(problem, u)
-    _, pull_end = jax.vjp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), at, u)
-    ct_at, ct_u = pull_end(cotangent)
-    _, pull_rows = jax.vjp(lambda x: stepper.integrator.problem(*inputs(x)).residual(u), at)
+    _, backward_end = jax.vjp(lambda x, w: stepper.integrator.problem(*inputs(x)).finish(w), at, u)
+    ct_at, ct_u = backward_end(cotangent)
+    _, backward_rows = jax.vjp(lambda x: stepper.integrator.problem(*inputs(x)).residual(u), at)
     _, transpose = jax.vjp(problem.residual, u)
     inverse_scale = jax.tree.map(lambda a: 1 / a, problem.row_scale())
     adjoint = refine(lambda w: transpose(w)[0], partial(linear.apply_transposed, factor), ct_u, inverse_scale)
-    (through,) = pull_rows(jax.tree.map(jnp.negative, adjoint))
+    (through,) = backward_rows(jax.tree.map(jnp.negative, adjoint))
     return jax.tree.map(jnp.add, ct_at, through)

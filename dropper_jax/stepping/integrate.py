@@ -56,7 +56,7 @@ class Progress(NamedTuple):
 
 def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     """The carry of a run that starts from `s`."""
-    s = stepper.integrator.begin(model.entered(s.own), s)
+    s = stepper.integrator.begin(model.with_internal_state(s.own), s)
     if not stepper.track_work:
         s = replace(s, work=jnp.zeros(0, model.dtype))
     return Progress(s, jnp.zeros((), jnp.int32), jnp.full((), -1, jnp.int32))
@@ -69,38 +69,44 @@ def advance(
     sizes = dt if jnp.ndim(dt) else None
 
     def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return _saved(stepper, model, carry, dt if row is None else row, save_every)
+        return _advance_and_save(stepper, model, carry, dt if row is None else row, save_every)
 
     return jax.lax.scan(save, progress, sizes, length=saves)
 
 
 def advance_some(
-    stepper: Stepper, model: Model, progress: Progress, dt: jax.Array, count: jax.Array, room: int, save_every: int = 1
+    stepper: Stepper,
+    model: Model,
+    progress: Progress,
+    dt: jax.Array,
+    count: jax.Array,
+    capacity: int,
+    save_every: int = 1,
 ) -> tuple[Progress, Trajectory]:
-    """The same for `count` saves, at most `room`, which is how many rows the trajectory has: the first are filled.
+    """The same for `count` saves, at most `capacity`, which is how many rows the trajectory has: the first are filled.
 
     One program goes on in pieces of any length, which is how a run shows progress and stops when asked to.
     """
     s, number = progress.state, jnp.zeros((), jnp.int32)
     row = Trajectory(s.r, s.v, s.tension, s.work, jnp.zeros((), model.dtype), number, number, number, s.parted, s.own)
-    rows = jax.tree.map(lambda a: jnp.zeros((room, *jnp.shape(a)), jnp.asarray(a).dtype), row)
+    rows = jax.tree.map(lambda a: jnp.zeros((capacity, *jnp.shape(a)), jnp.asarray(a).dtype), row)
 
     def save(i: jax.Array, carry: tuple[Progress, Trajectory]) -> tuple[Progress, Trajectory]:
-        progress, row = _saved(stepper, model, carry[0], dt, save_every)
+        progress, row = _advance_and_save(stepper, model, carry[0], dt, save_every)
         put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one.astype(all_.dtype), i, axis=0)  # noqa: E731
         return progress, jax.tree.map(put, carry[1], row)
 
     return jax.lax.fori_loop(0, count, save, (progress, rows))
 
 
-def _saved(
+def _advance_and_save(
     stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int
 ) -> tuple[Progress, Trajectory]:
     """`save_every` steps of dt [s], one for all or (save_every,), and what is saved of them."""
 
     def one(carry: Progress, size: jax.Array | None) -> tuple[Progress, tuple[jax.Array, ...]]:
         s, report = step(stepper, model, carry.state, dt if size is None else size, carry.first_bad < 0)
-        bad = failed(stepper, model, s, report.residual)
+        bad = step_failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (carry.first_bad < 0), carry.done, carry.first_bad)
         return Progress(s, carry.done + 1, first_bad), (report.residual, report.level > FULL_STEP, bad)
 
@@ -116,7 +122,7 @@ def _saved(
     return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own)
 
 
-def failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
+def step_failed(stepper: Stepper, model: Model, s: State, residual: jax.Array) -> jax.Array:
     """Whether the step that led to `s` failed: unsolved, not finite, or with lengths that have drifted off."""
     bad = ~(residual <= stepper.limit(model))
     if stepper.integrator.holds_length:

@@ -41,10 +41,10 @@ def observe(
     v: jax.Array,
     t: jax.Array,
     parted: Parted | None = None,
-    own: Mapping[str, Frozen] | None = None,
+    internal: Mapping[str, Frozen] | None = None,
 ) -> Observed:
     """Report on one instant; energies are those of the scheme's raw velocities, which it conserves."""
-    model = as_parted(model, parted).entered(own or {})
+    model = as_parted(model, parted).with_internal_state(internal or {})
     s = replace(state(model, r), v=v, t=t)
     ends = model.ends(t)
     k = model.instant(r, v, t, ends)

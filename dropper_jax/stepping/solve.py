@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.tridiagonal import library
-from dropper_jax.model import Model, Paced, State
-from dropper_jax.residual import SETTLED, Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
+from dropper_jax.model import LimitsTimeStep, Model, State
+from dropper_jax.residual import CONVERGED, Solver, StepProblem, Unknowns, damped_newton, newton, newton_until
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.stepper import FULL_STEP, TOO_FAR, Stepper
 
@@ -34,7 +34,7 @@ def _solve(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Ar
     problem = stepper.integrator.problem(model, s, h)
     solver = SOLVERS[stepper.solver]
     if model.laws:
-        enough = SETTLED * stepper.limit(model)
+        enough = CONVERGED * stepper.limit(model)
         u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, enough)
     else:
         u, residual = newton(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
@@ -122,15 +122,15 @@ def _substep(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[St
     if stepper.until_converged:
         u, residual, seen = newton_until(problem, solver, problem.guess(), stepper.iterations, stepper.limit(model))
         s1 = problem.finish(u, seen)
-        return s1, u, paced(model, s, s1, residual)
+        return s1, u, limit_pace(model, s, s1, residual)
     iterations = 3 * stepper.integrator.iterations
     u, residual = damped_newton(problem, solver, problem.guess(), iterations)
     return problem.finish(u), u, residual
 
 
-def paced(model: Model, s: State, s1: State, residual: jax.Array) -> jax.Array:
+def limit_pace(model: Model, s: State, s1: State, residual: jax.Array) -> jax.Array:
     """The residual of a step from s to s1; `TOO_FAR` where it passes over what should have been followed."""
-    watching = model.having(Paced)
+    watching = model.having(LimitsTimeStep)
     if not watching:
         return residual
     ends = tuple(model.kinematics(now.r, now.v, now.t) for now in (s, s1))

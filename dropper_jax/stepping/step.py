@@ -9,10 +9,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, booked
+from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, book_works
 from dropper_jax.residual import Explicit
-from dropper_jax.stepping.derivative import _solved
-from dropper_jax.stepping.solve import paced
+from dropper_jax.stepping.derivative import _solve_step
+from dropper_jax.stepping.solve import limit_pace
 from dropper_jax.stepping.stepper import FULL_STEP, Report, Stepper
 
 #: Relative rounding of a time that is a whole number of steps.
@@ -24,7 +24,7 @@ def step(
 ) -> tuple[State, Report]:
     """Advance `s` by `h`. Dead runs (`alive` False: an earlier step failed) are not retried."""
     if s.parted is not None:
-        return step_and_part(lambda seen, now: step(stepper, seen, now, h, alive), model, s)
+        return step_and_part(lambda current, now: step(stepper, current, now, h, alive), model, s)
     integrator = stepper.integrator
     if isinstance(integrator, Explicit):
         return _explicit(integrator, model, s, h)
@@ -40,14 +40,14 @@ def step(
 
 
 def _explicit(integrator: Explicit, model: Model, s: State, h: jax.Array) -> tuple[State, Report]:
-    begun, s = s, integrator.advance(model.entered(s.own), s, h)
+    before, s = s, integrator.advance(model.with_internal_state(s.own), s, h)
     finite = jnp.all(jnp.isfinite(s.r)) & jnp.all(jnp.isfinite(s.v))
     residual = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
-    return s, Report(paced(model, begun, s, residual), jnp.full((), FULL_STEP, jnp.int32))
+    return s, Report(limit_pace(model, before, s, residual), jnp.full((), FULL_STEP, jnp.int32))
 
 
 def _implicit(stepper: Stepper, model: Model, s: State, h: jax.Array, alive: jax.Array | bool) -> tuple[State, Report]:
-    s1, residual, level = _solved(stepper, model, s, jnp.asarray(h, model.dtype), jnp.asarray(alive))
+    s1, residual, level = _solve_step(stepper, model, s, jnp.asarray(h, model.dtype), jnp.asarray(alive))
     return s1, Report(residual, level)
 
 
@@ -61,8 +61,10 @@ def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: M
     parted = _part(model, s.parted, s1)
     if not s.work.size:
         return dataclasses.replace(s1, parted=parted), report
-    lost = _held(as_parted(model, parted).entered(s1.own), s1) - _held(before.entered(s1.own), s1)
-    return dataclasses.replace(s1, parted=parted, work=s1.work + booked(model, {BREAKING: lost})), report
+    lost = _held(as_parted(model, parted).with_internal_state(s1.own), s1) - _held(
+        before.with_internal_state(s1.own), s1
+    )
+    return dataclasses.replace(s1, parted=parted, work=s1.work + book_works(model, {BREAKING: lost})), report
 
 
 def _held(model: Model, s: State) -> jax.Array:

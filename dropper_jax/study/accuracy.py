@@ -10,7 +10,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.report.record import record
 from dropper_jax.run.build import build
-from dropper_jax.run.samples import finished
+from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.convergence import convergence
 from dropper_jax.study.euler import euler_claims
@@ -148,14 +148,14 @@ def load_convergence(scene: Scene, dts: tuple[float, ...], skip: float = 0.0, sa
     reference_dt = 0.5 * steps[-1]
     say(0.0, f"loads, {reference_dt:.4g} s")
     finest = simulate(scene, dt=reference_dt)
-    if not finished(finest):
+    if not is_finished(finest):
         return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": finest.failure}
     right = line_loads(record(finest, skip))
     rows = []
     for i, dt in enumerate(steps):
         say((i + 1) / (len(steps) + 1), f"loads, {dt:.4g} s")
         found = simulate(scene, dt=dt)
-        good = finished(found) and len(found.t) > 3
+        good = is_finished(found) and len(found.t) > 3
         loads = line_loads(record(found, skip), right) if good else None
         errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
         rows.append({"dt": dt, "status": found.status, "us_per_step": found.us_per_step, "errors": errors})

@@ -26,7 +26,7 @@ from dropper_jax.stepping.stepper import Stepper
 
 #: Steps of one timed run, and how often the runs of all variants are interleaved.
 STEPS, ROUNDS = 2000, 7
-WHOLE, BARE = "whole scene", "bare scene"
+FULL, BARE = "whole scene", "bare scene"
 
 
 @component
@@ -65,7 +65,7 @@ def cost(scene: Scene, steps: int = STEPS, rounds: int = ROUNDS) -> dict[str, An
         for variant in variants:
             times[variant.name].append(variant.time())
     median = {name: statistics.median(values) for name, values in times.items()}
-    rows = [v.row(1e6 * median[v.name] / steps, median[v.name] / median[WHOLE]) for v in variants]
+    rows = [v.row(1e6 * median[v.name] / steps, median[v.name] / median[FULL]) for v in variants]
     for row in rows:
         one, of = row["us_per_correction"], rows[0]["us_per_correction"]
         row["correction_ratio"] = one / of if one and of else None
@@ -89,13 +89,15 @@ def _solver(run: RunSpec, model: Model) -> str:
 
 
 def _variants(model: Model) -> list[tuple[str, Model]]:
-    names = [e.name for e in model.effects if e not in model.ties]  # bodies without their ties would be four masses
-    found = [(WHOLE, model)]
-    found += [(f"without {name}", without(model, [name])) for name in names]
-    return [*found, (BARE, without(model, names))]
+    names = [
+        e.name for e in model.effects if e not in model.constraints
+    ]  # bodies without their ties would be four masses
+    found = [(FULL, model)]
+    found += [(f"without {name}", without_effects(model, [name])) for name in names]
+    return [*found, (BARE, without_effects(model, names))]
 
 
-def without(model: Model, names: list[str]) -> Model:
+def without_effects(model: Model, names: list[str]) -> Model:
     """The model without these effects, and without those that need one of them."""
     left = [e for e in model.effects if e.name not in names]
     return replace(model, effects=tuple(e for e in left if not set(e.needs) & set(names)))
@@ -116,9 +118,9 @@ class _Variant:
 
     def time(self) -> float:
         """Wall time [s] of one run."""
-        begun = time.perf_counter()
+        started = time.perf_counter()
         jax.block_until_ready(self.compiled(self.model, self.start, self.dt))
-        return time.perf_counter() - begun
+        return time.perf_counter() - started
 
     def corrections(self) -> float | None:
         """Newton's corrections per step of the timed run, retries included; None of an explicit scheme.
@@ -200,7 +202,7 @@ def proof(scene: Scene) -> dict[str, Any]:
     table = scene.to_dict()
     never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
     model, s = build(scene)
-    taken = without(model, optional)
+    taken = without_effects(model, optional)
     removed = _text(make_stepper(taken, scene.run.integrator, "auto", **scene.run.options), taken, s, scene.run.dt)
     plain = build_model(never)
     never_had = _text(make_stepper(plain, scene.run.integrator, "auto", **scene.run.options), plain, s, scene.run.dt)

@@ -61,7 +61,7 @@ def examine() -> dict[str, Any]:
         "one_kernel": in_force(),
         "compiler_options": {name: name in supported_options() for name in BRIEFLY},
         "cache": cache(),
-        "checks": [known_tension(), known_product(), cached_programs()],
+        "checks": [check_tension(), known_product(), cached_programs()],
     }
 
 
@@ -91,7 +91,7 @@ def cache() -> dict[str, Any]:
     return {"folder": str(folder), "programs": len(files), "bytes": sum(os.path.getsize(file) for file in files)}
 
 
-def known_tension() -> dict[str, Any]:
+def check_tension() -> dict[str, Any]:
     """A conical pendulum pulls with its weight over the sine of its angle below the horizontal, `m g/sin(theta)`."""
     solution = simulate("conical-pendulum", duration=1.0)
     expected = GRAVITY / math.sin(math.pi / 8)
@@ -113,10 +113,10 @@ def cached_programs() -> dict[str, Any]:
     """Whether a program that one process kept is accepted by the next, with the same answer."""
     name = "programs kept from one start to the next"
     with tempfile.TemporaryDirectory() as folder:
-        told = [_probe(folder) for _ in range(2)]
-    if None in told:
+        probes = [_probe(folder) for _ in range(2)]
+    if None in probes:
         return _check(name, False, "a process that keeps programs does not end well")
-    first, second = told
+    first, second = probes
     if first["place"] is None:
         return _check(name, False, "this version of JAX is built otherwise than is known, or its folder is refused")
     if not second["taken"]:

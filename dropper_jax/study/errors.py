@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model
 
 
@@ -15,7 +15,7 @@ def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
     return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
 

@@ -44,8 +44,8 @@ def twice_the_links(scene: Scene) -> Scene:
 
 
 def _line(line: dict[str, Any]) -> dict[str, Any]:
-    halves = {key: _halved(line[key], parts) for key, parts in PER_LINK.items() if key in line}
-    axial = {"axial": {key: _halved(value, 1) for key, value in line["axial"].items()}} if "axial" in line else {}
+    halves = {key: _halve_value(line[key], parts) for key, parts in PER_LINK.items() if key in line}
+    axial = {"axial": {key: _halve_value(value, 1) for key, value in line["axial"].items()}} if "axial" in line else {}
     return {**line, **halves, **axial, "links": 2 * line["links"]}
 
 
@@ -55,7 +55,7 @@ def _effect(name: str, values: dict[str, Any]) -> dict[str, Any]:
         shape, unit = field.metadata.get("shape"), field.metadata.get("unit")
         if found.get(key) is None or shape not in ("link", "node"):
             continue
-        found[key] = _halved(found[key], 2 if unit in SHARED else 1)
+        found[key] = _halve_value(found[key], 2 if unit in SHARED else 1)
     for key in ("node", "nodes"):  # of one line, counted from 1
         if found.get(key) is not None and isinstance(found[key], list | int) and not isinstance(found[key], bool):
             found[key] = (2 * np.asarray(found[key])).tolist()
@@ -77,10 +77,10 @@ def _start(start: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _halved(value: Plain, parts: int) -> Plain:
+def _halve_value(value: Plain, parts: int) -> Plain:
     """What each half of a link has of a number, or of a list of one per link."""
     if isinstance(value, bool | str) or value is None:
         return value
     if isinstance(value, list):
-        return [_halved(x, parts) for x in value for _ in (0, 1)]
+        return [_halve_value(x, parts) for x in value for _ in (0, 1)]
     return value / parts

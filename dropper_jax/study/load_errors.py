@@ -15,7 +15,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.report.record import Record, arc, record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.snap import line_snaps
-from dropper_jax.run.samples import Samples, finished
+from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.sea.make import main_period
 from dropper_jax.study.finer_links import twice_the_links
 
@@ -80,7 +80,7 @@ def load_errors(
         say(i / len(variants), name)
         known = first if name == "1" else None
         solution = run(variant) if known is None else known
-        if not len(solution.t) > 3 or not finished(solution):
+        if not len(solution.t) > 3 or not is_finished(solution):
             if name in ("1", "2", "4"):
                 raise SceneError(f"--errors: the run with steps of 1/{name} ends with {solution.failure}")
             left_out[name] = f"that run ends with {solution.failure}"
@@ -147,7 +147,7 @@ def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[
     """
     snaps, within = line_snaps(found, Settings()), found.square - found.tension**2
     rows = []
-    for i, where in enumerate(found.whole):
+    for i, where in enumerate(found.written_lines):
         s, largest = arc(where.spec.length), found.largest[:, where.links]
         at = float(s[int(np.argmax(largest.max(axis=0)))]) if like is None else like[i]["at_m"]
         parts = (a[:, where.links] for a in (found.tension, found.least, found.largest, within))
@@ -164,9 +164,9 @@ def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[
 
 def _at(values: np.ndarray, s: np.ndarray, at: float) -> np.ndarray:
     """Values (q, n) of links with their middles at arc lengths s (n,), linear between them."""
-    place = np.interp(at, s, np.arange(len(s)))
-    low = min(int(place), max(len(s) - 2, 0))
-    share = place - low
+    row = np.interp(at, s, np.arange(len(s)))
+    low = min(int(row), max(len(s) - 2, 0))
+    share = row - low
     return values[:, low] if share == 0 else (1.0 - share) * values[:, low] + share * values[:, low + 1]
 
 
@@ -233,10 +233,10 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
     return row
 
 
-def step_error(whole: float, half: float, quarter: float, chaotic: bool) -> float:
+def step_error(full: float, half: float, quarter: float, chaotic: bool) -> float:
     """See `load_errors`."""
-    first, second = abs(whole - half), abs(half - quarter)
+    first, second = abs(full - half), abs(half - quarter)
     if chaotic:
-        return max(first, second, abs(whole - quarter))
+        return max(first, second, abs(full - quarter))
     ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in ORDERS))
-    return abs(whole - quarter) + second / (float(ratio) - 1.0)
+    return abs(full - quarter) + second / (float(ratio) - 1.0)

@@ -13,7 +13,7 @@ from jax.dtypes import float0
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import GRAVITY_SCALE
-from dropper_jax.stepping.integrate import begin, failed
+from dropper_jax.stepping.integrate import begin, step_failed
 from dropper_jax.stepping.observe import consistent_velocity
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper
@@ -54,14 +54,14 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
     Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
     """
     # first by the program without means for steps that resist, a fifth of the code
-    found = _followed(model, s, stepper.plain, dt, steps, seed)
+    found = _measure_growth(model, s, stepper.plain, dt, steps, seed)
     if isinstance(found.converged, jax.core.Tracer) or not found.converged:
-        found = _followed(model, s, stepper, dt, steps, seed)
+        found = _measure_growth(model, s, stepper, dt, steps, seed)
     return found
 
 
 @partial(jax.jit, static_argnums=(2, 4))
-def _followed(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int) -> Lyapunov:
+def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int) -> Lyapunov:
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
     dv = first_perturbation(model, s, seed)
@@ -72,7 +72,7 @@ def _followed(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, s
         s, ds = carry
         s, ds, report = jax.jvp(lambda x: step(stepper, model, x, dt), (s,), (ds,), has_aux=True)
         size = perturbation_size(model, ds.r, ds.v)
-        return (s, _only_motion(ds, size)), (jnp.log(size), failed(stepper, model, s, report.residual))
+        return (s, _only_motion(ds, size)), (jnp.log(size), step_failed(stepper, model, s, report.residual))
 
     _, (logs, bad) = jax.lax.scan(one, (carry, tangent), None, length=steps)
     growth = jnp.cumsum(logs)
@@ -99,10 +99,10 @@ def perturbation_size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
 def _only_motion(ds: State, size: jax.Array) -> State:
     """The scaled perturbation; bookkeeping and time are no part of it."""
 
-    def scaled(x: Any) -> Any:
+    def scale_leaf(x: Any) -> Any:
         return x if getattr(x, "dtype", None) == float0 else x / size
 
-    ds = jax.tree.map(scaled, ds)
+    ds = jax.tree.map(scale_leaf, ds)
     return replace(ds, work=jnp.zeros_like(ds.work), t=jnp.zeros_like(ds.t))
 
 

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
-from dropper_jax.stepping.integrate import Progress, begin, failed
+from dropper_jax.stepping.integrate import Progress, begin, step_failed
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import FULL_STEP, Stepper
 
@@ -39,7 +39,7 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
-@kept(static=("stepper", "capacity"))
+@cached_jit(static=("stepper", "capacity"))
 def march(
     stepper: Stepper, model: Model, s: State, dt: jax.Array, every: jax.Array, saves: jax.Array, capacity: int
 ) -> Marched:
@@ -52,7 +52,7 @@ def march(
     def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
         progress, first, worst, retried, path = carry
         s, report = step(stepper, model, progress.state, dt, progress.first_bad < 0)
-        bad = failed(stepper, model, s, report.residual)
+        bad = step_failed(stepper, model, s, report.residual)
         first_bad = jnp.where(bad & (progress.first_bad < 0), progress.done, progress.first_bad)
         worst = jnp.maximum(worst, report.residual)
         path = path + jnp.sum((s.r - progress.state.r) ** 2) / dt
@@ -76,7 +76,7 @@ def march(
     return jax.lax.fori_loop(0, saves, save, (start, rows))[1]
 
 
-class Held(NamedTuple):
+class MarchResult(NamedTuple):
     """What `march_held` returns: states at the grid's times, steps taken, and steps refused."""
 
     run: Marched
@@ -84,8 +84,10 @@ class Held(NamedTuple):
     refused: jax.Array
 
 
-@kept(static=("stepper", "saves"))
-def march_held(stepper: Stepper, model: Model, s: State, grid: jax.Array, tolerance: jax.Array, saves: int) -> Held:
+@cached_jit(static=("stepper", "saves"))
+def march_held(
+    stepper: Stepper, model: Model, s: State, grid: jax.Array, tolerance: jax.Array, saves: int
+) -> MarchResult:
     """The same of schemes that hold their own error to `tolerance`, on a grid [s]; `path` by the trapezoidal rule."""
     grid, tolerance = jnp.asarray(grid, model.dtype), jnp.asarray(tolerance, model.dtype)
     carry = start_controlled(stepper, model, s, tolerance)
@@ -94,7 +96,7 @@ def march_held(stepper: Stepper, model: Model, s: State, grid: jax.Array, tolera
     speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
     path = grid * (jnp.cumsum(speed) - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
-    return Held(run, carry.taken, carry.refused)
+    return MarchResult(run, carry.taken, carry.refused)
 
 
 #: Rows of a run's program: as many as are saved where those are few, else at least so many and in powers of two.

@@ -22,7 +22,7 @@ def marks(index: int) -> dict[str, Any]:
     return {"color": colours[index % len(colours)], "marker": MARKERS[index % len(MARKERS)], "ls": dash, "ms": 4}
 
 
-@style.look()
+@style.plot_style()
 def work_precision(report: dict[str, Any], path: str | Path) -> Path:
     """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
     figure = style.new_figure(12.0, 5.4)
@@ -76,7 +76,7 @@ def _slopes(axes: Axes, rows: list[dict[str, Any]]) -> None:
         )
 
 
-@style.look()
+@style.plot_style()
 def convergence(report: dict[str, Any], path: str | Path) -> Path:
     """RMS difference of each link's angles between a step and its half (thesis Fig. 5.4, C.1, C.2)."""
     found = report["convergence"]
@@ -114,7 +114,7 @@ def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]
                           fontsize=7, color=style.ALERT)  # fmt: skip
 
 
-@style.look()
+@style.plot_style()
 def damping(report: dict[str, Any], path: str | Path) -> Path:
     """Equivalent linear damping of each scheme against the step, with what the thesis fitted; failures at the top."""
     found = report["numerical_damping"]
@@ -145,7 +145,7 @@ def _damping_series(axes: Axes, rows: list[dict[str, Any]], label: str, index: i
     axes.plot([r["dt"] for r in bad], [height] * len(bad), ls="", marker="x", ms=5, color=look["color"])
 
 
-@style.look()
+@style.plot_style()
 def costs(report: dict[str, Any], path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]

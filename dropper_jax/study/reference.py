@@ -106,10 +106,10 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     every = max(4, int(np.ceil(grid * 256)))
     wall = 0.0  # of the last level, whose programs were compiled before
     while best is None or (every * saves <= MOST_STEPS and best[0] > target and 2 * wall <= LONGEST_WALL):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         fine = grid_run(first, model, s, grid, every, saves)
-        check = _extrapolated(second, model, s, grid, every, saves)
-        wall = 0.0 if best is None else time.perf_counter() - begun
+        check = _extrapolate(second, model, s, grid, every, saves)
+        wall = 0.0 if best is None else time.perf_counter() - started
         error = rms_angle(link_vectors(model, fine.r, t), link_vectors(model, check, t))
         if best is not None and np.isfinite(error) and error > 0.7 * best[0]:
             break  # rounding or a kink in the forces: refining does not help any more
@@ -149,7 +149,7 @@ def _first_that_runs(model: Model, names: tuple[str, ...]) -> Stepper:
     raise SceneError("accuracy: no integrator runs this scene")
 
 
-def _extrapolated(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> np.ndarray:
+def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> np.ndarray:
     """Positions (k, nodes, 3) extrapolated from steps h, h/2, h/4, for an error in even powers of h."""
     h1, h2, h4 = (grid_run(stepper, model, s, grid, every * m, saves).r for m in (1, 2, 4))
     once, again = h2 + (h2 - h1) / 3, h4 + (h4 - h2) / 3

@@ -46,7 +46,7 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
     return plots.snapshot(solution, path)
 
 
-@style.look()
+@style.plot_style()
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
     """The slowest modes: the pose at rest and both ends of the swing, seen from where most of it shows."""
     count = min(len(modes.period), DRAWN)
@@ -81,7 +81,7 @@ def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
     return max(((0, 2), (1, 2), (0, 1)), key=lambda pair: sum(share[list(pair)]) * np.hypot(*extent[list(pair)]))
 
 
-@style.look()
+@style.plot_style()
 def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
     """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves higher by a tenth."""
     figure = style.new_figure(7.5, 6.2)
@@ -107,7 +107,7 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
     return style.save(figure, path)
 
 
-@style.look()
+@style.plot_style()
 def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
     """Layer and wet weight over depth, a curve for each month, a column for each rope."""
     ropes = list(dict.fromkeys(tuple(row["lines"]) for row in rows))
@@ -135,20 +135,20 @@ def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
     return style.save(figure, path)
 
 
-@style.look()
+@style.plot_style()
 def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
     """Current, level, excursion and pull on the held points through a cycle."""
     figure = style.new_figure(7.5, 6.2)
-    water, moved, pull = figure.subplots(3, 1, sharex=True)
+    water, moved, tension = figure.subplots(3, 1, sharex=True)
     hours = [row["t_s"] / 3600.0 for row in rows]
     water.plot(hours, [row["speed_m_per_s"] for row in rows], label="current [m/s]", **marks(0))
     water.plot(hours, [row["level_m"] for row in rows], label="level [m]", **marks(1))
     moved.plot(hours, [row["moved_m"] for row in rows], **marks(0))
     moved.set_ylabel("moved [m]")
     for i, point in enumerate(rows[0]["held_load_n"]):
-        pull.plot(hours, [np.linalg.norm(row["held_load_n"][point]) / 1e3 for row in rows], label=point, **marks(i))
-    pull.set(xlabel="time [h]", ylabel="pull [kN]")
-    for axes in (water, pull):
+        tension.plot(hours, [np.linalg.norm(row["held_load_n"][point]) / 1e3 for row in rows], label=point, **marks(i))
+    tension.set(xlabel="time [h]", ylabel="pull [kN]")
+    for axes in (water, tension):
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, fontsize=8)
     figure.align_ylabels()
     title(figure, f"{name}: through the tide")

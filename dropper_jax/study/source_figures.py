@@ -44,7 +44,7 @@ WITHOUT_RUN, SAMPLES = ("profile", "elevation", "steps"), 0.05
 GRID, STEPS = 0.08, (0.08, 0.04, 0.02, 0.01, 0.005, 0.0025)
 #: Highest frequency of a spectrum [Hz]; the motions of the sources are slower.
 MOST_HZ = 6.0
-PLACE = ("x", "y", "z")
+AXES = ("x", "y", "z")
 PAIR = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 
 #: Times (k,) [s] and angles (k, n) [rad] from the horizontal, positive downwards.
@@ -122,7 +122,7 @@ def cases_of(figure: SourceFigure) -> list[Case]:
     several = [len(figure.scenes) > 1, len(figure.pairs) > 1]
     words = lambda scene, pair: [scene, ", ".join(f"{k} = {x:g}" for k, x in zip(("b_l", "b_q"), pair, strict=False))]  # noqa: E731
     return [
-        Case("; ".join(w for w, told in zip(words(*case), several, strict=True) if told), (*case, figure.duration))
+        Case("; ".join(w for w, varies in zip(words(*case), several, strict=True) if varies), (*case, figure.duration))
         for case in cases
     ]
 
@@ -135,7 +135,7 @@ def scene_of(name: str, pair: Sequence[float] = (), duration: float | None = Non
     return scene.with_values(values) if values else scene
 
 
-@style.look()
+@style.plot_style()
 def draw_figure(
     figure: SourceFigure, runs: Sequence[Run], path: str | Path, measured: Measured | None = None
 ) -> list[Path]:
@@ -178,11 +178,11 @@ def _part(curve: Curve, begin: float, end: float) -> Curve:
 def _series(solution: Solution, figure: SourceFigure) -> list[Panel]:
     scene, found = solution.scene, []
     for name in figure.panels:
-        if name in PLACE:
-            place = solution.point_path(scene.buoys[0].point)[:, PLACE.index(name)]
-            if np.ptp(place) < STILL:
+        if name in AXES:
+            position = solution.point_path(scene.buoys[0].point)[:, AXES.index(name)]
+            if np.ptp(position) < STILL:
                 continue
-            found.append(Panel(f"{name} [m]", [Curve("", solution.t, place)], f"buoy, {name}"))
+            found.append(Panel(f"{name} [m]", [Curve("", solution.t, position)], f"buoy, {name}"))
         elif name == "tension":
             anchor = next(point.name for point in scene.points if point.kind == "fixed")
             arrays = (solution.t, solution.positions, solution.t_tension[1:], solution.tension[1:])
@@ -264,7 +264,7 @@ def _numbers(figure: SourceFigure, solution: Solution) -> list[int]:
     return [number - 1 for number in figure.links] or list(range(solution.tension.shape[1]))
 
 
-def _seen(figure: SourceFigure, run: Run) -> tuple[np.ndarray, np.ndarray]:
+def _angles_and_rates(figure: SourceFigure, run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Angles and rates (2, k, n) [rad], [rad/s], polar and azimuth."""
     positions, velocities = run.solution.positions, run.solution.velocities
     angles, rates = link_angles(positions, figure.zero), angle_rates(positions, velocities, figure.zero)
@@ -273,7 +273,7 @@ def _seen(figure: SourceFigure, run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 def _each(figure: SourceFigure, run: Run) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     """Words for a link, name of an angle, its values and rates (k,) [rad], [rad/s], link by link."""
-    angles, rates = _seen(figure, run)
+    angles, rates = _angles_and_rates(figure, run)
     for link in _numbers(figure, run.solution):
         for angle in figure.angles:
             row = ("polar", "azimuth").index(angle)
@@ -395,9 +395,9 @@ def _elevation(figure: SourceFigure, path: Path) -> Path:
 def _profile(figure: SourceFigure, path: Path) -> Path:
     sea = build_model(scene_of(figure.scenes[0]), "float64").sea
     z = np.linspace(-float(sea.depth), 0.0, 121)
-    places = np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1)
+    positions = np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1)
     # of a current that rises from slack water, what it rises to
-    flow = np.asarray(sea.stream(jnp.asarray(places), jnp.asarray(1e6)))
+    flow = np.asarray(sea.stream(jnp.asarray(positions), jnp.asarray(1e6)))
     picture = style.new_figure(5.0, 5.2)
     axes = picture.subplots()
     axes.plot(np.linalg.norm(flow, axis=-1), z, color=style.FIRST)

@@ -22,7 +22,7 @@ SAVES = 16
 #: Times at which two neighbouring runs are compared, to see where chaos begins.
 SPANS = 256
 #: A pilot's two runs are this many halvings apart: they differ by 3/4 (first order) or 15/16 (second) of the error.
-APART = 2
+STRIDE = 2
 #: Share of the tolerance that the estimate may use up: it is good to a factor, not exact.
 SAFETY = 0.8
 #: Most halvings of the scene's own step, and most steps of one pilot run.
@@ -95,7 +95,7 @@ class _Pilot:
         return self.base * 2.0**k
 
     def affordable(self, k: int) -> bool:
-        return k >= -HALVINGS and self.until / self.dt(k - APART) <= MOST_STEPS
+        return k >= -HALVINGS and self.until / self.dt(k - STRIDE) <= MOST_STEPS
 
     def sensible(self, k: int) -> bool:
         """At least 8 steps in the pilot."""
@@ -103,7 +103,7 @@ class _Pilot:
 
     def error(self, k: int) -> float:
         """Estimated error of the step `h 2^k` [rad], infinite where its run fails."""
-        coarse, fine = self._run(k, k), self._run(k - APART, k)
+        coarse, fine = self._run(k, k), self._run(k - STRIDE, k)
         if coarse is None or fine is None:
             return math.inf
         middle = self._run(k - 1, k)

@@ -105,7 +105,7 @@ def _scheme_rows(
         per_step = wall / steps if wall else per_step
         rows.append(
             {
-                **_named(scheme, stepper),
+                **_row_labels(scheme, stepper),
                 "dt": target.grid / every,
                 **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
                 "us_per_step": 1e6 * wall / steps if wall else None,
@@ -117,7 +117,7 @@ def _scheme_rows(
     return rows, skipped
 
 
-def _named(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
+def _row_labels(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
     return {
         "integrator": scheme.integrator,
         "gamma": scheme.gamma,
@@ -145,7 +145,7 @@ def _held_row(
     wall = pick(_walls(again, repeats)) if ok else None
     tries = int(found.taken + found.refused)
     return {
-        **_named(scheme, stepper),
+        **_row_labels(scheme, stepper),
         "dt": target.horizon / max(int(found.taken), 1),
         "error_tolerance": tolerance,
         "refused_steps": int(found.refused),
@@ -165,9 +165,9 @@ def _walls(run: Callable[[], Any], repeats: int) -> list[float]:
     """Wall times of runs [s], compiled before; few where they are long."""
     times = []
     for _ in range(repeats):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         jax.block_until_ready(run())
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - started)
         if sum(times) > LONG_ENOUGH:
             break
     return times

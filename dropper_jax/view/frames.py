@@ -28,7 +28,7 @@ class Shown(NamedTuple):
     notes: tuple[str, ...]
 
 
-def shown(run: Run, sea: Sea | None, most: int) -> Shown:
+def choose_samples(run: Run, sea: Sea | None, most: int) -> Shown:
     """At most `most` samples, evenly; in waves no further apart than an eighth of their mean period.
 
     A run that is too long for that is shown in part, around its largest tension.
@@ -38,7 +38,7 @@ def shown(run: Run, sea: Sea | None, most: int) -> Shown:
     first, last, notes = 0, len(t) - 1, []
     span = most * period / IN_A_WAVE
     if 0.0 < span < t[-1] - t[0]:
-        peak = t[int(np.argmax(np.nan_to_num(run.largest).max(axis=1)))]
+        peak = t[int(np.argmax(np.nan_to_num(run.max_tension).max(axis=1)))]
         begin = min(max(peak - span / 2, t[0]), t[-1] - span)
         first, last = int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + span, side="right")) - 1
         notes.append(f"shown: {t[first]:.4g} to {t[last]:.4g} s of {t[-1]:.4g} s, around the largest tension")
@@ -66,10 +66,10 @@ def wave_period(sea: Sea, run: Run) -> float:
     return cycle(times, eta) if np.ptp(eta) > 1e-6 else 0.0
 
 
-def elevation(sea: Sea, places: np.ndarray, times: np.ndarray) -> jax.Array:
+def elevation(sea: Sea, positions: np.ndarray, times: np.ndarray) -> jax.Array:
     """Elevation (q, m) [m] over places (m, 3) [m] at times (q,) [s]."""
     find = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(r, one), t))
-    return find(jnp.asarray(places), jnp.asarray(times))
+    return find(jnp.asarray(positions), jnp.asarray(times))
 
 
 def even(count: int, most: int) -> np.ndarray:

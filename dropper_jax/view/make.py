@@ -21,8 +21,8 @@ from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation
 from dropper_jax.sea import Sea
+from dropper_jax.view.frames import choose_samples
 from dropper_jax.view.frames import elevation as _elevation
-from dropper_jax.view.frames import shown
 
 #: Frames of a page; a longer run is thinned evenly, so that the file stays a few MB and scrubbing smooth.
 FRAMES = 3000
@@ -47,7 +47,7 @@ def pair_page(first: Solution, second: Solution) -> str:
     shared = (min(float(norm.vmin) for norm in norms), max(float(norm.vmax) for norm in norms))
     pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
     title = html.escape(" and ".join(dict.fromkeys(run.name for run in both)))
-    return _filled("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
+    return _fill_page("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
 
 
 def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> str:
@@ -61,10 +61,10 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     run = readable(solution)
     # `<` would let a scene's name end the script element
     data = json.dumps(_data(solution, run, limits), allow_nan=False).replace("<", "\\u003c")
-    return _filled("view.html", TITLE=html.escape(run.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script())
+    return _fill_page("view.html", TITLE=html.escape(run.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script())
 
 
-def _filled(name: str, **parts: str) -> str:
+def _fill_page(name: str, **parts: str) -> str:
     """A page with its marks `/*NAME*/` replaced, each once: what is put in may hold such marks itself."""
     pieces = re.split(r"/\*([A-Z]+)\*/", _part(name))
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
@@ -84,7 +84,7 @@ def _part(name: str) -> str:
 
 def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> dict[str, Any]:
     sea = None if solution.scene.sea is None else build_model(solution.scene, "float64").sea
-    part = shown(run, sea, FRAMES)
+    part = choose_samples(run, sea, FRAMES)
     kept = part.frames
     norm = style.tension_norm(run.tension)
     low, high = limits or (float(norm.vmin), float(norm.vmax))
@@ -103,20 +103,20 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "largest": float(np.max(run.tension, initial=high, where=np.isfinite(run.tension))),
         "notes": list(part.notes),
         "diameter": _diameter(solution),
-        "lines": [{"name": line.name, "node": _middle(line.nodes)} for line in run.whole],
+        "lines": [{"name": line.name, "node": _middle(line.nodes)} for line in run.written_lines],
         "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
-        "held": _held(solution, run),
+        "held": _held_nodes(solution, run),
         "first": run.first.tolist(),
         "labels": run.labels,
         "joints": list(run.joints),
         "buoys": [buoy._asdict() for buoy in run.buoys],
         "bodies": body_data(run.bodies, kept),
-        "bed": _bed(run),
+        "bed": _bed_grid(run),
         "water": None if sea is None else _water(sea, run, part.surface),
     }
 
 
-def _held(solution: Solution, run: Run) -> list[int]:
+def _held_nodes(solution: Solution, run: Run) -> list[int]:
     """Nodes that are held: of one line the first, and the last where its point is not free; of a system its points."""
     if run.scene is not None:
         return list(run.held)
@@ -125,7 +125,7 @@ def _held(solution: Solution, run: Run) -> list[int]:
     return [0] if solution.scene.point(line.end).kind == "free" else [0, last]
 
 
-def _bed(run: Run) -> dict[str, Any] | None:
+def _bed_grid(run: Run) -> dict[str, Any] | None:
     """Places of a grid and the height [m] of the bed over it; None for a single line or without a bed."""
     if run.scene is None:
         return None
@@ -154,8 +154,8 @@ def _diameter(solution: Solution) -> list[float] | None:
 
 def _middle(nodes: slice | np.ndarray) -> int:
     """The node in the middle of a line."""
-    places = np.arange(nodes.start, nodes.stop) if isinstance(nodes, slice) else nodes
-    return int(places[len(places) // 2])
+    indices = np.arange(nodes.start, nodes.stop) if isinstance(nodes, slice) else nodes
+    return int(indices[len(indices) // 2])
 
 
 def _pack(values: np.ndarray) -> str:
@@ -167,8 +167,8 @@ def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
     reach = SURFACE_REACH * max(float((high - low).max()), 1.0)
     x, y = (np.linspace(m - reach, m + reach, SURFACE_POINTS) for m in 0.5 * (low + high)[:2])
-    places = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
-    eta = np.asarray(_elevation(sea, places, times))
+    positions = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
+    eta = np.asarray(_elevation(sea, positions, times))
     step = max(float(np.abs(eta).max()), 1e-9) / 32767
     return {
         "depth": float(sea.depth),

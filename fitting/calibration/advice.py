@@ -31,8 +31,8 @@ from fitting.estimate.release import TIME, Release
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.place import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 from fitting.parameters.priors import rig_priors
+from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 
 #: Gain in log likelihood below which nothing is advised.
 WORTH = 6.0
@@ -41,9 +41,9 @@ NAMED = 0.01
 #: Share of a candidate's information that must be left beside what is free.
 LEFT = 1e-7
 #: Lost stretches of frames that programs have places for.
-PLACES = 2
+TIMES = 2
 #: Parameters whose derivatives are taken with those of the starts at one go, and windows that programs have room for.
-BESIDE, ROOM = 4, 2
+BESIDE, SLACK = 4, 2
 
 
 @dataclass(frozen=True)
@@ -76,19 +76,19 @@ class Candidate:
     doubt: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
-    def named(self) -> bool:
+    def worth_naming(self) -> bool:
         """Whether it is worth a name."""
         return self.gain > WORTH and self.p < NAMED
 
     @property
-    def told(self) -> bool:
+    def identifiable(self) -> bool:
         """Whether the traces tell it from what is free."""
         return bool(self.changes)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
-        return {**{key: getattr(self, key) for key in keys}, "named": self.named, "told": self.told}
+        return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
 
     def __str__(self) -> str:
         if not self.changes and not self.gain:
@@ -144,13 +144,13 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     model, names = own.model, {p.name for p in prepared.parameters}
     asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
     more = list({p.name: p for p in asked if p.name not in names}.values())
-    lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(PLACES)]
+    lost = [Parameter(f"{LOST}.-.{i}", LostPlace(-1, i), 0.0, unit="s") for i in range(TIMES)]
     if own.knows([*prepared.parameters, *more]):
         return own
     release = None if own.release is None else replace(own.release)  # its poses are of one list of parameters
     every = [p for p in prepared.parameters if not isinstance(p.where, LostPlace)]
     simulator = Simulator(model, [*every, *more, *lost], own.stepper, release, tangents=own.freedoms + BESIDE)
-    simulator.capacity = ROOM * prepared.windows.steps, ROOM * prepared.windows.theta.shape[1]
+    simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator
 
 
@@ -166,13 +166,13 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
             asked.append((name, paths, found))
     S, g, data = joint_information(prepared, solution, simulator, [p for _, _, found in asked for p in found])
     k, tests, untold = len(problem.parameters), [], []
-    at, places = k, {}
-    free_rows = np.flatnonzero(~problem.held)
+    at, offsets = k, {}
+    free_rows = np.flatnonzero(~problem.held_mask)
     for name, paths, found in asked:
         mine = np.arange(at, at + len(found))
         at += len(found)
-        places[name] = mine
-        test = tested(S, g, data, free_rows, mine)
+        offsets[name] = mine
+        test = score_change(S, g, data, free_rows, mine)
         if test is None:
             untold.append(Candidate(name, tuple(paths), {}, {}, 0.0, 1.0))
         else:
@@ -188,11 +188,11 @@ def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None =
         changes, errors = (dict(zip(names, map(float, x), strict=True)) for x in (change, error))
         moves = {**dict(zip(free_names, map(float, along), strict=True)), **changes}
         row = Candidate(name, tuple(paths), changes, errors, gain, worst, gain - price * len(found), moves=moves)
-        if row.named:
-            mine = places[name]
+        if row.worth_naming:
+            mine = offsets[name]
             beside = np.concatenate([free_rows, mine])
-            others = [other for other, rows_of in places.items() if other != name and len(rows_of) == len(mine)]
-            row = replace(row, alike=tuple(o for o in others if tested(S, g, data, beside, places[o]) is None))
+            others = [other for other, rows_of in offsets.items() if other != name and len(rows_of) == len(mine)]
+            row = replace(row, alike=tuple(o for o in others if score_change(S, g, data, beside, offsets[o]) is None))
         rows.append(row)
     # those that are alike keep their order
     return sorted(rows, key=lambda row: -round(row.worth, 1)) + untold
@@ -205,7 +205,7 @@ def joint_information(
     problem = solution.problem
     every, known = rig_priors(prepared.scene, prepared.simulator.model, [*problem.parameters, *more])
     values = np.concatenate([solution.values, [p.value for p in more]])
-    extended = replace(problem, simulator=simulator.viewed(every), parameters=every, frozen=None, known=known)
+    extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
     level = level_of(extended, solution.gap_weight)
     nowhere = np.zeros(len(values))
@@ -215,7 +215,7 @@ def joint_information(
     return data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data
 
 
-def tested(
+def score_change(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float] | None:
     """Changes, their errors, moves of what is free, gain and probability; None where the traces tell nothing of it."""

@@ -35,7 +35,9 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
     return model.kinetic_energy(k) + model.potential_energy(k), taken
 
 
-def measured(trace: Trace, span: tuple[float, float], reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def smooth_stretch(
+    trace: Trace, span: tuple[float, float], reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Even times (k,) and smoothed angles and rates (k, n) of a stretch of a trace; None where it is too short."""
     part = trace.between(*span)
     if len(part.t) < FEWEST:
@@ -45,10 +47,10 @@ def measured(trace: Trace, span: tuple[float, float], reach: float) -> tuple[np.
     return t, *smooth(part.at(t), _width(part, reach), step)
 
 
-def left(trace: Trace, reach: float, kept: float) -> tuple[float, float]:
-    """Deviation that smoothing leaves of noise of deviation 1 and memory `kept`, in angles and in rates [1/s]."""
+def smoothed_noise(trace: Trace, reach: float, phi: float) -> tuple[float, float]:
+    """Deviation that smoothing leaves of noise of deviation 1 and memory `phi`, in angles and in rates [1/s]."""
     width = _width(trace, reach)
-    memory = toeplitz(kept ** np.arange(width))
+    memory = toeplitz(phi ** np.arange(width))
     weights = (every[width // 2] for every in smoothers(width, trace.interval))
     return tuple(float(np.sqrt(w @ memory @ w)) for w in weights)
 
@@ -64,9 +66,9 @@ def without_noise(
     n = theta.shape[0]
     move = jnp.concatenate([jnp.diag(angle), jnp.zeros((n, n))]), jnp.concatenate([jnp.zeros((n, n)), jnp.diag(rate)])
     at = lambda sign: jax.vmap(  # noqa: E731
-        lambda a, w: jnp.stack(balance(model, *planar.closed(model, theta + sign * a, omega + sign * w)))
+        lambda a, w: jnp.stack(balance(model, *planar.close_chain(model, theta + sign * a, omega + sign * w)))
     )(*move)
-    plain = jnp.stack(balance(model, *planar.closed(model, theta, omega)))
+    plain = jnp.stack(balance(model, *planar.close_chain(model, theta, omega)))
     found = plain - 0.5 * jnp.sum(at(1.0) + at(-1.0) - 2 * plain, axis=0)
     return found[0], found[1]
 

@@ -27,13 +27,13 @@ from fitting.calibration.law import Law
 from fitting.calibration.law_fits import Family, family_of, fit_again, fit_inside, fit_law, least_loss
 from fitting.calibration.laws import LADDER, PARTS, contains
 from fitting.calibration.prepared import Prepared
-from fitting.calibration.unseen import taken, unseen
+from fitting.calibration.unseen import unit_work, unseen
 from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.own_noise import with_own_noise
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import refine
+from fitting.estimate.residual_noise import with_residual_noise
 from fitting.estimate.windows import Windows
 
 #: Largest correlation of neighbours believed [-]: beyond it a trace would hold next to no sample at all.
@@ -81,7 +81,7 @@ def compare(
     found, costs = _from_larger(found, near, families, iterations)
     folds = fair(blocks(prepared.windows.run), prepared.windows.released)
     scores = [score(one, folds) for one in found.values()]
-    per_unit = {dry: taken(prepared, one.simulator, one.owner) for dry, one in families.items()}
+    per_unit = {dry: unit_work(prepared, one.simulator, one.owner) for dry, one in families.items()}
     open_parts = lambda law, one, dry: unseen(one, families[dry].owner, per_unit[dry])  # noqa: E731
     rows = [
         replace(row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name]))
@@ -106,7 +106,7 @@ def _first_fits(
     say(0.95, f"law {fullest}: noise")
     widest = "dry" in LADDER[fullest]
     first = fit_law(prepared, families[widest], fullest, [], iterations)
-    noisy = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    noisy = partial(with_residual_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     first = refine(noisy(first, again=continue_windows))
     prepared = prepared.noisy(first.problem.noise)
     enough = FAR * first.cost
@@ -163,7 +163,7 @@ def _rows(
         replace(
             _row(law, one, families["dry" in LADDER[law]]),
             cost=costs[law],
-            unreached=unreached(one) / one.problem.memory,
+            unreached=remaining_decrease(one) / one.problem.memory,
             held_out=scored.rms,
             extrapolated=score(one, ahead).rms if ahead else np.nan,
             other_run=score(one, beside).rms if beside else np.nan,
@@ -211,7 +211,7 @@ def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, .
 
 
 def _row(law: str, solution: Solution, family: Family) -> Law:
-    used = family.used(law)
+    used = family.free_mask(law)
     return Law(
         name=law,
         coefficients=int(sum(on and part is not None for on, part in zip(used, family.owner, strict=True))),
@@ -226,10 +226,10 @@ def _row(law: str, solution: Solution, family: Family) -> Law:
     )
 
 
-def unreached(solution: Solution) -> float:
+def remaining_decrease(solution: Solution) -> float:
     """What the Gauss-Newton step from here would lower the cost by, of parameters that may move: g' S^-1 g / 2."""
     g, (low, high) = solution.gradient, solution.problem.bounds(solution.values)
-    free = ~solution.problem.held
+    free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
     if not free.any():
         return 0.0

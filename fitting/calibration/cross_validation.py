@@ -103,7 +103,7 @@ def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
 def score(solution: Solution, folds: list[Fold]) -> Scores:
     """The windows that the folds score, predicted from those that each fits."""
     e, windows, m2 = solution.evaluation, solution.windows, solution.problem.freedoms
-    free = np.flatnonzero(~solution.problem.held)
+    free = np.flatnonzero(~solution.problem.held_mask)
     prior = solution.problem.prior(solution.values)
     low, high = (b - solution.values for b in solution.problem.bounds(solution.values))
     columns = np.concatenate([np.arange(m2), m2 + free])

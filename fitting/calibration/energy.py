@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.calibration.balance import left, measured, without_noise
+from fitting.calibration.balance import smooth_stretch, smoothed_noise, without_noise
 from fitting.calibration.result import EnergyCheck, FitResult
 from fitting.parameters.naming import DAMPING
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import clock_rate, seen
+from fitting.parameters.seeing import camera_angles, clock_rate
 
 #: Half width of the smoother, as a part of the shortest link's period: its cubics leave 1e-4 of a swing's energy.
 SMOOTH = 0.06
@@ -29,7 +29,7 @@ SMOOTH = 0.06
 STRETCHES, BLOCKS = 60, 10
 
 
-def look_at_energy(result: FitResult) -> EnergyCheck | None:
+def check_energy(result: FitResult) -> EnergyCheck | None:
     """The check, found once, kept in the result with its warning."""
     if result.energy is None:
         result.energy = energy_check(result)
@@ -46,27 +46,27 @@ def energy_check(result: FitResult) -> EnergyCheck | None:
     if not taking or result.solution.problem.simulator.release is not None:
         return None
     reach = _reach(model)
-    runs = [(i, measured(trace, _seen(result, i), reach)) for i, trace in enumerate(result.traces)]
+    runs = [(i, smooth_stretch(trace, _covered_span(result, i), reach)) for i, trace in enumerate(result.traces)]
     runs = [(*run, *_noise(result, i, run[2], reach)) for i, run in runs if run is not None]
     if not runs:
         return None
 
     @jax.jit
-    def seen_at(
+    def energies_at(
         values: jax.Array, theta: jax.Array, omega: jax.Array, *noise: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         at = apply(model, parameters, values)
         rate = clock_rate(parameters, values)
         omega = omega if rate is None else omega / rate
         # what the camera adds at the measured angles is what it adds at the true ones, but for its own square
-        theta = theta - (seen(at, parameters, values, theta) - theta)
+        theta = theta - (camera_angles(at, parameters, values, theta) - theta)
         return jax.vmap(lambda a, w: without_noise(at, a, w, *noise))(theta, omega)
 
-    def found(values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def find_stretches(values: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         clock = clock_rate(parameters, values) or 1.0
-        return [_stretches(clock * t, *map(np.asarray, seen_at(jnp.asarray(values), *rest))) for t, *rest in runs]
+        return [_stretches(clock * t, *map(np.asarray, energies_at(jnp.asarray(values), *rest))) for t, *rest in runs]
 
-    rows = found(result.values)
+    rows = find_stretches(result.values)
     if not sum(np.ptp(w) for _, w in rows) > 0:
         return None
     slope = _slope(rows, None)
@@ -76,7 +76,7 @@ def energy_check(result: FitResult) -> EnergyCheck | None:
     for i, size in enumerate(se):
         moved = np.array(result.values)
         moved[i] += 0.1 * size
-        step.append((_slope(found(moved), None) - slope) / (0.1 * size) if size > 0 else 0.0)
+        step.append((_slope(find_stretches(moved), None) - slope) / (0.1 * size) if size > 0 else 0.0)
     square += float(np.array(step) @ result.uncertainty.covariance @ np.array(step))
     return EnergyCheck(slope, float(np.sqrt(max(square, 1e-300))))
 
@@ -87,7 +87,7 @@ def _noise(result: FitResult, run: int, omega: np.ndarray, reach: float) -> tupl
     size, links = table["sigma_rad"][run], omega.shape[1]
     late = table["delay_s"][run] * np.sqrt(np.mean(omega**2, axis=0)) if "delay_s" in table else np.zeros(links)
     kept = table["kept"][run] if "kept" in table else np.zeros(links)
-    gains = np.array([left(result.traces[run], reach, float(k)) for k in kept])
+    gains = np.array([smoothed_noise(result.traces[run], reach, float(k)) for k in kept])
     return tuple((np.hypot(size, late)[:, None] * gains).T)
 
 
@@ -95,7 +95,7 @@ def _reach(model: Model) -> float:
     return SMOOTH * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
 
 
-def _seen(result: FitResult, run: int) -> tuple[float, float]:
+def _covered_span(result: FitResult, run: int) -> tuple[float, float]:
     """From where to where windows of a run follow each other without a gap, from its first one on."""
     windows = result.windows
     mine = np.flatnonzero(windows.run == run)

@@ -13,12 +13,12 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.lost_windows import break_far_gaps, recover_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_windows
-from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with
+from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.own_noise import posed, with_own_noise
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.refinement import finer_step, refine
-from fitting.estimate.shooting import continue_shooting, fit_shooting, settled
+from fitting.estimate.residual_noise import pose_again, with_residual_noise
+from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
 
 #: Most iterations of a first fit before links are weighed by their misfit, and before windows are looked at one by one.
 EARLY, FIRST = 5, 15
@@ -46,11 +46,11 @@ def with_sound_windows(
         found = fit_windows(problem, before.values, before.starts, iterations=min(FIRST, iterations), progress=say)
         return replace(found, iterations=before.iterations + found.iterations)
 
-    problem = prepared.problem(begun_with(loss))
+    problem = prepared.problem(initial_loss(loss))
     solution = fit_windows(problem, prepared.values, prepared.starts, iterations=min(EARLY, iterations), progress=say)
     if solution.status != "ok" and iterations > EARLY:
         prepared = replace(prepared, first_noise=uneven_noise(prepared, solution))
-        solution = fit_again(prepared.problem(begun_with(loss)), solution)
+        solution = fit_again(prepared.problem(initial_loss(loss)), solution)
     prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
     if not keep_jumps:
         prepared = break_far_gaps(prepared, solution)
@@ -65,7 +65,7 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     """
     weight = prepared.windows.weight
     square, known = (solution.errors * weight) ** 2, weight > 0
-    noise = Noise.claimed(len(prepared.traces), weight.shape[2])
+    noise = Noise.as_claimed(len(prepared.traces), weight.shape[2])
     for run in np.unique(prepared.windows.run):
         mine = prepared.windows.run == run
         mean = square[mine].sum(axis=(0, 1)) / np.maximum(known[mine].sum(axis=(0, 1)), 1)
@@ -88,7 +88,7 @@ def estimate(
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
         descent, progress = descent_of(settings or {}, progress)
-        problem = prepared.problem(begun_with(loss), frozen)
+        problem = prepared.problem(initial_loss(loss), frozen)
         values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)
         started = replace(prepared, descent=descent, begin=values, starts=starts)
         found = estimate(started, "shooting", loss, continuity, iterations, progress, frozen=frozen)
@@ -96,7 +96,7 @@ def estimate(
         return replace(found, problem=posed_again, history=[*history, *found.history])
     share = 0.5 if method == "shooting" else 0.9
     solution = fit_windows(
-        prepared.problem(begun_with(loss), frozen),
+        prepared.problem(initial_loss(loss), frozen),
         prepared.values,
         prepared.starts,
         iterations=iterations,
@@ -104,12 +104,12 @@ def estimate(
     )
     if solution.status != "ok":
         return solution
-    own_noise = partial(with_own_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
+    own_noise = partial(with_residual_noise, claimed=prepared.windows, traces=prepared.traces, floor=prepared.floor)
     refined = partial(refine, progress=lambda _, text: progress(0.95, text))
     solution = own_noise(solution, again=continue_windows)
     if solution.problem.loss != loss:
         there = replace(solution.problem, loss=loss)
-        solution = own_noise(continue_windows(posed(solution, there, solution.evaluation)), again=continue_windows)
+        solution = own_noise(continue_windows(pose_again(solution, there, solution.evaluation)), again=continue_windows)
     if method == "windows":
         return refined(solution)
     joined = fit_shooting(
@@ -120,4 +120,4 @@ def estimate(
     )
     if joined.status != "ok":
         return joined
-    return settled(refined(own_noise(joined, again=continue_shooting)))
+    return solve_to_end(refined(own_noise(joined, again=continue_shooting)))

@@ -14,7 +14,7 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
-from fitting.calibration.freeing import doubts, free_by_advice
+from fitting.calibration.freeing import free_by_advice, omitted_parameter_bias
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.result import FitResult
@@ -114,7 +114,7 @@ def fit(
         descent_of(settings)  # refuses settings before anything is compiled
     asked = Intervals(profile, bootstrap, posterior, sampler)
     progress = progress or silent
-    begun = time.perf_counter()
+    started = time.perf_counter()
     prepared = prepare(
         traces,
         scene,
@@ -154,7 +154,11 @@ def fit(
         solution = estimate(prepared, method, loss, continuity, left, progress, settings)
         found = advise(prepared, solution) if advice and solution.status == "ok" else []
         freed = []
-    prepared = replace(prepared, begun=begun, known=replace(prepared.known, doubt=doubts(freed, prepared.parameters)))
+    prepared = replace(
+        prepared,
+        started=started,
+        known=replace(prepared.known, doubt=omitted_parameter_bias(freed, prepared.parameters)),
+    )
     solution.problem = replace(solution.problem, known=prepared.known)
     solution.iterations += prepared.iterations
     result = summarise(prepared, method, solution)
@@ -162,10 +166,10 @@ def fit(
         result.wrong_file = name_wrong_file(whole)
         result.warnings[:0] = [result.wrong_file] if result.wrong_file else []
     result.advice, result.freed = found, freed
-    result.warnings += [str(candidate) for candidate in found if candidate.named][:NAMED_CANDIDATES]
+    result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:NAMED_CANDIDATES]
     asked.add_to(result, progress)
     if compare_models:
         result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
-        result.seconds["run"] = time.perf_counter() - prepared.begun - result.seconds["compile"]
+        result.seconds["run"] = time.perf_counter() - prepared.started - result.seconds["compile"]
     progress(1.0, result.status)
     return result

@@ -3,7 +3,7 @@
 First over separate windows, which any misfit leaves solvable: samples that stand out alone bring in Student's loss,
 frames that are missing a jump of the clock, and what the score tests (`advice`) name is tried. Where several candidates
 promise much, each is fitted, and the likelihoods (each with the noise that it leaves, less `log(N)/2` for every number)
-decide. Those that the likelihoods leave within `APART` of the best cannot be told apart: they are named together, the
+decide. Those that the likelihoods leave within `MARGIN` of the best cannot be told apart: they are named together, the
 one of fewest numbers is freed, and how far the others would move the estimates is carried into the errors. Then by the
 method that was asked for, whose joined windows see smaller faults, in the same way by the score tests alone.
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from dropper_jax.base.progress import Progress, silent
 from fitting.calibration.advice import WORTH, Candidate, advise, wide
-from fitting.calibration.jumps import SEVERAL, alone, far_off, led, lost_frames
+from fitting.calibration.jumps import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
@@ -30,15 +30,15 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.place import LOST, LostPlace
 from fitting.parameters.priors import rig_priors
+from fitting.parameters.target import LOST, LostPlace
 
 #: Candidates freed one after another at most, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
 #: Part of the best candidate's gain that another one must promise to be tried too.
 PROMISING = 0.3
 #: Log likelihoods this near cannot be told apart; what names of such candidates are joined by.
-APART, OR = 3.0, " or "
+MARGIN, OR = 3.0, " or "
 #: Log of the number of jumps that are looked for, which one gains by chance, and the least of one in frames: less is a
 #: misfit of another kind.
 CHANCE, LEAST_LOST = 9.0, 0.7
@@ -90,7 +90,7 @@ def with_freed(
         prepared,
         parameters=parameters,
         known=known,
-        simulator=simulator.viewed(parameters),
+        simulator=simulator.view_of(parameters),
         begin=begin,
         starts=prepared.starts if solution is None else solution.starts,
     )
@@ -131,7 +131,7 @@ def free_by_advice(
     while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
         progress(0.5, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
-        named = [c for c in at.found if c.named and c.name not in refused]
+        named = [c for c in at.found if c.worth_naming and c.name not in refused]
         if not named:
             break
         best = max(c.worth for c in named)
@@ -139,16 +139,18 @@ def free_by_advice(
         _choose(at, fit, simulator, tries, refused)
         _outliers(at, fit)
     for candidate in at.names[first:]:
-        at = _reconsidered(at, candidate, fit, simulator)
+        at = _reconsider(at, candidate, fit, simulator)
     if method == "windows":
         return at
-    return _joined(at, fit, simulator, method, refused, progress)
+    return _continue_with(at, fit, simulator, method, refused, progress)
 
 
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
     """Free one candidate of the score tests where it alone explains a misfit that is far above the noise."""
     progress(0.5, "what may be wrong, one by one")
-    named = [c for c in advise(at.prepared, at.solution, simulator) if c.named] if at.solution.status == "ok" else []
+    named = (
+        [c for c in advise(at.prepared, at.solution, simulator) if c.worth_naming] if at.solution.status == "ok" else []
+    )
     one = replace(at, names=list(at.names))
     tries = [c for c in named if c.worth > PROMISING * named[0].worth][:TRIED]
     _choose(one, fit, simulator, tries, set())
@@ -169,7 +171,7 @@ def _groups(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> Si
     return simulator
 
 
-def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
+def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator) -> Freed:
     """The same without one of several that were freed, or with another in its place, where that is likelier.
 
     What was named first of two faults had to answer for both.
@@ -184,7 +186,7 @@ def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulato
         at.prepared,
         parameters=parameters,
         known=known,
-        simulator=simulator.viewed(parameters),
+        simulator=simulator.view_of(parameters),
         begin=at.solution.values[keep],
         starts=at.solution.starts,
     )
@@ -193,7 +195,9 @@ def _reconsidered(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulato
         return at
     if _score(without) > _score(at):
         return without
-    found = [c for c in advise(prepared, without.solution, simulator) if c.named and c.name not in candidate.name]
+    found = [
+        c for c in advise(prepared, without.solution, simulator) if c.worth_naming and c.name not in candidate.name
+    ]
     if not found:
         return at
     _choose(without, fit, simulator, found[:TRIED], set())
@@ -205,14 +209,16 @@ def _score(at: Freed) -> float:
     return likelihood(at.solution) - 0.5 * np.log(max(at.solution.windows.samples, 2)) * len(at.prepared.parameters)
 
 
-def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set[str], progress: Progress) -> Freed:
+def _continue_with(
+    at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set[str], progress: Progress
+) -> Freed:
     """Goes on by another method, whose fits see more."""
     begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
     while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
         progress(0.9, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
-        best = next((c for c in at.found if c.named and c.name not in refused), None)
+        best = next((c for c in at.found if c.worth_naming and c.name not in refused), None)
         if best is None or len(at.names) >= MOST_FREED:
             break
         prepared = with_freed(at.prepared, best.free, at.solution, simulator)
@@ -220,7 +226,7 @@ def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set
         if solution.status != "ok":
             refused.add(best.name)
             continue
-        near = [c for c in at.found if c.named and (c.name in best.alike or 0 <= best.worth - c.worth < APART)]
+        near = [c for c in at.found if c.worth_naming and (c.name in best.alike or 0 <= best.worth - c.worth < MARGIN)]
         back = _back(prepared, solution, list(best.changes))
         apart = {
             c.name: {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} for c in near if c is not best
@@ -230,7 +236,7 @@ def _joined(at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set
     return at
 
 
-def doubts(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
+def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
     """By how much candidates that were not told apart from those freed would move the parameters, each (k,).
 
     One that was freed later in its own right is in doubt no more.
@@ -268,7 +274,7 @@ def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate
         return
     most = max(row[0] for row in fits)
     # those that are alike keep their order
-    near = sorted((row for row in fits if row[0] > most - APART), key=lambda row: (row[1], -round(row[0])))
+    near = sorted((row for row in fits if row[0] > most - MARGIN), key=lambda row: (row[1], -round(row[0])))
     _, _, candidate, at.prepared, at.solution = near[0]
     if len(near) > 1:
         k = len(at.solution.values) - near[0][1]
@@ -336,7 +342,7 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         windows = at.prepared.windows
         starting = windows.begin <= trace.t[lost.frame] + 1e-6 * trace.interval
         own = np.flatnonzero(starting & (windows.run == lost.run))[-1:]
-        clean = replace(clean, starts=led(clean, np.isin(np.arange(windows.count), own)))
+        clean = replace(clean, starts=starts_from_previous_windows(clean, np.isin(np.arange(windows.count), own)))
         if (
             len(own)
             and windows.follows[own[0]]

@@ -34,7 +34,7 @@ def score_held_out(
             pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + trace.interval)))
     length = min(window_length(prepared, span), *(end - begin for _, begin, end in pieces))
     windows = prepared.cut(length, pieces)
-    windows = replace(windows.padded(*_shape(prepared)), substeps=prepared.windows.substeps)
+    windows = replace(windows.pad_to(*_shape(prepared)), substeps=prepared.windows.substeps)
     return HeldOut(low, high, fit_starts(prepared, windows, values))
 
 
@@ -60,7 +60,7 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
     """Only the starts of windows, on a growing part of each."""
     starts = first_starts(
-        prepared.simulator.model_at(values), _seen_only(prepared.traces, windows), windows, prepared.sigma
+        prepared.simulator.model_at(values), _from_first_window(prepared.traces, windows), windows, prepared.sigma
     )
     problem = replace(prepared.problem(frozen=np.ones(len(values), bool)), windows=windows)
     for part in GROWING:
@@ -69,7 +69,7 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
     return solution
 
 
-def _seen_only(traces: Sequence[Trace], windows: Windows) -> list[Trace]:
+def _from_first_window(traces: Sequence[Trace], windows: Windows) -> list[Trace]:
     """The traces from the first window on: what was fitted before must not smooth into a held-out start."""
     found = []
     for i, trace in enumerate(traces):

@@ -49,7 +49,9 @@ def join_laws(
         progress(0.95, f"law {law}, joined")
         inner = [one for name, one in found.items() if contains(law, name)]
         tries = [widest] if law == most else []
-        tries += [_onward(min(inner, key=lambda one: one.cost), ~family.used(law), widest.gap_weight)] if inner else []
+        tries += (
+            [_onward(min(inner, key=lambda one: one.cost), ~family.free_mask(law), widest.gap_weight)] if inner else []
+        )
         if not any(one.status == "ok" for one in tries):
             begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
             tries.append(fit_shooting(begin, continuity="tight", schedule=schedule))
@@ -60,5 +62,5 @@ def join_laws(
 def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
     """From a law's joined solution to that of one that contains it, whose further parts begin at none."""
     problem = replace(inner.problem, frozen=frozen)
-    level = JoinedWindows(problem, weight, on_the_way=True)
+    level = JoinedWindows(problem, weight, intermediate=True)
     return level.descend(replace(inner, problem=problem), ONWARD)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.problem import Solution, wrapped
+from fitting.estimate.problem import Solution, wrap_angle
 from fitting.estimate.windows import Starts, Windows
 
 #: Lost frames looked for; less than none are frames that are there twice.
@@ -25,7 +25,7 @@ LAGS = tuple(k for k in range(-20, 61) if k)
 #: Frames after a jump that are needed to tell it.
 AFTER = 6
 #: Bound of rho, and gain per unit of the misfit that is left, from which on a jump is tried.
-BOUND, SEEN = 50.0, 40.0
+BOUND, SHOWN = 50.0, 40.0
 #: Mean square of a window over the median at which it is left out of a first fit, and how many may be.
 FAR, FEW = 4.0, 1 / 3
 #: Deviations of a sample from the mean of its neighbours' beyond which it is one of its own, and how many make a kind
@@ -70,12 +70,12 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
-    both = _extended(windows, right)
-    starts = Starts(*(part[right - 1] for part in led(solution, ~fitted)))
+    both = _extend_windows(windows, right)
+    starts = Starts(*(part[right - 1] for part in starts_from_previous_windows(solution, ~fitted)))
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
         return None
-    best, where = SEEN, None
+    best, where = SHOWN, None
     times = both.times()
     for pair in range(len(right)):
         slots = np.flatnonzero(np.r_[True, np.diff(times[pair]) > 0] & (np.arange(times.shape[1]) >= 0))
@@ -91,7 +91,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     return where
 
 
-def led(solution: Solution, which: np.ndarray) -> Starts:
+def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Starts:
     """Starts of all windows, of some (K,) bool where the windows before them end."""
     starts = Starts(*(part.copy() for part in solution.starts))
     ends, n = solution.evaluation.end, starts.theta.shape[1]
@@ -110,7 +110,7 @@ def far_off(solution: Solution) -> np.ndarray:
     return off if off.mean() <= FEW else np.zeros_like(off)
 
 
-def _extended(windows: Windows, right: np.ndarray) -> Windows:
+def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
     """Windows that go on through those that follow, `right` being the first of these, up to twice the longest one."""
     longest, rows = 2 * windows.steps, []
     for first in right - 1:
@@ -152,13 +152,13 @@ def _extended(windows: Windows, right: np.ndarray) -> Windows:
 def _best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
     """Gain, first frame after it and lost frames of the best jump from slot `first` on; angles (S, n)."""
     rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
-    plain, count, best = rho(wrapped(angle - measured) * weight), len(angle), (0.0, 0, 0)
+    plain, count, best = rho(wrap_angle(angle - measured) * weight), len(angle), (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)
     for lag in LAGS:
         low, high = max(0, -lag), min(count, count - lag)
         if high - max(low, first) < AFTER:
             continue
-        later = rho(wrapped(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
+        later = rho(wrap_angle(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
         better = np.cumsum((plain[low:high] - later)[::-1])[::-1]
         left = np.cumsum(later[::-1])[::-1] / np.maximum(np.cumsum(known[low:high][::-1])[::-1], 1)
         gain = better / np.maximum(2 * left, 1.0)

@@ -16,11 +16,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fitting.calibration.advice import Candidate
-from fitting.calibration.jumps import led
+from fitting.calibration.jumps import starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.problem import Solution, wrapped
+from fitting.estimate.problem import Solution, wrap_angle
 from fitting.estimate.windows import Starts, Windows
 
 #: Part of the windows that a search begins with and must leave, its rounds, and most evaluations of starts.
@@ -98,7 +98,7 @@ def find_kicks(
     for _ in range(ROUNDS):
         clean = fit(~good, replace(clean, starts=starts))
         own = _only_starts(clean, claimed, clean.starts)
-        ahead = _only_starts(clean, claimed, led(own, ~good))
+        ahead = _only_starts(clean, claimed, starts_from_previous_windows(own, ~good))
         sizes = misfit(own, claimed), misfit(ahead, claimed)
         better, size = sizes[1] < sizes[0], np.minimum(*sizes)
         starts = Starts(*(np.where(better[:, None], b, a) for a, b in zip(own.starts, ahead.starts, strict=True)))
@@ -113,7 +113,7 @@ def find_kicks(
         if not len(first):
             break
         own = _only_starts(clean, claimed, starts)
-        times, found, left = _fit_following(clean, claimed, first, led(own, ~good), limit)
+        times, found, left = _fit_following(clean, claimed, first, starts_from_previous_windows(own, ~good), limit)
         whole = left <= limit
         if not whole.any():
             kicked = [_kick(claimed, good, k, time) for k, time in zip(first, times, strict=True)]
@@ -134,7 +134,7 @@ def _kick(windows: Windows, good: np.ndarray, k: int, time: float) -> Kick:
 
 def misfit(solution: Solution, claimed: Windows) -> np.ndarray:
     """Size of every window's residuals over the claimed noise (K,); 0 of windows without samples."""
-    error = np.abs(wrapped(solution.evaluation.theta - claimed.theta))
+    error = np.abs(wrap_angle(solution.evaluation.theta - claimed.theta))
     rows = np.where(claimed.weight > 0, error * claimed.weight, np.nan).reshape(claimed.count, -1)
     known = ~np.isnan(rows).all(axis=1)
     found = np.zeros(claimed.count)

@@ -37,7 +37,7 @@ class Family:
     rough: int
     enough: float = np.inf
 
-    def used(self, law: str) -> np.ndarray:
+    def free_mask(self, law: str) -> np.ndarray:
         """Which parameters a law has free (k,) bool."""
         return np.array([part is None or part in LADDER[law] for part in self.owner])
 
@@ -109,16 +109,16 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
 
 def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
     """A law fitted from the best law that it contains, or from sizes of its coefficients; the better of both."""
-    used, parameters = family.used(law), family.simulator.parameters
+    used, parameters = family.free_mask(law), family.simulator.parameters
     known = {p.name: p.value for p in prepared.parameters}
     sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
-    begun = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
+    initial = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
     windows = replace(prepared.windows, substeps=family.rough)
     problem = replace(
         prepared.problem(), simulator=family.simulator, windows=windows, parameters=tuple(parameters), frozen=~used
     )
     starts: Starts | None = None
-    tries = [np.where(used, begun, 0.0)]
+    tries = [np.where(used, initial, 0.0)]
     if inner:
         best = min(inner, key=lambda one: one.cost)
         own = {p.name: v for p, v in zip(best.problem.parameters, best.values, strict=True)}
@@ -142,7 +142,7 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
 
 def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float:
     """Log likelihood that a law loses for what it lacks of a larger one, c' (C_cc)^-1 c / 2 of its coefficients c."""
-    free = np.flatnonzero(~full.problem.held)
+    free = np.flatnonzero(~full.problem.held_mask)
     lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
     c, s = full.values[free][lacks], full.information[np.ix_(free, free)]
     if not lacks.any():

@@ -15,12 +15,12 @@ PARTS = {
 OF_JOINTS = ("joint viscous", "dry")
 
 
-def _named(parts: tuple[str, ...]) -> str:
+def _join_names(parts: tuple[str, ...]) -> str:
     return " + ".join(parts) or "none"
 
 
 #: Every law: name and parts, the simplest first, each after all that it contains.
-LADDER = {_named(parts): parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
+LADDER = {_join_names(parts): parts for size in range(len(PARTS) + 1) for parts in combinations(PARTS, size)}
 
 
 def contains(law: str, other: str) -> bool:

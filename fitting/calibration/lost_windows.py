@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
-from fitting.calibration.jumps import led, lost_frames
+from fitting.calibration.jumps import lost_frames, starts_from_previous_windows
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gaps import gaps
 from fitting.estimate.gauss_newton import fit_starts
@@ -131,7 +131,7 @@ def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solutio
     """The solution with better starts of lost windows (K,) bool, where any are found."""
     windows, traces = solution.windows.pick(lost), prepared.traces
     model = solution.problem.simulator.model_at(solution.values)
-    tried = [Starts(*(part[lost] for part in led(solution, lost)))]
+    tried = [Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))]
     for share in REACHES:
         tried.append(first_starts(model, traces, windows, [share * s for s in prepared.sigma]))
     for starts in tried:

@@ -17,7 +17,7 @@ import numpy as np
 from fitting.calibration.result import FitResult
 from fitting.estimate.marching import march
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import clock_rate, losses, seen
+from fitting.parameters.seeing import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions have parted.
@@ -33,14 +33,14 @@ class OneRun:
     Attributes:
         t, measured, simulated: the trace's samples (m,) [s], (m, n) [rad], NaN where there is none; as the camera sees.
         trusted: time [s] at which a run that begins one standard error away has parted from it; infinite: it has not.
-        followed: time [s] at which the measured angles have; infinite: they have not.
+        diverged_at: time [s] at which the measured angles have; infinite: they have not.
     """
 
     t: np.ndarray
     measured: np.ndarray
     simulated: np.ndarray
     trusted: float
-    followed: float
+    diverged_at: float
 
     @property
     def begin(self) -> float:
@@ -51,7 +51,7 @@ class OneRun:
     def text(self) -> str:
         """For people."""
         whole = f"all {self.t[-1] - self.begin:.3g} s"
-        after = [f"{at - self.begin:.3g} s" if np.isfinite(at) else whole for at in (self.followed, self.trusted)]
+        after = [f"{at - self.begin:.3g} s" if np.isfinite(at) else whole for at in (self.diverged_at, self.trusted)]
         return (
             f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for {after[0]}; "
             f"a run that begins one standard error away stays with it for {after[1]}"
@@ -66,7 +66,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
         return None
     first = mine[np.argmin(windows.begin[mine])]
     trace, begin = result.traces[run], float(windows.begin[first])
-    end = min([trace.t[-1], *_lost(result, run)])
+    end = min([trace.t[-1], *_lost_times(result, run)])
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]
     steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9)) if len(t) > 1 else 0
@@ -88,10 +88,10 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
     return OneRun(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
 
 
-def _lost(result: FitResult, run: int) -> list[float]:
+def _lost_times(result: FitResult, run: int) -> list[float]:
     """Times of lost frames of a run: beyond them its clock is another one."""
-    places = (result.parameters[i].where for i in losses(result.parameters))
-    return [place.time for place in places if place.run == run]
+    frames = (result.parameters[i].where for i in losses(result.parameters))
+    return [frame.time for frame in frames if frame.run == run]
 
 
 def _runs(
@@ -106,7 +106,7 @@ def _runs(
         model = apply(base, parameters, values)
         rate = clock_rate(parameters, values)
         h = windows.dt if rate is None else windows.dt * rate
-        start = planar.closed(model, theta, omega)
+        start = planar.close_chain(model, theta, omega)
         angles, rates, _ = march(
             simulator.stepper,
             model,
@@ -118,7 +118,7 @@ def _runs(
             steps,
         )
         angles, rates = (jnp.concatenate([a[None], b]) for a, b in zip(start, (angles, rates), strict=True))
-        look = lambda angles: seen(model, parameters, values, angles)  # noqa: E731
+        look = lambda angles: camera_angles(model, parameters, values, angles)  # noqa: E731
         angles, rates = jax.jvp(look, (angles,), (rates * (1.0 if rate is None else rate),))
         return angles, rates
 
@@ -126,14 +126,14 @@ def _runs(
     return [(np.unwrap(np.asarray(a), axis=0), np.asarray(b)) for a, b in found]
 
 
-def _parting(t: np.ndarray, apart: np.ndarray) -> float:
+def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     """First time [s] at which differences (m, n) [rad], as shortest turns, have an RMS above `PARTED` for good.
 
     "For good": on the mean of a twentieth of a second to either side, so that a single wrong sample does not count.
     """
-    apart = apart - 2 * np.pi * np.round(np.nan_to_num(apart) / (2 * np.pi))
-    known = np.isfinite(apart)
-    square = np.where(known, apart, 0.0) ** 2
+    difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
+    known = np.isfinite(difference)
+    square = np.where(known, difference, 0.0) ** 2
     width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))
     smooth = lambda x: np.convolve(x.sum(axis=1), np.ones(width), "same")  # noqa: E731
     rms = np.sqrt(smooth(square) / np.maximum(smooth(known.astype(float)), 1))

@@ -79,7 +79,7 @@ def plan(
     *,
     durations: Sequence[float],
     noises: Sequence[float] = (0.005,),
-    wanted: Sequence[str] | None = None,
+    requested: Sequence[str] | None = None,
     gap_weight: float | None = None,
     rate: float = 60.0,
     progress: Progress = silent,
@@ -91,7 +91,7 @@ def plan(
         free: parameters that a fit would free, nuisances among them.
         durations: of the traces [s].
         noises: of the angles [rad], such as of two cameras.
-        wanted: those of `free` to rank by; default all.
+        requested: those of `free` to rank by; default all.
         gap_weight: as joined fits of the rig report it; default: what a fit is expected to choose where the model is
             right. A film of a real rig ends ten to a hundred times higher.
         rate: frames per second [Hz].
@@ -108,7 +108,7 @@ def plan(
     for i, source in enumerate(scenes):
         scene = load_scene(source)
         names = full_names(scene, free, "free")
-        asked = names if wanted is None else full_names(scene, wanted, "for")
+        asked = names if requested is None else full_names(scene, requested, "for")
         foreign = [name for name in asked if name not in names]
         if foreign:
             raise SceneError(f"for: {foreign[0]!r} is not free; allowed: {', '.join(names)}")

@@ -25,14 +25,14 @@ from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts, check_step, cut, fewest_frames, fill, first_starts, time_step
 from fitting.parameters.naming import default_free, full_names
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, resolve, with_effects
-from fitting.parameters.place import LostPlace
 from fitting.parameters.priors import rig_priors
+from fitting.parameters.target import LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
 from fitting.traces.trace import Convention, Trace, noise, read_trace
 
 #: Held-out spans up to so many windows long are run by the windows' own program, compiled with room for them.
-ROOM = 2.5
+MARGIN = 2.5
 
 #: Largest turn of a link in a step [rad] that a fit starts with, and the share of the windows that it holds for: the
 #: error of a fourth-order scheme over a window is then below the usual noise; `refine` halves the step where it is not.
@@ -67,7 +67,7 @@ def prepare(
     """
     say = progress or silent
     say(0.0, "reading")
-    begun, compiled_before = time.perf_counter(), 0.0 if simulator is None else simulator.compile_s
+    started, compiled_before = time.perf_counter(), 0.0 if simulator is None else simulator.compile_s
     scene = load_scene(scene)
     names = default_free(scene) if free is None else full_names(scene, free)
     scene = with_effects(scene, names)
@@ -111,7 +111,7 @@ def prepare(
     elif [p.name for p in simulator.compiled] == [p.name for p in parameters]:
         simulator.parameters = simulator.compiled = parameters
     else:
-        simulator = simulator.viewed(parameters)
+        simulator = simulator.view_of(parameters)
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     # what is held out touches nothing, not even the noise or the first guess of a start
     seen = fitted_parts(runs, spans)
@@ -131,7 +131,7 @@ def prepare(
     base = max(1, frames // max(1, int(length / base + 1e-6))) * frame
     values = np.array([p.value for p in parameters])
     longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    longest_run = longest if length < longest < ROOM * length else length
+    longest_run = longest if length < longest < MARGIN * length else length
     simulator.capacity = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
     say(0.02, f"windows of at most {length:.3g} s: compiling")
     windows = cut(runs, base * dt, dt, sigma, spans)
@@ -146,7 +146,7 @@ def prepare(
     windows = replace(longer, substeps=windows.substeps)
     if release is not None:
         windows = release.mark(windows, runs)
-        simulator.parameters = release.bounded(simulator.parameters, windows)
+        simulator.parameters = release.bound_times(simulator.parameters, windows)
     starts = first_starts(model, seen, windows, sigma)
     _check_effective(parameters, simulator(values, starts, windows).jacobian, simulator.freedoms)
     if release is not None:
@@ -165,7 +165,7 @@ def prepare(
         lyapunov=rate,
         period=period,
         warnings=tuple(notes),
-        begun=begun,
+        started=started,
         compiled_before=compiled_before,
         known=known,
         rest=poses,

@@ -15,7 +15,7 @@ from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fill, first_starts
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.priors import Known
+from fitting.parameters.priors import JointPrior
 from fitting.traces.trace import Trace
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
@@ -46,10 +46,10 @@ class Prepared:
     lyapunov: float
     period: float
     warnings: tuple[str, ...]
-    begun: float = 0.0
+    started: float = 0.0
     compiled_before: float = 0.0
     noise: Noise | None = None
-    known: Known = Known()
+    known: JointPrior = JointPrior()
     rest: Rest | None = None
     begin: np.ndarray | None = None
     left_out: tuple[tuple[int, float, float], ...] = ()
@@ -77,18 +77,18 @@ class Prepared:
         """The windows with the noise that a fit starts with."""
         if self.noise is not None or self.first_noise is None:
             return self.windows
-        return self.first_noise.put(self.windows, self.traces)
+        return self.first_noise.apply_to(self.windows, self.traces)
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The same with the noise that a fit told, where it did: in the windows and in all that are cut later."""
         if noise is None:
             return self
-        return replace(self, windows=noise.put(self.windows, self.traces), noise=noise)
+        return replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
 
     def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
         """Windows of `length` [s] of these (run, from, to)."""
         windows = cut(self.traces, length, self.windows.dt, self.sigma, pieces)
-        return windows if self.noise is None else self.noise.put(windows, self.traces)
+        return windows if self.noise is None else self.noise.apply_to(windows, self.traces)
 
     def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
         """The same cut in other windows, with the noise that is known of it, their starts from the samples."""
@@ -96,7 +96,7 @@ class Prepared:
         if self.simulator.release is not None:
             windows = self.simulator.release.mark(windows, self.traces)
         windows = replace(windows, substeps=self.windows.substeps)
-        windows = windows if self.noise is None else self.noise.put(windows, self.traces)
+        windows = windows if self.noise is None else self.noise.apply_to(windows, self.traces)
         found = replace(self, windows=windows)
         return replace(found, starts=found.starts_from_samples())
 

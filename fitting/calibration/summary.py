@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fitting.calibration.caveats import warnings_of
+from fitting.calibration.fit_warnings import warnings_of
 from fitting.calibration.heldout import score_held_out
 from fitting.calibration.prepared import Prepared
 from fitting.calibration.result import FitResult
@@ -36,7 +36,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         uncertainty=u,
         noise=claimed,
         chi2_per_dof=chi2,
-        seconds={"compile": compiled, "run": time.perf_counter() - prepared.begun - compiled},
+        seconds={"compile": compiled, "run": time.perf_counter() - prepared.started - compiled},
         solution=solution,
         traces=prepared.traces,
         lyapunov=rate,

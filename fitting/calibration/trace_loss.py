@@ -17,7 +17,7 @@ from fitting.calibration.prepared import Prepared
 from fitting.estimate.marching import at_samples, march
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import clock_rate, losses, seen
+from fitting.parameters.seeing import camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: Runs of the windows for one value with the starts at their optimum: from the first starts on four leave 0.01 of
@@ -98,7 +98,7 @@ class TraceLoss:
         m = z.shape[1] // 2
         shift = lambda part: jnp.einsum("kij,kj->ki", self._basis, part)  # noqa: E731
         moved = first.theta + shift(z[:, :m]), first.omega + shift(z[:, m:])
-        return Starts(*jax.vmap(partial(planar.closed, model))(*moved))
+        return Starts(*jax.vmap(partial(planar.close_chain, model))(*moved))
 
     def _residual(
         self,
@@ -115,11 +115,11 @@ class TraceLoss:
         model = apply(self.prepared.simulator.model, parameters, params)
         rate = clock_rate(parameters, params)
         h = jnp.asarray(windows.dt) if rate is None else windows.dt * rate
-        start = planar.closed(model, theta, omega)
+        start = planar.close_chain(model, theta, omega)
         state, stepper = planar.to_state(model, *start), self.prepared.simulator.stepper
         angles, rates, _ = march(stepper, model, state, h, windows.steps, windows.substeps, *(2 * [windows.steps]))
         on_grid = not self.prepared.windows.fraction.any()
-        angle = seen(model, parameters, params, at_samples(start, angles, rates, index, fraction, h, on_grid))
+        angle = camera_angles(model, parameters, params, at_samples(start, angles, rates, index, fraction, h, on_grid))
         return planar.wrap(angle - measured) * weight
 
     def _half_square(self, params: jax.Array, theta: jax.Array, omega: jax.Array, *measured: jax.Array) -> jax.Array:

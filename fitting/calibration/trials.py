@@ -28,15 +28,15 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.lyapunov import LONGEST
 from fitting.estimate.noise import Noise, lag_one
-from fitting.estimate.own_noise import memory_of
 from fitting.estimate.problem import Solution
+from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.place import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, LostPlace, ModelPlace, all_joints
 from fitting.parameters.priors import rig_priors
+from fitting.parameters.target import CAMERA, CLOCK, MARKER, CameraPlace, ClockPlace, LostPlace, ModelPlace, all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, beyond which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. One that swings at 6 Hz, seen 60 times a second, correlates by 0.81.
@@ -49,7 +49,7 @@ EVALUATIONS = 12
 NEEDED = 0.05
 #: Least share of a number's information that must be its own: with less it does what others do. The second is added to
 #: the diagonal of others that do the same.
-OWN, RIDGE = 2e-4, 1e-12
+MODEL_ERROR, RIDGE = 2e-4, 1e-12
 #: Standard deviations of numbers without a prior. A share of the value for what is measured on a bench or computed
 #: from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a share for clocks.
 SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
@@ -153,19 +153,19 @@ class Trials:
             run: of these windows (K,).
             memory: samples that tell as much as one of white noise.
         """
-        noise = Noise.claimed(len(self.prepared.traces), errors.shape[2])
+        noise = Noise.as_claimed(len(self.prepared.traces), errors.shape[2])
         for i in np.unique(run):
             mine, count = run == i, (weight[run == i] > 0).sum(axis=(0, 1))
             noise.factor[i] = np.sqrt(np.sum((errors[mine] * weight[mine]) ** 2, axis=(0, 1)) / np.maximum(count, 1))
         noise = replace(noise, factor=np.maximum(noise.factor, self.prepared.floor) * np.sqrt(memory))
         self.claimed = self.prepared.windows.pick(self.used)
-        self.windows = noise.put(self.claimed, self.prepared.traces)
+        self.windows = noise.apply_to(self.claimed, self.prepared.traces)
         self.prepared = replace(self.prepared, noise=noise)
 
     def with_parameters(self, parameters: Sequence[Parameter], values: np.ndarray) -> Prepared:
         """The prepared trial with these parameters free."""
         every, known = rig_priors(self.prepared.scene, self.prepared.simulator.model, parameters)
-        simulator = self.prepared.simulator.viewed(every)
+        simulator = self.prepared.simulator.view_of(every)
         return replace(self.prepared, parameters=every, known=known, simulator=simulator, begin=values)
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
@@ -173,7 +173,7 @@ class Trials:
         at = self.with_parameters(parameters, values)
         problem = replace(at.problem(self.loss), windows=self.windows)
         if problem.rest is not None:
-            problem = replace(problem, rest=problem.rest.weighed(at.noise, at.simulator, values))
+            problem = replace(problem, rest=problem.rest.with_noise(at.noise, at.simulator, values))
         return fit_windows(problem, values, starts, iterations=EVALUATIONS)
 
     def score(self, solution: Solution) -> np.ndarray:
@@ -273,7 +273,7 @@ def free_groups(
     }
     values = start | values
 
-    def tried(free: Sequence[Group], starts: Starts) -> Solution:
+    def try_free(free: Sequence[Group], starts: Starts) -> Solution:
         held = [p for group in found if group not in free for p in group.instead]
         plain = [p for p in prepared.parameters if p.name not in names] + [
             p for p in shared if p in held or not any(p in group.instead for group in found)
@@ -282,11 +282,11 @@ def free_groups(
         return trials.fit(every, np.array([values[p.name] for p in every]), starts)
 
     progress(0.55, "what may be wrong: all of it")
-    best = tried(found, base.starts)
+    best = try_free(found, base.starts)
     for _ in range(2):  # by its own misfit, which is smaller
         values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
         trials.weigh(best.errors, trials.claimed.weight, trials.claimed.run, memory_of(best))
-        best = tried(found, best.starts)
+        best = try_free(found, best.starts)
     score = least = float(np.mean(trials.score(best)))
     if not score < first - np.log1p(NEEDED):
         return None
@@ -296,7 +296,7 @@ def free_groups(
         values |= dict(zip((p.name for p in best.problem.parameters), best.values, strict=True))
         for p in group.instead:
             values[p.name] = float(np.mean([values[q.name] for q in group.parameters]))
-        less = tried([other for other in free if other is not group], best.starts)
+        less = try_free([other for other in free if other is not group], best.starts)
         now = float(np.mean(trials.score(less)))
         if now < least + np.log1p(NEEDED):
             free.remove(group)
@@ -333,7 +333,7 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
         for p in group.parameters:
             inner = scaled[np.ix_(known, known)] + RIDGE * np.eye(len(known))
             alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row]) if known else 0.0
-            if size[row] > 0 and 1.0 - alike > OWN:
+            if size[row] > 0 and 1.0 - alike > MODEL_ERROR:
                 known.append(row)
                 own.append(p)
             row += 1

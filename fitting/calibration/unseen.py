@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtri
 
-from fitting.calibration.balance import balance, measured
+from fitting.calibration.balance import balance, smooth_stretch
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
@@ -32,7 +32,7 @@ SMOOTH_PART = 0.06
 SHARE, LIMIT = 0.1, float(ndtri(0.95))
 
 
-def taken(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
+def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
     """What a unit of every coefficient takes from the measured motions (k,) [J per its unit]; 0 of other parameters."""
     found = np.zeros(len(owner))
     whole = np.array([p.value for p in simulator.parameters])
@@ -41,14 +41,14 @@ def taken(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None])
     @jax.jit
     def power(values: jax.Array, theta: jax.Array, omega: jax.Array) -> jax.Array:
         model = apply(simulator.model, simulator.parameters, values)
-        return jax.vmap(lambda a, w: balance(model, *planar.closed(model, a, w))[1])(theta, omega)
+        return jax.vmap(lambda a, w: balance(model, *planar.close_chain(model, a, w))[1])(theta, omega)
 
     for run, trace in enumerate(prepared.traces):
         mine = prepared.windows.run == run
         if not mine.any():
             continue
         span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
-        motion = measured(trace, span, SMOOTH_PART * prepared.period)
+        motion = smooth_stretch(trace, span, SMOOTH_PART * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion
@@ -61,7 +61,7 @@ def taken(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None])
 
 def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> tuple[str, ...]:
     """Parts of a law of which the traces do not exclude that they take `SHARE` of the energy."""
-    free = np.flatnonzero(~law.problem.held)
+    free = np.flatnonzero(~law.problem.held_mask)
     if not len(free) or not per_unit.any():
         return ()
     prior = law.problem.prior(law.values).curvature

@@ -21,10 +21,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.calibration.balance import measured
+from fitting.calibration.balance import smooth_stretch
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.problem import wrapped
+from fitting.estimate.problem import wrap_angle
 from fitting.estimate.windows import first_starts
 from fitting.parameters.naming import DAMPING
 from fitting.traces.conventions import resting_angles
@@ -143,7 +143,7 @@ def _distance(model: Model, opening: float) -> str:
 def _off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
     """RMS departure [rad] of the links' mean directions from those at rest."""
     mean = np.angle(np.nanmean(np.exp(1j * theta), axis=0))
-    return float(np.sqrt(np.mean(wrapped(mean - rest) ** 2)))
+    return float(np.sqrt(np.mean(wrap_angle(mean - rest) ** 2)))
 
 
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:
@@ -173,7 +173,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     if any(e.name not in ("weight", *DAMPING) for e in model.effects):
         return  # water and springs have energies of their own
     low, high = spans[0][0], spans[-1][1]
-    motion = measured(trace.between(low, high), (low, high), SMOOTH * period)
+    motion = smooth_stretch(trace.between(low, high), (low, high), SMOOTH * period)
     if motion is None:
         return
     t, theta, omega = motion
@@ -219,7 +219,7 @@ def _energy(model: Model, theta: np.ndarray, omega: np.ndarray) -> np.ndarray:
 def _breaks(trace: Trace) -> Iterator[float]:
     """Times [s] at which most links jump, or frames pause."""
     step = np.diff(trace.t)
-    move = np.abs(wrapped(np.diff(trace.theta, axis=0)))
+    move = np.abs(wrap_angle(np.diff(trace.theta, axis=0)))
     for i in range(5, len(move) - 5):
         if step[i] > 10 * trace.interval:
             yield float(trace.t[i + 1])
@@ -245,7 +245,7 @@ def name_wrong_file(prepared: Prepared) -> str:
     left, change = np.inf, None
     for group in groups:  # the second one is large, and its mistakes are rare
         tried = [
-            (_misfit(prepared, [_changed(trace, one) for trace in prepared.traces], pieces)[0], i, one)
+            (_misfit(prepared, [_apply_change(trace, one) for trace in prepared.traces], pieces)[0], i, one)
             for i, one in enumerate(group)
         ]
         left, _, change = min(tried, key=lambda one: one[:2])
@@ -309,7 +309,7 @@ def _mean_without_outliers(square: np.ndarray) -> float:
     return float(np.sort(square)[: int(np.ceil(COUNTED * len(square)))].mean())
 
 
-def _changed(trace: Trace, change: Change) -> Trace:
+def _apply_change(trace: Trace, change: Change) -> Trace:
     """A trace in the model's convention, changed as its file counts the angles."""
     at = Convention(trace.convention.zero or "horizontal", trace.convention.sign or 1, "rad")
     raw = at.sign * in_model(trace.theta, replace(at, sign=1))
@@ -323,7 +323,7 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
         return  # frames that do not close were looked at before
     at = trace.convention
     mean = np.angle(np.nanmean(np.exp(1j * trace.theta), axis=0))
-    off = wrapped(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
+    off = wrap_angle(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
     for part in (0.7, 1.0, 1.3):  # the mean of a few swings is not that at rest
         for j, by in enumerate(off):
             yield shift(j, part * float(by))

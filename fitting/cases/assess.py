@@ -69,7 +69,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         cases.append({**_labels(site, storm), "runs": len(good), "failed": len(bad)})
         if not good:
             continue
-        cases[-1] |= _places(site, storm, runs, good)
+        cases[-1] |= _position_results(site, storm, runs, good)
         maxima = runs.maxima(good)
         for part in site.parts:
             rows[part.name].append(_part_row(site, part, storm, maxima, runs, good))
@@ -114,7 +114,7 @@ def _labels(site: Site, storm: Storm) -> dict[str, Any]:
     }
 
 
-def _places(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
     """Largest excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
     index = {line.name: i for i, line in enumerate(runs.lines)}

@@ -11,53 +11,55 @@ from fitting.site import Site
 
 def flags_of(found: dict[str, Any], site: Site) -> list[str]:
     """Lines about seeds, steps, limits that are passed or not decided, and runs that failed."""
-    told = []
+    notes = []
     if found["failed"]:
         rows = found["failed"]
         first = rows[0]
         at = "" if first["time_s"] is None else f" at {first['time_s']:.4g} s"
         why = f": {first['why']}" if first["why"] else ""
-        told.append(
+        notes.append(
             f"{len(rows)} of {len(site.cases)} runs are missing or failed, the first in case {first['case']}, seed "
             f"{first['seed']} ({first['status']}{at}{why}): their cases are not assessed with all seeds"
         )
     if found["seeds"] < ENOUGH:
-        told.append(f"{found['seeds']} seeds: no final check, which takes at least {ENOUGH}")
+        notes.append(f"{found['seeds']} seeds: no final check, which takes at least {ENOUGH}")
     for part in found["parts"]:
-        told += _part(part)
+        notes += _part(part)
     for case in found["cases"]:
         if case["state"] != "intact" and case["runs"] and case["broken"] < case["runs"]:
-            told.append(f"case {case['case']}: {case['state']} did not break in all runs")
+            notes.append(f"case {case['case']}: {case['state']} did not break in all runs")
     for anchor in found["anchors"]:
         worst = anchor["worst"]
         if anchor["anchor"] is None:
-            told.append(f"point {anchor['point']}: held, but no [[anchor]] says how much it holds")
+            notes.append(f"point {anchor['point']}: held, but no [[anchor]] says how much it holds")
         elif worst is not None:
-            told += _limit(f"anchor {anchor['point']}", worst)
+            notes += _limit(f"anchor {anchor['point']}", worst)
         allowed = anchor["allowed_uplift_deg"]
         if allowed is not None and anchor["uplift_deg"] is not None and anchor["uplift_deg"] > allowed:
-            told.append(f"anchor {anchor['point']}: uplift of {anchor['uplift_deg']:.3g} deg, {allowed:g} are allowed")
+            notes.append(f"anchor {anchor['point']}: uplift of {anchor['uplift_deg']:.3g} deg, {allowed:g} are allowed")
     zone = found["exclusion"]
     if zone is not None and zone["utilisation"] > 1.0:
-        told.append(f"exclusion: {zone['value']:.3g} m in case {zone['case']}, {zone['allowed_m']:g} m are allowed")
+        notes.append(f"exclusion: {zone['value']:.3g} m in case {zone['case']}, {zone['allowed_m']:g} m are allowed")
     if found["backbone"] is not None and not found["backbone"]["holds"]:
         own = found["backbone"]
-        told.append(f"backbone: {own['shallowest_m']:.3g} to {own['deepest_m']:.3g} m deep at rest, outside its limits")
-    return told
+        notes.append(
+            f"backbone: {own['shallowest_m']:.3g} to {own['deepest_m']:.3g} m deep at rest, outside its limits"
+        )
+    return notes
 
 
 def _part(part: dict[str, Any]) -> list[str]:
     worst, step = part["worst"], part["step"]
     if worst is None:
         return [f"part {part['part']}: no run to assess it by"]
-    told = _limit(f"part {part['part']}", worst)
+    notes = _limit(f"part {part['part']}", worst)
     if step is None:
-        told.append(f"part {part['part']}: the error of its step is not known")
+        notes.append(f"part {part['part']}: the error of its step is not known")
     elif "skipped" in step:
-        told.append(f"part {part['part']}: the error of its step is not known: {step['skipped']}")
+        notes.append(f"part {part['part']}: the error of its step is not known: {step['skipped']}")
     elif step["relative"] > UNRESOLVED:
-        told.append(f"part {part['part']}: the step errs by {step['relative']:.0%} of its largest load: not resolved")
-    return told
+        notes.append(f"part {part['part']}: the step errs by {step['relative']:.0%} of its largest load: not resolved")
+    return notes
 
 
 def _limit(name: str, row: dict[str, Any]) -> list[str]:

@@ -12,9 +12,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model, stepper_of
+from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.failures import breaks
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.pieces import compile_run, first_carry
 from dropper_jax.run.start import initial_state
 from dropper_jax.statics.static_pose import equilibrium
 from dropper_jax.stepping.adaptive import Adaptive
@@ -57,10 +57,10 @@ class Runner:
         scene = self.scene(case)
         model = build_model(scene)
         stepper = stepper_of(model, scene.run, track_work=False)
-        start, places, rest = self._start(scene, model, case.storm)
-        tally = Tally(scene, self.site.run_of(case.storm).skip, places, self.curved)
+        start, positions, rest = self._start(scene, model, case.storm)
+        tally = Tally(scene, self.site.run_of(case.storm).skip, positions, self.curved)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run)
-        carry, done, told = run.carry, 0, {"status": np.array(0)}
+        carry, done, info = run.carry, 0, {"status": np.array(0)}
         retried = 0
         while done < scene.run.saves:
             carry, (rows, within) = run.go_on(carry, scene.run.saves - done)
@@ -72,26 +72,26 @@ class Runner:
             done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
                 code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
-                told = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
+                info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
         state = (carry.progress if isinstance(carry, Adaptive) else carry).state
         broken = [row["time_s"] for row in breaks(scene, state.parted)]
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
-        return {**tally.found(), **told, **more}
+        return {**tally.collect(), **info, **more}
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
         """The state at the start, places of all nodes in still water, and tensions at rest (n,) [N]."""
         key = storm.still
         if key not in self._starts:
             start = initial_state(model, scene.start)
-            places = _rest_nodes(model, start)
+            positions = _rest_nodes(model, start)
             if self.site.exclusion is not None and model.sea.current is not None:
                 still = equilibrium(dataclasses.replace(model, sea=dataclasses.replace(model.sea, current=None)))
                 if still.status != "ok":
                     raise SceneError(f"exclusion: no pose in still water: {still.message}")
-                places = still.positions
-            self._starts[key] = start, np.asarray(places), np.asarray(start.tension)
+                positions = still.positions
+            self._starts[key] = start, np.asarray(positions), np.asarray(start.tension)
         return self._starts[key]
 
 

@@ -71,7 +71,7 @@ def page(found: dict[str, Any]) -> str:
             [_anchor_cells(anchor, storms) for anchor in found["anchors"]],
         ),
         "## Place",
-        "\n".join(_place_lines(found, storms)),
+        "\n".join(_position_lines(found, storms)),
         "## Fatigue",
         table(
             ["part", "curve", "damage per hour, worst case", "damage per year", "life [years]"],
@@ -96,11 +96,11 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         _step(part["step"]),
         f"{row['at_rest_n']:.0f}",
         f"**{row['utilisation']:.2f}**" + _plus(row["utilisation_error"]),
-        _named(storms[row["case"]]),
+        _label(storms[row["case"]]),
     ]
 
 
-def _named(case: dict[str, Any]) -> str:
+def _label(case: dict[str, Any]) -> str:
     """The label of a case, whose end says what breaks, with the time of the break."""
     return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
 
@@ -132,18 +132,18 @@ def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         f"{row['upward_n']['value']:.0f}",
         f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
         used + _plus(row["utilisation_error"]),
-        _named(storms[row["case"]]),
+        _label(storms[row["case"]]),
     ]
 
 
-def _place_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+def _position_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     lines = []
     zone, backbone = found["exclusion"], found["backbone"]
     if zone is None:
         lines.append("- No exclusion zone is given.")
     else:
         lines.append(
-            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {_named(storms[zone['case']])}."
+            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {_label(storms[zone['case']])}."
         )
     if backbone is not None:
         low, high = ("-" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
@@ -176,7 +176,7 @@ def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
         for row in part["cases"]:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), _named(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST]]
+    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:MOST]]
     more = f"\n\n{len(ordered) - MOST} more in cases.csv." if len(ordered) > MOST else ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
@@ -205,7 +205,7 @@ def _csv(found: dict[str, Any]) -> str:
     return text.getvalue()
 
 
-@style.look()
+@style.plot_style()
 def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
     """A row for each part and each held point that an anchor holds: dots are cases, bars reach to the worst one."""
     rows = [(part["part"], part["cases"], part["worst"], part["step"]) for part in found["parts"]]

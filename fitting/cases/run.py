@@ -63,7 +63,7 @@ def run_cases(
     dt = site.prepared().run.dt if dt is None else dt
     store, say = Store(folder, site, dt), progress or silent
     todo = [case for case in cases if not store.has(case)]
-    kept, begun = len(cases) - len(todo), time.perf_counter()
+    kept, started = len(cases) - len(todo), time.perf_counter()
     if scheduler is not None:
         source = _remote(site, todo, dt, scheduler)
     elif workers > 1 and len(todo) > 1:
@@ -73,13 +73,13 @@ def run_cases(
     try:
         for i, (case, found) in enumerate(source, start=1):
             store.write(case, found)
-            left = (time.perf_counter() - begun) / i * (len(todo) - i)
+            left = (time.perf_counter() - started) / i * (len(todo) - i)
             say((kept + i) / len(cases), f"{kept + i} of {len(cases)} runs, {left:.0f} s left")
     except OSError as error:
         raise CasesStopped(
             f"{store.folder}: cannot be written: {error.strerror or error}; the same call goes on"
         ) from None
-    return Done(len(cases), kept, time.perf_counter() - begun)
+    return Done(len(cases), kept, time.perf_counter() - started)
 
 
 def _here(site: Site, todo: list[Case], dt: float) -> Iterator[tuple[Case, Found]]:
@@ -119,12 +119,12 @@ def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tu
 def _watch(parent: int) -> None:
     """End with the process that started this one, however that ended."""
 
-    def look() -> None:
+    def watch_parent() -> None:
         while os.getppid() == parent:
             time.sleep(WATCH)
         os._exit(1)
 
-    threading.Thread(target=look, daemon=True).start()
+    threading.Thread(target=watch_parent, daemon=True).start()
 
 
 def _remote(site: Site, todo: list[Case], dt: float, scheduler: Any) -> Iterator[tuple[Case, Found]]:

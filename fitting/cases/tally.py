@@ -21,19 +21,19 @@ class Tally:
     Args:
         scene: with its lines.
         skip: time at the start that counts for nothing [s].
-        places: (nodes, 3) [m] from which excursions count.
+        positions: (nodes, 3) [m] from which excursions count.
         curved: lines whose cycles are counted, those with a fatigue curve.
     """
 
-    def __init__(self, scene: Scene, skip: float, places: np.ndarray, curved: Sequence[str]) -> None:
-        self.skip, self.places = skip, places
+    def __init__(self, scene: Scene, skip: float, positions: np.ndarray, curved: Sequence[str]) -> None:
+        self.skip, self.positions = skip, positions
         self.lines = whole_lines(scene)
         self.held = [point.name for point in scene.points if point.kind == "fixed"]
         self.ends = _ends(scene, self.held)
         links = sum(line.links for line in scene.lines)
         self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
         self.total, self.samples = np.zeros(links), 0
-        self.way = np.zeros(len(self.lines))
+        self.excursion = np.zeros(len(self.lines))
         self.loads: list[np.ndarray] = []
         self.curved = {line.name: line.links for line in self.lines if line.name in curved}
         self.series: dict[str, list[np.ndarray]] = {name: [] for name in self.curved}
@@ -50,8 +50,8 @@ class Tally:
         self.largest, self.when = np.where(higher, value, self.largest), np.where(higher, t[top], self.when)
         self.total += tension.sum(axis=0)
         self.samples += len(t)
-        way = np.linalg.norm(positions[..., :2] - self.places[:, :2], axis=-1).max(axis=0)
-        self.way = np.maximum(self.way, [way[line.nodes].max() for line in self.lines])
+        way = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
+        self.excursion = np.maximum(self.excursion, [way[line.nodes].max() for line in self.lines])
         self.loads.append(self._held_loads(positions, largest).astype(np.float32))
         for name, links in self.curved.items():
             self.series[name].append(tension[:, links].astype(np.float32))
@@ -65,7 +65,7 @@ class Tally:
             total[:, point] += tension[:, link, None] * along / np.where(size > 0.0, size, 1.0)
         return np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
 
-    def found(self) -> Found:
+    def collect(self) -> Found:
         """Arrays of the whole run; cycles are left out where the package that counts them is not there."""
         counted = {}
         for name, parts in self.series.items():
@@ -79,7 +79,7 @@ class Tally:
             "largest": self.largest,
             "when": self.when,
             "mean": self.total / max(self.samples, 1),
-            "excursion": self.way,
+            "excursion": self.excursion,
             "held_loads": np.concatenate(self.loads) if self.loads else empty,
             **counted,
         }

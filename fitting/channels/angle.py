@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.read import read_text
-from fitting.channels.channel import Channel, Context, Seen
+from fitting.channels.channel import Channel, Context, SavedMotion
 from fitting.channels.place import Where, line_of, link_of
 
 #: What angle: in the x-z plane from the horizontal, positive downwards; in it from straight down, positive towards +x;
@@ -38,8 +38,8 @@ class Angle(Channel):
         link = link_of(context.scene, where, context.path) - line.links.start
         return cls(**common, first=int(line.nodes[link]), second=int(line.nodes[link + 1]), zero=zero)
 
-    def see(self, seen: Seen) -> jax.Array:
-        d = seen.nodes[:, self.second] - seen.nodes[:, self.first]
+    def see(self, motion: SavedMotion) -> jax.Array:
+        d = motion.nodes[:, self.second] - motion.nodes[:, self.first]
         pairs = {"horizontal": (-d[:, 2], d[:, 0]), "down": (d[:, 0], -d[:, 2]), "azimuth": (d[:, 1], d[:, 0])}
         up, along = pairs[self.zero]
         flat = (up == 0) & (along == 0)  # a link seen end on has no angle: derivatives stay finite

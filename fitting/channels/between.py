@@ -47,7 +47,7 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
     # sizes, so that the search has its footing whatever the unit
     top = float(np.var(values, ddof=1) + np.max(own**2)) or 1.0
 
-    def solved(variance: float) -> tuple[float, float, float, float]:
+    def solve_variance(variance: float) -> tuple[float, float, float, float]:
         """Mean, 1'V^-1 1, the weighted sum of squares, minus twice the restricted log likelihood."""
         total = covariance + (variance + 1e-14 * top) * eye
         inverse = np.linalg.inv(total)
@@ -57,12 +57,12 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
         return mean, weight, square, float(np.linalg.slogdet(total)[1]) + np.log(weight) + square
 
     found = minimize_scalar(
-        lambda log: solved(np.exp(log))[3], bounds=(np.log(1e-8 * top), np.log(1e2 * top)), method="bounded"
+        lambda log: solve_variance(np.exp(log))[3], bounds=(np.log(1e-8 * top), np.log(1e2 * top)), method="bounded"
     )
     variance = float(np.exp(found.x))
-    if solved(0.0)[3] <= found.fun + 1e-9:
+    if solve_variance(0.0)[3] <= found.fun + 1e-9:
         variance = 0.0
-    mean, weight, square, _ = solved(variance)
+    mean, weight, square, _ = solve_variance(variance)
     error = float(np.sqrt(max(square / (n - 1), 1.0 if variance == 0.0 else 0.0) / weight))
     reach = float(stdtrit(n - 1, 0.5 + level / 2)) * error
     return Between(name, np.asarray(values), own, mean, error, mean - reach, mean + reach, float(np.sqrt(variance)))

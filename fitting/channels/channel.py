@@ -13,7 +13,7 @@ from dropper_jax.scene import SceneData
 from fitting.channels.place import Where
 
 
-class Seen(NamedTuple):
+class SavedMotion(NamedTuple):
     """A motion at saved times.
 
     Attributes:
@@ -63,7 +63,7 @@ class Channel(ABC):
         """
 
     @abstractmethod
-    def see(self, seen: Seen) -> jax.Array:
+    def see(self, motion: SavedMotion) -> jax.Array:
         """What a perfect sensor shows (times, columns) [SI]."""
 
 

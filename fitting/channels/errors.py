@@ -17,7 +17,7 @@ import numpy as np
 
 from fitting.estimate.problem import Solution
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
-from fitting.parameters.place import ModelPlace
+from fitting.parameters.target import ModelPlace
 
 #: Largest sensitivity of the most sensitive channel at which a parameter is not determined.
 INSENSITIVE = 0.05

@@ -17,15 +17,15 @@ from dropper_jax.run.build import SceneLike
 from fitting.channels.between import between
 from fitting.channels.data import Data
 from fitting.channels.errors import errors_of
-from fitting.channels.noise import Evaluation, first_noise, scale_of, told
+from fitting.channels.noise import Evaluation, estimate_noise, first_noise, scale_of
 from fitting.channels.pose import pose
 from fitting.channels.problem import MOST_HALVED, Problem
 from fitting.channels.result import ChannelFit
 from fitting.estimate.gauss_newton import continue_windows, first_solution
-from fitting.estimate.loss import LEAST_SQUARES, Loss, begun_with, loss_of
-from fitting.estimate.own_noise import ROUNDS, fit_with_noise, posed
+from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
 from fitting.estimate.problem import Solution
 from fitting.estimate.refinement import LARGEST_BIAS, refine
+from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.scene_fit import Intervals
 from fitting.parameters.parameter import Bounds, Priors, StartValues
 
@@ -78,7 +78,7 @@ def fit_channels(
     Raises:
         SceneError: for anything the caller can mend, in one line.
     """
-    begun, progress = time.perf_counter(), progress or silent
+    started, progress = time.perf_counter(), progress or silent
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is none; allowed: at least 1")
     asked = Intervals(profile, bootstrap, posterior)
@@ -89,10 +89,12 @@ def fit_channels(
     asked.profile_names(scene, problem.parameters)  # refuses names before anything is run
     loss = loss_of(huber, student)
     progress(0.0, "first run")
-    point = first_point(problem, begun_with(loss))
+    point = first_point(problem, initial_loss(loss))
     point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))
     if point.status == "ok" and point.problem.loss != loss:
-        point = settle_noise(posed(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress)
+        point = settle_noise(
+            pose_again(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress
+        )
     if check_step and point.status == "ok":
         say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
         again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
@@ -101,7 +103,7 @@ def fit_channels(
     result.between = over_runs(result, own)
     result.warnings = warnings_of(result)
     asked.add_to(result, progress)
-    result.seconds = time.perf_counter() - begun
+    result.seconds = time.perf_counter() - started
     progress(1.0, result.status)
     return result
 
@@ -131,9 +133,11 @@ def warnings_of(result: ChannelFit) -> list[str]:
         if bound:
             found.append(f"{p.name}: at its bound")
     for row in result.channels():
-        claimed, told_ = row["noise_claimed"], row["noise"]
-        if claimed is not None and not 0.5 < told_ / claimed < 2:
-            found.append(f"channel {row['name']}: residuals are {told_ / claimed:.2g} times the noise of its sensor")
+        claimed, estimated = row["noise_claimed"], row["noise"]
+        if claimed is not None and not 0.5 < estimated / claimed < 2:
+            found.append(
+                f"channel {row['name']}: residuals are {estimated / claimed:.2g} times the noise of its sensor"
+            )
     if e.blocks:
         worst = point.problem.data.sensors[int(np.abs(e.correlation_1).argmax())].channel.name
         found.append(f"channel {worst}: residuals are no noise; errors come from {e.blocks} blocks of time")
@@ -198,20 +202,20 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
         turn += 1
         return continue_windows(point, iterations, say)
 
-    def estimate_noise(point: Solution) -> tuple[Solution, float]:
-        problem, e, free = point.problem, point.evaluation, ~point.problem.held
-        seen = e._replace(slopes=tuple(tuple(s[..., free] for s in run) for run in e.slopes))
+    def update_noise(point: Solution) -> tuple[Solution, float]:
+        problem, e, free = point.problem, point.evaluation, ~point.problem.held_mask
+        motion = e._replace(slopes=tuple(tuple(s[..., free] for s in run) for run in e.slopes))
         scales, information = scales_of(problem, e), point.information[np.ix_(free, free)]
-        noise = told(problem.data, seen, problem.noise, scales, information, floors, problem.loss)
+        noise = estimate_noise(problem.data, motion, problem.noise, scales, information, floors, problem.loss)
         problem = replace(problem, noise=noise, scales=scales)
-        return posed(point, problem, problem.with_rows(e)), noise.apart(point.problem.noise)
+        return pose_again(point, problem, problem.with_rows(e)), noise.max_relative_difference(point.problem.noise)
 
     found = descend(point)
     found.iterations += point.iterations
     if found.status != "ok":
-        return estimate_noise(found)[0]
+        return update_noise(found)[0]
     # sizes of several channels that are 3 % off move estimates by 0.02 standard errors against each other
-    found = fit_with_noise(found, estimate_noise, descend, same=0.01)
+    found = fit_with_noise(found, update_noise, descend, same=0.01)
     ended = descend(found)  # nothing where the last noise moves no parameter
     ended.iterations += found.iterations
     return ended

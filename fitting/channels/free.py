@@ -23,7 +23,7 @@ from fitting.channels.motion import Clock, Reading, Setup
 from fitting.parameters.naming import full_names
 from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
-from fitting.parameters.place import Direction
+from fitting.parameters.target import Direction
 
 #: Fields of a start that are numbers, and their units.
 STARTS = {
@@ -100,15 +100,15 @@ def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
 
 
 def _split(
-    name: str, kind: str, known: Sequence[str], fields: Sequence[str], option: str
+    name: str, kind: str, names: Sequence[str], fields: Sequence[str], option: str
 ) -> tuple[int, str, list[str]]:
     words = name.split(".")
-    if len(words) < 3 or words[1] not in known:
+    if len(words) < 3 or words[1] not in names:
         label = words[1] if len(words) > 1 else name
-        raise SceneError(f"{option}: {name!r}: {label!r} is no {kind}; {nearest(label, known)}")
+        raise SceneError(f"{option}: {name!r}: {label!r} is no {kind}; {nearest(label, names)}")
     if words[2] not in fields:
         raise SceneError(f"{option}: {name!r} does not exist; allowed: {kind}.{words[1]} and {', '.join(fields)}")
-    return known.index(words[1]), words[2], words[3:]
+    return names.index(words[1]), words[2], words[3:]
 
 
 def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
@@ -157,7 +157,7 @@ class Placed(NamedTuple):
     tangents: Setup
 
 
-def placed(scene: Scene, data: Data, parameters: Sequence[Parameter], values: np.ndarray) -> Placed:
+def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Parameter], values: np.ndarray) -> Placed:
     """The setup of a run at these values (k,), and its directions (k, ...) there.
 
     Numbers that the model follows along no straight line (EA with a damping ratio, lengths) are put into the scene
@@ -175,10 +175,10 @@ def placed(scene: Scene, data: Data, parameters: Sequence[Parameter], values: np
                 leaves[leaf] = jnp.asarray(slope, leaves[leaf].dtype)
             directions.append(replace_model(setup, jax.tree.unflatten(tree, leaves)))
         else:
-            directions.append(jax.jvp(lambda v, p=p: put(setup, p, v), (1.0,), (1.0,))[1])
+            directions.append(jax.jvp(lambda v, p=p: set_parameter(setup, p, v), (1.0,), (1.0,))[1])
     for p, v in zip(parameters, values, strict=True):
         if not isinstance(p.where, Direction):
-            setup = put(setup, p, v)
+            setup = set_parameter(setup, p, v)
     if not directions:
         tangents = jax.tree.map(lambda a: jnp.zeros((0, *jnp.shape(a))), setup)
     else:
@@ -205,11 +205,11 @@ def replace_model(setup: Setup, model: Model) -> Setup:
     return still._replace(model=model)
 
 
-def put(setup: Setup, p: Parameter, value: Any) -> Setup:
+def set_parameter(setup: Setup, p: Parameter, value: Any) -> Setup:
     """The setup with a parameter's value in place; differentiable."""
     where = p.where
     if not isinstance(where, SetupPlace):
-        return setup._replace(model=where.put(setup.model, value))
+        return setup._replace(model=where.set_in(setup.model, value))
     if where.section == "start":
         start = dict(setup.start)
         start[where.index] = start[where.index].at[where.entry].set(value)

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.start import from_angles
 from dropper_jax.statics.static_pose import nodal_loads, settle
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import Stepper
-from fitting.channels.channel import Channel, Seen
+from fitting.channels.channel import Channel, SavedMotion
 
 
 class Reading(NamedTuple):
@@ -85,15 +85,15 @@ def begin(plan: Plan, setup: Setup, near: State) -> State:
 
 def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -> jax.Array:
     """Values (k, m) at times t (k,) [s] of rows y (S, m) at `first + i spacing`: cubics through four rows."""
-    place = (t - first) / spacing
-    i = jax.lax.stop_gradient(jnp.clip(jnp.floor(place) - 1, 0, y.shape[0] - 4)).astype(int)
-    u = place - i
+    row = (t - first) / spacing
+    i = jax.lax.stop_gradient(jnp.clip(jnp.floor(row) - 1, 0, y.shape[0] - 4)).astype(int)
+    u = row - i
     a, b, c, d = u, u - 1, u - 2, u - 3
     shares = (-b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6)
     return sum(share[:, None] * y[i + k] for k, share in enumerate(shares))
 
 
-def watched(
+def observe_channels(
     plan: Plan, setup: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
     """What the channels show at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
@@ -104,7 +104,7 @@ def watched(
     t = jnp.arange(plan.saves + 1) * spacing
     nodes = jax.vmap(lambda r, t: model.nodes(r, model.ends(t)))(jnp.concatenate([s.r[None], run.r]), t)
     early = (1 - plan.stepper.integrator.tension_time) / plan.every
-    seen = Seen(nodes, nodes[1:] - early * jnp.diff(nodes, axis=0), run.tension)
+    motion = SavedMotion(nodes, nodes[1:] - early * jnp.diff(nodes, axis=0), run.tension)
     shown = []
     for channel, reading, stamps in zip(plan.channels, setup.readings, times, strict=True):
         when = stamps
@@ -113,33 +113,33 @@ def watched(
             when = clock.rate * stamps - clock.delay
         when = jnp.maximum(when - reading.delay, 0.0)
         first = spacing * (1 - early) if channel.of_tension else jnp.zeros_like(spacing)
-        shown.append(reading.offset + reading.gain * at_times(channel.see(seen), first, spacing, when))
+        shown.append(reading.offset + reading.gain * at_times(channel.see(motion), first, spacing, when))
     return tuple(shown), s, run.first_bad[-1]
 
 
-def moved(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
+def shift_setup(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
     """The setup after so much (k,) of each direction."""
     return jax.tree.map(lambda a, d: a + jnp.tensordot(e, d, 1), setup, tangents)
 
 
-@kept(static=("plan",))
-def differentiated(
+@cached_jit(static=("plan",))
+def differentiate_channels(
     plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     """What the channels show, its derivatives (k, m, directions), the start, and the first failed step."""
     directions = jax.tree.leaves(tangents)[0].shape[0]
 
     def of(e: jax.Array) -> Any:
-        shown, s, bad = watched(plan, moved(setup, tangents, e), near, dt, times)
+        shown, s, bad = observe_channels(plan, shift_setup(setup, tangents, e), near, dt, times)
         return shown, (shown, s, bad)
 
     slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(directions, dt.dtype))
     return shown, slopes, s, bad
 
 
-@kept(static=("plan",))
-def shown(
+@cached_jit(static=("plan",))
+def simulate_channels(
     plan: Plan, setup: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
     """What the channels show, without derivatives."""
-    return watched(plan, setup, near, dt, times)
+    return observe_channels(plan, setup, near, dt, times)

@@ -38,11 +38,11 @@ class Noise:
     size: np.ndarray
     decay: np.ndarray
 
-    def kept(self, interval: np.ndarray) -> np.ndarray:
+    def lag_correlation(self, interval: np.ndarray) -> np.ndarray:
         """Share of a sample's noise in the next one (c,)."""
         return np.exp(-self.decay * interval)
 
-    def apart(self, other: Noise) -> float:
+    def max_relative_difference(self, other: Noise) -> float:
         """Largest relative difference of two noises' sizes; infinite where one remembers and the other does not."""
         same = np.array_equal(np.isfinite(self.decay), np.isfinite(other.decay))
         return float(np.abs(np.log(self.size / other.size)).max()) if same else np.inf
@@ -95,11 +95,11 @@ class Evaluation(NamedTuple):
 
 def first_noise(data: Data, floors: np.ndarray) -> Noise:
     """What the data's file says of each channel, else what differences of high order say."""
-    sizes = [s.noise if s.noise is not None else _told(data, c) for c, s in enumerate(data.sensors)]
+    sizes = [s.noise if s.noise is not None else _difference_noise(data, c) for c, s in enumerate(data.sensors)]
     return Noise(np.maximum(sizes, floors), np.full(len(sizes), np.inf))
 
 
-def _told(data: Data, channel: int) -> float:
+def _difference_noise(data: Data, channel: int) -> float:
     """Deviation of white noise on a smooth motion, by differences of high order."""
     values = [run.values[channel] for run in data.runs]
     sizes = np.concatenate([noise_by_differences(y) for y in values])
@@ -153,14 +153,14 @@ def _size_of(r: np.ndarray, loss: Loss) -> float:
     size is taken, the less is left. Weight times square, which stays, is taken there.
     """
     if not isinstance(loss, StudentT):
-        pull = loss.weights(r) * r
-        return float(pull @ pull) / loss.spread
+        score = loss.weights(r) * r
+        return float(score @ score) / loss.spread
     nodes, weights = np.polynomial.hermite_e.hermegauss(80)
     normal = float(weights @ (loss.weights(nodes) * nodes**2) / weights.sum())
     return float(loss.weights(r) @ r**2) / normal
 
 
-def told(
+def estimate_noise(
     data: Data,
     e: Evaluation,
     noise: Noise,

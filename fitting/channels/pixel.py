@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.channels.channel import Channel, Context, Seen
+from fitting.channels.channel import Channel, Context, SavedMotion
 from fitting.channels.place import Node, Where, node_of
-from fitting.channels.position import place_at
+from fitting.channels.position import position_at
 
 
 def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: np.ndarray) -> np.ndarray:
@@ -52,8 +52,8 @@ class Pixel(Channel):
         matrix = context.projections[common["camera"]]
         return cls(**common, node=node_of(context.scene, where, context.path), matrix=matrix)
 
-    def see(self, seen: Seen) -> jax.Array:
-        place = place_at(seen.nodes, self.node)
+    def see(self, motion: SavedMotion) -> jax.Array:
+        position = position_at(motion.nodes, self.node)
         matrix = np.array(self.matrix)
-        seen_at = place @ matrix[:, :3].T + matrix[:, 3]
+        seen_at = position @ matrix[:, :3].T + matrix[:, 3]
         return seen_at[:, :2] / jnp.where(seen_at[:, 2:] == 0, 1.0, seen_at[:, 2:])

@@ -10,13 +10,13 @@ import jax
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import read_list, read_text
-from fitting.channels.channel import Channel, Context, Seen
+from fitting.channels.channel import Channel, Context, SavedMotion
 from fitting.channels.place import Node, Where, node_of
 
 AXES = ("x", "y", "z")
 
 
-def place_at(nodes: jax.Array, node: Node) -> jax.Array:
+def position_at(nodes: jax.Array, node: Node) -> jax.Array:
     """Where the sensor is (times, 3) [m]."""
     first = nodes[:, node.first]
     return first if node.share == 0 else first + node.share * (nodes[:, node.second] - first)
@@ -44,8 +44,8 @@ class Position(Channel):
             )
         return cls(**common, node=node_of(context.scene, where, context.path), axes=axes)
 
-    def see(self, seen: Seen) -> jax.Array:
-        return place_at(seen.nodes, self.node)[:, list(self.axes)]
+    def see(self, motion: SavedMotion) -> jax.Array:
+        return position_at(motion.nodes, self.node)[:, list(self.axes)]
 
 
 @dataclass(frozen=True)
@@ -61,5 +61,5 @@ class Depth(Channel):
     def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
         return cls(**common, node=node_of(context.scene, where, context.path))
 
-    def see(self, seen: Seen) -> jax.Array:
-        return -place_at(seen.nodes, self.node)[:, 2:]
+    def see(self, motion: SavedMotion) -> jax.Array:
+        return -position_at(motion.nodes, self.node)[:, 2:]

@@ -17,8 +17,8 @@ from dropper_jax.run.build import build_model, equal_steps
 from dropper_jax.run.start import initial_state
 from dropper_jax.stepping.stepper import Stepper
 from fitting.channels.data import Data
-from fitting.channels.free import SetupPlace, placed
-from fitting.channels.motion import Plan, differentiated
+from fitting.channels.free import SetupPlace, setup_with_directions
+from fitting.channels.motion import Plan, differentiate_channels
 from fitting.channels.noise import Evaluation, Noise, lag_one, rows_of
 from fitting.estimate.noise import correlates
 from fitting.estimate.problem import Residuals, Solution, Timing
@@ -122,13 +122,13 @@ class Problem(Residuals):
         return self.halved > MOST_HALVED
 
     @property
-    def held(self) -> np.ndarray:
+    def held_mask(self) -> np.ndarray:
         """Which parameters are held, or have no room (p,)."""
-        return super().held | np.array([not p.low < p.high for p in self.parameters], bool)
+        return super().held_mask | np.array([not p.low < p.high for p in self.parameters], bool)
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """By how much one step may change the parameters (p,), both ways: by a factor where they keep their sign."""
-        return tuple(np.where(self.held, 0.0, end) for end in room(self, values))
+        return tuple(np.where(self.held_mask, 0.0, end) for end in room(self, values))
 
     def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
         """The parameters (p,) after a step."""
@@ -154,8 +154,8 @@ class Problem(Residuals):
 
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours in each channel (c,); whether that of any is real."""
-        pull = (point.weights * point.evaluation.residual).ravel()
-        rho, sure = np.array([lag_one(point.evaluation.rows, c, pull) for c in range(len(self.data.sensors))]).T
+        force = (point.weights * point.evaluation.residual).ravel()
+        rho, sure = np.array([lag_one(point.evaluation.rows, c, force) for c in range(len(self.data.sensors))]).T
         return rho, correlates(np.abs(rho), sure)
 
     def failure(self, evaluation: Evaluation) -> str:
@@ -206,29 +206,31 @@ class Problem(Residuals):
     def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
         """What all runs show at these values (p,), with derivatives."""
         near = self.near if starts is None else starts
-        shown, slopes, begun, failed, unstable = [], [], [], "", False
+        shown, slopes, started, failed, unstable = [], [], [], "", False
         for run, scene in enumerate(self.scenes):
             mine = list(self.of_run[run])
             try:
-                at = placed(scene, self.data, self.plain[run], values[mine])
+                at = setup_with_directions(scene, self.data, self.plain[run], values[mine])
             except SceneError as error:  # such as a pose that does not exist
                 return Evaluation((), (), tuple(near), f"{self.data.runs[run].name}: {error}")
             dt = jnp.asarray(self.dt, at.setup.model.dtype)
-            times = self._padded(run, dt.dtype)
-            seen, slope, start, bad = differentiated(self.plan(run), at.setup, at.tangents, near[run], dt, times)
-            if int(bad) >= 0 or not all(np.isfinite(y).all() for y in seen):
+            times = self._pad_stamps(run, dt.dtype)
+            motion, slope, start, bad = differentiate_channels(
+                self.plan(run), at.setup, at.tangents, near[run], dt, times
+            )
+            if int(bad) >= 0 or not all(np.isfinite(y).all() for y in motion):
                 when = f"step {int(bad) + 1} at {(int(bad) + 1) * self.dt:g} s" if int(bad) >= 0 else "the start"
                 failed = failed or f"{self.data.runs[run].name}: {when} did not solve"
             elif not all(np.abs(s).max(initial=0.0) < LARGEST for s in slope):
                 unstable = True
                 failed = failed or f"{self.data.runs[run].name}: derivatives grow without bound, the motion is chaotic"
             counts = [len(t) for t in self.data.runs[run].t]
-            shown.append(tuple(np.asarray(y)[:n] for y, n in zip(seen, counts, strict=True)))
+            shown.append(tuple(np.asarray(y)[:n] for y, n in zip(motion, counts, strict=True)))
             slopes.append(tuple(self._spread(np.asarray(s)[:n], mine) for s, n in zip(slope, counts, strict=True)))
-            begun.append(start)
-        return self.with_rows(Evaluation(tuple(shown), tuple(slopes), tuple(begun), failed, unstable))
+            started.append(start)
+        return self.with_rows(Evaluation(tuple(shown), tuple(slopes), tuple(started), failed, unstable))
 
-    def _padded(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
+    def _pad_stamps(self, run: int, dtype: jnp.dtype) -> tuple[jax.Array, ...]:
         """Stamps of a run's channels, the last one repeated up to the longest run's count."""
         found = []
         for channel, t in enumerate(self.data.runs[run].t):

@@ -55,7 +55,7 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
         SceneError: one line with the path, the value and what is allowed.
     """
     if not isinstance(source, Mapping):
-        folder, source = folder or Path(source).parent, parsed(Path(source))
+        folder, source = folder or Path(source).parent, parse_file(Path(source))
     check_keys(source, ("run", "channel", "camera", "motion"), "")
     cameras = tuple(read_camera(table, f"camera.{i}") for i, table in enumerate(tables_of(source, "camera")))
     check_once([c.name for c in cameras], "camera")
@@ -77,7 +77,7 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
     return Data(sensors, cameras, runs)
 
 
-def parsed(path: Path) -> dict[str, Any]:
+def parse_file(path: Path) -> dict[str, Any]:
     try:
         return parsed_toml(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -11,7 +11,7 @@ from dropper_jax.base.json_values import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.between import Between
 from fitting.channels.errors import Errors
-from fitting.channels.free import placed
+from fitting.channels.free import setup_with_directions
 from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.parameters.fitted import fitted_scene
@@ -51,7 +51,7 @@ class ChannelFit(SceneFit):
         """The scene of a run with the fitted values in it; what runs have of their own is that run's."""
         problem = self.solution.problem
         mine = list(problem.of_run[run])
-        at = placed(problem.scenes[run], problem.data, problem.plain[run], self.values[mine])
+        at = setup_with_directions(problem.scenes[run], problem.data, problem.plain[run], self.values[mine])
         return fitted_scene(problem.scenes[run], at.setup.model, problem.plain[run], self.values[mine])
 
     def channels(self) -> list[dict[str, Any]]:
@@ -74,7 +74,9 @@ class ChannelFit(SceneFit):
                     "noise": float(point.problem.noise.size[c]),
                     "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
-                    "kept": float(point.problem.noise.kept(np.full(len(point.problem.noise.size), interval))[c]),
+                    "kept": float(
+                        point.problem.noise.lag_correlation(np.full(len(point.problem.noise.size), interval))[c]
+                    ),
                     "correlation": float(self.errors.correlation_1[c]),
                 }
             )

@@ -82,7 +82,7 @@ def read_run(
         times.append(found.t[keep])
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
-    own.update(_moved(files, motions, scene, path))
+    own.update(_recorded_motions(files, motions, scene, path))
     return Run(name_of(table, path, default), tuple(times), tuple(values), own)
 
 
@@ -122,7 +122,7 @@ def _find(files: Sequence[Columns], columns: Sequence[str], what: str) -> Column
     raise SceneError(f"{what}: column {missing!r} is in no file with the others; {nearest(missing, known)}")
 
 
-def _moved(
+def _recorded_motions(
     files: Sequence[Columns], motions: tuple[tuple[str, tuple[str, ...], str], ...], scene: SceneData, path: str
 ) -> dict[str, Any]:
     """Values of the scene by which held points move as measured."""

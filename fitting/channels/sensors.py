@@ -22,7 +22,7 @@ from fitting.channels.tension import Tension
 
 KINDS: dict[str, type[Channel]] = {cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth)}
 COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
-PLACES = ("line", "link", "node", "end", "at", "point")
+LOCATIONS = ("line", "link", "node", "end", "at", "point")
 
 
 def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
@@ -51,7 +51,7 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
     if "kind" not in table:
         raise SceneError(f"{path}.kind: missing; needed: {', '.join(KINDS)}")
     cls = KINDS[read_text(table["kind"], f"{path}.kind", KINDS)]
-    check_keys(table, (*COMMON, *PLACES, *cls.KEYS), path)
+    check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
     names = [camera.name for camera in cameras]
     camera = table.get("camera")
     if camera is not None and camera not in names:

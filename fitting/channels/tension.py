@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import jax
 
 from dropper_jax.base.numerics import safe_norm
-from fitting.channels.channel import Channel, Context, Seen
+from fitting.channels.channel import Channel, Context, SavedMotion
 from fitting.channels.place import Where, ends_at, link_of
 
 
@@ -33,11 +33,11 @@ class Tension(Channel):
             return cls(**common, link=ends[0][2])
         return cls(**common, ends=ends)
 
-    def see(self, seen: Seen) -> jax.Array:
+    def see(self, motion: SavedMotion) -> jax.Array:
         if not self.ends:
-            return seen.tension[:, self.link, None]
+            return motion.tension[:, self.link, None]
         total = 0.0
         for node, inner, link in self.ends:
-            d = seen.middle[:, inner] - seen.middle[:, node]
-            total = total + (seen.tension[:, link] / safe_norm(d))[:, None] * d
+            d = motion.middle[:, inner] - motion.middle[:, node]
+            total = total + (motion.tension[:, link] / safe_norm(d))[:, None] * d
         return safe_norm(total)[:, None]

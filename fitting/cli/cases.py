@@ -9,7 +9,7 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.codes import FAILED, OK
-from dropper_jax.cli.options import add_json, add_quiet, output_folder, whole_number
+from dropper_jax.cli.options import add_json, add_quiet, output_folder, positive_integer
 from dropper_jax.cli.output import failure_object, listing, print_json, print_line, print_result, progress
 
 name = "cases"
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resume", action="store_true", help="go on with the runs that the folder holds already")
     parser.add_argument("--list", action="store_true", help="only say which cases there are")
     parser.add_argument("--print", action="store_true", help="only print the site's file, to keep and edit")
-    parser.add_argument("--workers", type=whole_number, metavar="N", help="processes (default: one per core)")
+    parser.add_argument("--workers", type=positive_integer, metavar="N", help="processes (default: one per core)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run the cases")
     add_json(parser)
     add_quiet(parser)
@@ -93,8 +93,8 @@ def text(found: dict[str, Any], files: dict[str, Path]) -> str:
     pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} were there before")]
     for part in found["parts"]:
         row = part["worst"]
-        told = "no run" if row is None else f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
-        pairs.append((part["part"], told))
+        worst = "no run" if row is None else f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
+        pairs.append((part["part"], worst))
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
     verdict = "all limits hold" if found["passes"] else "not all limits hold"
     return "\n\n".join(p for p in (listing(pairs), flags, f"{verdict}: {files['page']}") if p)

@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = list(known.values()) if "all" in args.names else [figure_of(name) for name in dict.fromkeys(args.names)]
     if len(chosen) > 1 and target.suffix:
         raise SceneError(f"--plot: {args.plot!r} is one file for {len(chosen)} figures; allowed: a folder")
-    measured = _measured(args.traces) if args.traces else None
+    measured = _read_measured(args.traces) if args.traces else None
 
     from dropper_jax.run.simulate import simulate
 
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     return OK
 
 
-def _measured(file: str) -> tuple:
+def _read_measured(file: str) -> tuple:
     """Times [s] and angles [rad] from the horizontal, positive downwards."""
     from fitting.traces.trace import read_trace
 

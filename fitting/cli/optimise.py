@@ -36,17 +36,17 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.base.json_values import jsonable
     from dropper_jax.effects import register_installed
-    from fitting.optimise.run import checked, optimise, read_problem
+    from fitting.optimise.run import check_derivatives, optimise, read_problem
     from fitting.site import read_site
 
     register_installed()
     site = read_site(args.site)
     say = progress(args.quiet) or silent
     if args.check:
-        worst = checked(read_problem(site), say)
+        worst = check_derivatives(read_problem(site), say)
         say(1.0, "ok")
-        told = {"schema": 1, "status": "ok", "check": worst}
-        print_json(jsonable(told)) if args.json else print(f"derivatives agree with differences to {worst:.1e}")
+        check_result = {"schema": 1, "status": "ok", "check": worst}
+        print_json(jsonable(check_result)) if args.json else print(f"derivatives agree with differences to {worst:.1e}")
         return OK
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
@@ -82,8 +82,8 @@ def text(found: Optimum) -> str:
     limits = [("constraint, met up to 1", "before", "after", "1 % more of it gives")]
     for label, (a, b) in found.constraints.items():
         price = found.prices.get(label) if known else None
-        told = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
-        limits.append((label, f"{a:.3f}", f"{b:.3f}", told))
+        price_text = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
+        limits.append((label, f"{a:.3f}", f"{b:.3f}", price_text))
     assumed = [("1 % more of", "objective")]
     assumed += [(n, f"{c:+.3g}" if known else "not known: no optimum") for n, c in found.assumptions.items()]
     apart = "windows and whole runs were not compared, for the start is the best"

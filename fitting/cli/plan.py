@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         args.free.split(","),
         durations=_numbers("duration", args.duration),
         noises=_numbers("noise", args.noise),
-        wanted=None if args.wanted is None else args.wanted.split(","),
+        requested=None if args.wanted is None else args.wanted.split(","),
         gap_weight=None if args.gap_weight is None else _numbers("gap-weight", args.gap_weight)[0],
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet) or silent,

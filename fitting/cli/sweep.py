@@ -37,7 +37,7 @@ help = "run a grid of cases in batches and keep the results in a Zarr folder"
 #: Options that stand for a value of the scene.
 OVERRIDES = ("integrator", "solver", "dt", "duration", "dtype")
 #: Quantities of `fitting.sweep`, which imports JAX.
-KEPT = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
+DEFAULT_QUANTITIES = ("tension_max", "tension_mean", "tension_min", "angle_max", "excursion", "energy_final")
 #: Most values of one path.
 MOST_VALUES = 10_000_000
 #: Tables of a scene whose values are no parameters of a fit.
@@ -59,7 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", required=True, metavar="FOLDER.zarr", help="results; a part that is there is kept")
     parser.add_argument("--plot", metavar="DIR", help="write a picture of every quantity over what is varied")
     parser.add_argument(
-        "--quantities", metavar="NAMES", help=f"what to keep: {', '.join(KEPT)} (default: all; with --trace none)"
+        "--quantities",
+        metavar="NAMES",
+        help=f"what to keep: {', '.join(DEFAULT_QUANTITIES)} (default: all; with --trace none)",
     )
     parser.add_argument("--traces", action="store_true", help="also keep positions and tensions at every saved time")
     parser.add_argument(

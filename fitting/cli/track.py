@@ -85,14 +85,14 @@ def run(args: argparse.Namespace) -> int:
             radius=args.radius,
             bright=None if args.marker is None else args.marker == "bright",
             first=args.first,
-            start=None if args.start is None else [place(text) for text in args.start],
+            start=None if args.start is None else [pixel(text) for text in args.start],
             fps=args.fps,
             begin=args.begin,
             end=args.end,
             progress=progress(args.quiet),
         )
     except AmbiguousOrderError as error:
-        return undecided(error, args, out.with_name(f"{out.stem}-orders.png"))
+        return report_ambiguous(error, args, out.with_name(f"{out.stem}-orders.png"))
     print_warnings(tracked.warnings)
     write_trace(out, tracked.trace, notes(tracked))
     if positions:
@@ -105,14 +105,14 @@ def run(args: argparse.Namespace) -> int:
     return OK if tracked.status == "ok" else FAILED
 
 
-def undecided(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
+def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Show the orders that the film allows; no trace is written."""
     from fitting.tracking.alternatives import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
     message = f"{error}; {shown} are drawn in {picture}"
-    orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in places] for places in error.orders]
+    orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
     found = {"schema": 1, "status": "ambiguous_order", "error": message, "frame": error.frame, "orders": orders}
     print_result(args.json, {**found, "picture": str(picture)}, f"ambiguous_order: see {picture}")
     print_line(f"error: {message}")
@@ -137,7 +137,7 @@ def board_size(text: str) -> tuple[int, int]:
     return int(columns), int(rows)
 
 
-def place(text: str) -> tuple[float, float]:
+def pixel(text: str) -> tuple[float, float]:
     """A pixel of `x,y`."""
     try:
         x, y = (float(part) for part in text.split(","))
@@ -153,14 +153,14 @@ def write_positions(tracked: Tracked, path: Path) -> Path:
     """
     from dropper_jax.base.files import atomic_write
 
-    nodes = tracked.seen.shape[1]
+    nodes = tracked.detected.shape[1]
     text = io.StringIO()
     text.write(f"# unit={'m' if tracked.scaled else 'pixel'}, x=right, z=up, zero=node 0 in the first frame\n")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["t", *(f"{stem}_{k}" for k in range(nodes) for stem in ("x", "z", "seen")), "marked"])
-    rows = zip(tracked.trace.t, tracked.metres, tracked.seen, tracked.marks.frames, strict=True)
-    for t, places, seen, marked in rows:
-        cells = [(f"{x:.7g}", f"{z:.7g}", int(s)) for (x, z), s in zip(places, seen, strict=True)]
+    rows = zip(tracked.trace.t, tracked.metres, tracked.detected, tracked.marks.frames, strict=True)
+    for t, positions, seen, marked in rows:
+        cells = [(f"{x:.7g}", f"{z:.7g}", int(s)) for (x, z), s in zip(positions, seen, strict=True)]
         writer.writerow([f"{t:.9g}", *(cell for node in cells for cell in node), int(marked)])
     return atomic_write(path, text.getvalue())
 

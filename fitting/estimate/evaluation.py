@@ -42,7 +42,7 @@ class Evaluation(NamedTuple):
         return Starts(self.start[:, :n], self.start[:, n:])
 
 
-def trusted(e: Evaluation) -> Evaluation:
+def drop_wild(e: Evaluation) -> Evaluation:
     """The evaluation with no derivative, and one failed step more, where a window's is beyond all measure."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
     moving = size[size > 0]  # windows without samples have no derivative

@@ -14,7 +14,7 @@ import numpy as np
 
 from fitting.estimate.block_tridiagonal import Factor
 from fitting.estimate.evaluation import Evaluation
-from fitting.estimate.normal_equations import Normal, Prior, Step, reduced
+from fitting.estimate.normal_equations import Normal, Prior, Step, reduce_step
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart, wrap
@@ -89,7 +89,7 @@ def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarr
     A = normal.A + (damping * diagonal + 1e-13 * diagonal.max())[:, :, None] * np.eye(diagonal.shape[1])
     factor = Factor(A, system.below)
     solved = factor.solve(np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    step, slope = reduced(normal, solved, damping, prior, low, high)
+    step, slope = reduce_step(normal, solved, damping, prior, low, high)
     # at the exact minimum of the damped model: decrease = -(slope)/2, plus what the damping holds back
     held = damping * (float(np.sum(diagonal * step.dz**2)) + float(np.diag(step.information) @ step.dp**2))
     return step._replace(predicted=-0.5 * slope + 0.5 * held, log_determinant=factor.log_determinant)

@@ -187,7 +187,7 @@ def descend(
         count: evaluations made before, of `iterations`.
     """
     problem = objective.problem
-    gradient = problem.descent is not None and not problem.held.all()
+    gradient = problem.descent is not None and not problem.held_mask.all()
     mover = problem.descent.mover(objective, count) if gradient else DampedSteps(objective, iterations, count)
     return minimise(objective, begin, mover, progress)
 

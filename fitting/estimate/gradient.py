@@ -27,7 +27,7 @@ import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.evaluation import Evaluation
 from fitting.estimate.gauss_newton import Point, Separate, fit_windows, minimise
@@ -51,7 +51,7 @@ LOSSES, SETTINGS = ("angles", "spectrum"), ("optimizer", "learning_rate", "steps
 ARRIVED = 0.05
 #: The same on the way through the gap weights, as a part of what Gauss-Newton steps may leave there: their last step
 #: leaves far less, and the evidence must be theirs to choose the same weight.
-ON_THE_WAY = 0.25
+INTERMEDIATE = 0.25
 #: Steps of adam from one start of its cosine decay to the next (Loshchilov and Hutter 2017).
 CYCLE = 20
 #: Least distance along a coordinate, as a part of that along all of them.
@@ -178,8 +178,8 @@ class GradientSteps:
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
         objective = self.objective
-        little = objective.little() * (ON_THE_WAY if objective.close > ARRIVED**2 else 1.0)
-        return moved < max(ON_THE_WAY * objective.close, ARRIVED**2) and decrease < little
+        little = objective.little() * (INTERMEDIATE if objective.close > ARRIVED**2 else 1.0)
+        return moved < max(INTERMEDIATE * objective.close, ARRIVED**2) and decrease < little
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
         problem = self.objective.problem
@@ -187,8 +187,8 @@ class GradientSteps:
             self.first = point.cost
         if self.taken == self.descent.steps or newton is None:
             return None
-        free = ~problem.held & ~_at_bound(point.values, newton, *problem.bounds(point.values))
-        if self.x is None or self.x.outdated(newton, free):
+        free = ~problem.held_mask & ~_at_bound(point.values, newton, *problem.bounds(point.values))
+        if self.x is None or self.x.is_outdated(newton, free):
             self.x = Coordinates(self.descent, point.values, newton, free)
         found = self._next(point, newton)
         if found is None and self.x.taken > 1:  # what it remembers of other steps misleads it
@@ -272,7 +272,7 @@ class Coordinates:
         """A gradient by the coordinates."""
         return solve_triangular(self.root, gradient[self.free], lower=True)
 
-    def outdated(self, newton: Step, free: np.ndarray) -> bool:
+    def is_outdated(self, newton: Step, free: np.ndarray) -> bool:
         """Whether the information, or what is free, is no longer that of these coordinates, or a cycle is over."""
         if not np.array_equal(free, self.free) or (self.descent.name == "adam" and self.taken == CYCLE):
             return True
@@ -296,7 +296,7 @@ class Coordinates:
         return found
 
 
-@kept(static=("name",))
+@cached_jit(static=("name",))
 def _update(name: str, gradient: jax.Array, state: Any, x: jax.Array) -> tuple[jax.Array, Any]:
     return OPTIMIZERS[name].update(gradient, state, x)
 

@@ -100,6 +100,6 @@ def loss_of(huber: float | None, student: bool = False) -> Loss:
     return StudentT() if student else LEAST_SQUARES if huber is None else Huber(huber)
 
 
-def begun_with(loss: Loss) -> Loss:
+def initial_loss(loss: Loss) -> Loss:
     """The loss to begin with: one of a single minimum."""
     return Huber(BEFORE_STUDENT) if isinstance(loss, StudentT) else loss

@@ -12,7 +12,7 @@ from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.stepping.integrate import failed as unsolved
+from dropper_jax.stepping.integrate import step_failed as unsolved
 from dropper_jax.stepping.step import step
 from dropper_jax.stepping.stepper import Stepper
 from fitting.traces import planar
@@ -27,7 +27,7 @@ def march(
     model: Model,
     s: State,
     dt: jax.Array,
-    room: int,
+    capacity: int,
     substeps: jax.Array,
     steps: jax.Array | int,
     counted: jax.Array | int | None = None,
@@ -41,7 +41,7 @@ def march(
     """
     counted = steps if counted is None else counted
     if isinstance(stepper.integrator, ProjectedRungeKutta):
-        return _held(stepper, model, s, dt, room, substeps)
+        return _march_controlled(stepper, model, s, dt, capacity, substeps)
 
     def part(i: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
         s, bad = carry
@@ -50,19 +50,19 @@ def march(
 
     put = jax.lax.dynamic_update_index_in_dim
 
-    def whole(i: int, carry: tuple[tuple[State, jax.Array], jax.Array, jax.Array]) -> tuple[Any, ...]:
+    def full_interval(i: int, carry: tuple[tuple[State, jax.Array], jax.Array, jax.Array]) -> tuple[Any, ...]:
         carry, r, v = carry
         carry = jax.lax.fori_loop(0, substeps, lambda _, carry: part(i, carry), carry)
         return carry, put(r, carry[0].r, i, 0), put(v, carry[0].v, i, 0)
 
     first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
     # what is not reached stays at the first pose: a link of no length would have no angle, nor a finite derivative
-    shelf = lambda a: jnp.broadcast_to(a, (room, *a.shape))  # noqa: E731
-    (_, bad), r, v = jax.lax.fori_loop(0, steps, whole, (first, shelf(first[0].r), shelf(first[0].v)))
+    shelf = lambda a: jnp.broadcast_to(a, (capacity, *a.shape))  # noqa: E731
+    (_, bad), r, v = jax.lax.fori_loop(0, steps, full_interval, (first, shelf(first[0].r), shelf(first[0].v)))
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
 
 
-def _held(
+def _march_controlled(
     stepper: Stepper, model: Model, s: State, dt: jax.Array, steps: int, substeps: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order

@@ -46,7 +46,7 @@ class Noise:
     delay: np.ndarray
 
     @classmethod
-    def claimed(cls, runs: int, links: int) -> Noise:
+    def as_claimed(cls, runs: int, links: int) -> Noise:
         """What the traces claim."""
         return cls(np.ones((runs, links)), np.full((runs, links), np.inf), np.zeros(runs))
 
@@ -55,7 +55,7 @@ class Noise:
         """`white`, `correlated` or `jitter`."""
         return "correlated" if np.isfinite(self.decay).any() else "jitter" if self.delay.any() else "white"
 
-    def put(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
+    def apply_to(self, windows: Windows, traces: Sequence[Trace]) -> Windows:
         """Windows of the claimed noise with this one."""
         run = windows.run
         weight = windows.weight / self.factor[run][:, None, :]
@@ -63,14 +63,14 @@ class Noise:
         jitter = weight * self.delay[run][:, None, None] * rates(windows, traces) if self.delay.any() else None
         return replace(windows, weight=weight, decay=decay, jitter=jitter)
 
-    def apart(self, other: Noise) -> float:
+    def max_relative_difference(self, other: Noise) -> float:
         """Largest relative difference of two noises' parts."""
         share = lambda a, b: np.max(np.abs(np.log((a + 1e-9) / (b + 1e-9))), initial=0.0)  # noqa: E731
-        memory = np.max(np.abs(kept(self.decay) - kept(other.decay)), initial=0.0)
+        memory = np.max(np.abs(lag_correlation(self.decay) - lag_correlation(other.decay)), initial=0.0)
         return float(max(share(self.factor, other.factor), memory, 0.5 * share(self.delay, other.delay)))
 
 
-def kept(decay: np.ndarray) -> np.ndarray:
+def lag_correlation(decay: np.ndarray) -> np.ndarray:
     """Share of its noise that a sample hands on to one a sixtieth of a second later."""
     return np.exp(-decay / 60.0)
 

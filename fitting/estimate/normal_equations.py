@@ -108,16 +108,16 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
     if ((free >= low) & (free <= high)).all():
         return free
     fixed = high - low <= 0
-    room = np.where(fixed, 1.0, high)
+    step_range = np.where(fixed, 1.0, high)
     found = lsq_linear(
-        lower.T[:, ~fixed], target, (low[~fixed] / size[~fixed], room[~fixed] / size[~fixed]), "bvls", tol=1e-14
+        lower.T[:, ~fixed], target, (low[~fixed] / size[~fixed], step_range[~fixed] / size[~fixed]), "bvls", tol=1e-14
     )
     step = np.zeros_like(size)
     step[~fixed] = np.clip(found.x * size[~fixed], low[~fixed], high[~fixed])
     return step
 
 
-def reduced(
+def reduce_step(
     normal: Normal, solved: np.ndarray, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray
 ) -> tuple[Step, float]:
     """The step with the starts eliminated, its predicted decrease still to be found, and the cost's slope along it.
@@ -141,7 +141,7 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     floor = 1e-12 * diagonal.max(initial=0.0) + 1e-300
     A = normal.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
     solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    step, slope = reduced(normal, solved, damping, prior, low, high)
+    step, slope = reduce_step(normal, solved, damping, prior, low, high)
     dp, dz = step.dp, step.dz
     curvature = normal.C + prior.curvature
     square = (

@@ -48,17 +48,17 @@ class Chains(Posterior):
 
     Attributes:
         rhat: R-hat of every parameter (k,).
-        told: effective draws of the parameter that has fewest.
+        fewest_draws: effective draws of the parameter that has fewest.
         divergent: leaps whose energy went astray.
     """
 
     rhat: np.ndarray | None = None
-    told: float = 0.0
+    fewest_draws: float = 0.0
     divergent: int = 0
 
     @property
     def effective(self) -> float:
-        return self.told
+        return self.fewest_draws
 
     def to_json(self) -> dict[str, Any]:
         found = super().to_json()
@@ -72,8 +72,8 @@ class Chains(Posterior):
             found.append(f"posterior: R-hat is {np.max(self.rhat):.3g}, the chains do not agree (allowed: {AGREE})")
         if self.divergent:
             found.append(f"posterior: {self.divergent} leaps diverged; its tails may be missed")
-        if self.told < ENOUGH:
-            found.append(f"posterior: {self.told:.0f} effective draws; its quantiles are rough below {ENOUGH}")
+        if self.fewest_draws < ENOUGH:
+            found.append(f"posterior: {self.fewest_draws:.0f} effective draws; its quantiles are rough below {ENOUGH}")
         return found
 
 
@@ -91,17 +91,17 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
     except ImportError:
         raise SceneError("sampler: 'nuts' needs blackjax; pip install 'dropper-jax[posterior]'") from None
     _check(solution)
-    free = np.flatnonzero(~solution.problem.held)
+    free = np.flatnonzero(~solution.problem.held_mask)
     target = Density(solution, free)
-    place, density = target.place, target.function()
+    to_moves, density = target.to_moves, target.function()
 
-    kernel, unit = blackjax.nuts.build_kernel(), jnp.ones(len(place))
+    kernel, unit = blackjax.nuts.build_kernel(), jnp.ones(len(to_moves))
     begin, learn, learnt = dual_averaging_adaptation(ACCEPTED)
 
     @jax.jit
     def chain(key: jax.Array) -> tuple[jax.Array, jax.Array]:
         first, warm, run = jax.random.split(key, 3)
-        state = blackjax.nuts.init(0.5 * jax.random.normal(first, (len(place),)), density)
+        state = blackjax.nuts.init(0.5 * jax.random.normal(first, (len(to_moves),)), density)
 
         def find(carry: Any, key: jax.Array) -> tuple[Any, None]:
             state, leap = carry
@@ -113,7 +113,7 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
 
         def once(state: Any, key: jax.Array) -> tuple[Any, tuple[jax.Array, jax.Array]]:
             state, info = kernel(key, state, density, length, unit)
-            return state, (state.position @ jnp.asarray(place[:, -len(free) :]), info.is_divergent)
+            return state, (state.position @ jnp.asarray(to_moves[:, -len(free) :]), info.is_divergent)
 
         _, (found, divergent) = jax.lax.scan(once, state, jax.random.split(run, draws))
         return found, divergent
@@ -135,14 +135,14 @@ def nuts(solution: Solution, draws: int = 200, seed: int = 0, progress: Progress
         np.full(len(points), 1 / len(points)),
         0.0,
         rhat=np.atleast_1d(np.asarray(potential_scale_reduction(several))),
-        told=float(np.min(np.asarray(effective_sample_size(several)))),
+        fewest_draws=float(np.min(np.asarray(effective_sample_size(several)))),
         divergent=diverged,
     )
 
 
 def _check(solution: Solution) -> None:
     problem = solution.problem
-    if not (~problem.held).any():
+    if not (~problem.held_mask).any():
         raise SceneError("posterior: no parameter is free; allowed: at least one")
     noise = problem.noise
     if (noise is not None and noise.kind != "white") or problem.loss != LEAST_SQUARES:
@@ -175,7 +175,7 @@ class Density:
     """The log density of y, whose gradient comes with it from the windows' own derivatives.
 
     Attributes:
-        place: (d, d), y @ place are the moves of starts and free parameters.
+        to_moves: (d, d), y @ to_moves are the moves of starts and free parameters.
     """
 
     def __init__(self, solution: Solution, free: np.ndarray) -> None:
@@ -183,22 +183,22 @@ class Density:
         self.problem, self.free, self.values = problem, free, solution.values
         self.unit = solution.chi2 / degrees_of_freedom(solution) * max(uncertainty(solution).inflation, 1.0) ** 2
         lower = cholesky(hessian(solution, free) / self.unit, lower=True)
-        self.place = solve_triangular(lower, np.eye(len(lower)), lower=True)
+        self.to_moves = solve_triangular(lower, np.eye(len(lower)), lower=True)
         self.start = jnp.asarray(solution.starts.theta), jnp.asarray(solution.starts.omega)
         self.basis = jnp.asarray(chart(simulator.model_at(solution.values), solution.starts.theta))
         self.follows = np.flatnonzero(windows.follows & (solution.gap_weight is not None))
         scale = np.repeat(GAP_SCALE, self.basis.shape[2]) * level_weight(solution)
         self.scale = windows.gap_shares[:, None] * scale if len(self.follows) else scale[None]
         counts = windows.step_counts.astype(np.int32)
-        seen = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows), counts)
-        self.seen = tuple(jnp.asarray(a) for a in seen)
+        inputs = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows), counts)
+        self.inputs = tuple(jnp.asarray(a) for a in inputs)
         # the programs may know more parameters than these
-        self.known, self.where = simulator.whole(solution.values)
+        self.all_values, self.where = simulator.all_values(solution.values)
         columns = np.concatenate([np.arange(simulator.freedoms), simulator.freedoms + self.where])
-        self.seeds = jnp.asarray(np.eye(simulator.freedoms + len(self.known))[columns])
+        self.seeds = jnp.asarray(np.eye(simulator.freedoms + len(self.all_values))[columns])
         self.counts = jnp.int32(windows.substeps), jnp.int32(windows.steps)
         on_grid = not windows.fraction.any()
-        settings = {"stepper": simulator.stepper.plain, "dt": windows.dt, "room": windows.steps, "on_grid": on_grid}
+        settings = {"stepper": simulator.stepper.plain, "dt": windows.dt, "capacity": windows.steps, "on_grid": on_grid}
         self.window = partial(simulator.window, **settings)
 
     def function(self) -> Callable[[jax.Array], jax.Array]:
@@ -214,21 +214,21 @@ class Density:
     def value_and_gradient(self, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         """log pi and its slope (d,); minus infinity where a step fails or a parameter is outside its bounds."""
         count, m = self.basis.shape[0], self.basis.shape[2]
-        x = y @ jnp.asarray(self.place)
+        x = y @ jnp.asarray(self.to_moves)
         z, dp = x[: 2 * m * count].reshape(count, 2 * m), x[2 * m * count :]
         values = jnp.asarray(self.values).at[self.free].add(dp)
         turned = (jnp.einsum("kij,kj->ki", self.basis, part) for part in (z[:, :m], z[:, m:]))
         starts = tuple(a + b for a, b in zip(self.start, turned, strict=True))
-        known = jnp.asarray(self.known).at[self.where].set(values)
+        known = jnp.asarray(self.all_values).at[self.where].set(values)
         run = lambda window: self.window(known, self.seeds, *self.counts, *window)  # noqa: E731
-        found = jax.lax.map(run, (*starts, self.basis, *self.seen), batch_size=TOGETHER)
+        found = jax.lax.map(run, (*starts, self.basis, *self.inputs), batch_size=TOGETHER)
         _, residual, jacobian, start, end, js, je, failed = found
         cost, slope = 0.5 * jnp.sum(residual**2), jnp.einsum("ksni,ksn->ki", jacobian, residual)
         cost, slope = self._with_gaps(cost, slope, (start, end), (js, je))
         more, gradient = _prior(self.problem.prior(self.values), values - self.values)
         slope = jnp.concatenate([slope[:, : 2 * m].ravel(), (slope[:, 2 * m :].sum(0) + gradient)[self.free]])
         fine = jnp.isfinite(cost) & (failed.sum() == 0) & _inside(self.problem.bounds(self.values), values)
-        uphill = -(jnp.asarray(self.place) @ slope) / self.unit
+        uphill = -(jnp.asarray(self.to_moves) @ slope) / self.unit
         return jnp.where(fine, -(cost + more) / self.unit, -jnp.inf), jnp.where(fine, uphill, 0.0)
 
     def _with_gaps(
@@ -239,13 +239,13 @@ class Density:
         right, left, n = self.follows, self.follows - 1, self.basis.shape[1]
         turn = jnp.swapaxes(self.basis[right], 1, 2)
 
-        def charted(a: jax.Array) -> jax.Array:
+        def to_chart(a: jax.Array) -> jax.Array:
             return jnp.concatenate([turn @ a[:, :n], turn @ a[:, n:]], axis=1) / self.scale[..., None]
 
         (start, end), (js, je) = ends, jacobians
         off = end[left] - start[right]
         off = off.at[:, :n].set(wrap(off[:, :n]))
-        gap, before, after = charted(off[..., None])[..., 0], charted(je[left]), charted(js[right])
+        gap, before, after = to_chart(off[..., None])[..., 0], to_chart(je[left]), to_chart(js[right])
         slope = slope.at[left].add(jnp.einsum("gij,gi->gj", before, gap))
         slope = slope.at[right].add(-jnp.einsum("gij,gi->gj", after, gap))
         return cost + 0.5 * jnp.sum(gap**2), slope

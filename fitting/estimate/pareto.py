@@ -15,7 +15,7 @@ TRUSTED = 0.7
 SHORT_TAIL, COUNTS = 0.5, 10
 
 
-def smoothed(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
+def smooth_weights(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
     """Weights (N,) that add to 1, and the shape of their tail, from log density over log proposal (N,).
 
     What is not finite has no weight. Fewer than five weights in the tail tell no shape: infinite.
@@ -35,8 +35,8 @@ def smoothed(log_ratio: np.ndarray) -> tuple[np.ndarray, float]:
         shape = 0.0
         if excess[-1] > 1e-12 and excess[max(int(tail / 4 + 0.5) - 1, 0)] > 0:  # else all weights are alike
             shape, scale = pareto(excess)
-            place = (np.arange(1, tail + 1) - 0.5) / tail
-            weight[largest] = np.minimum(cut + quantile(place, shape, scale), 1.0)
+            plotting_position = (np.arange(1, tail + 1) - 0.5) / tail
+            weight[largest] = np.minimum(cut + quantile(plotting_position, shape, scale), 1.0)
     return weight / weight.sum(), shape
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress, silent
 from fitting.estimate.gauss_newton import Separate
-from fitting.estimate.pareto import TRUSTED, smoothed
+from fitting.estimate.pareto import TRUSTED, smooth_weights
 from fitting.estimate.problem import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import degrees_of_freedom, uncertainty
@@ -107,7 +107,7 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
     from scipy.stats import multivariate_t  # noqa: PLC0415 - slow to import, and few fits sample
 
     problem = solution.problem
-    free = np.flatnonzero(~problem.held)
+    free = np.flatnonzero(~problem.held_mask)
     if not len(free):
         raise SceneError("posterior: no parameter is free; allowed: at least one")
     if draws < 2 * FEW:
@@ -132,7 +132,7 @@ def importance(solution: Solution, draws: int = 200, seed: int = 0, progress: Pr
         unsolved += found is None
         if found is not None:
             log_ratio[i] = found - proposal.logpdf(point)
-    weight, shape = smoothed(log_ratio)
+    weight, shape = smooth_weights(log_ratio)
     names = tuple(problem.parameters[i].name for i in free)
     return Posterior(names, points, weight, shape, unsolved)
 
@@ -167,5 +167,5 @@ class Along:
         return None if best[1] > unit else -best[0] / unit - 0.5 * best[2]
 
     @staticmethod
-    def _log_determinant(level: Separate, system: object, known: float | None) -> float:
-        return float(np.linalg.slogdet(system.A)[1].sum()) if known is None else known
+    def _log_determinant(level: Separate, system: object, value: float | None) -> float:
+        return float(np.linalg.slogdet(system.A)[1].sum()) if value is None else value

@@ -16,7 +16,7 @@ from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.priors import Known
+from fitting.parameters.priors import JointPrior
 from fitting.traces.planar import chart
 
 #: Minimum correlation of neighbouring residuals that counts in standard errors.
@@ -25,7 +25,7 @@ CORRELATION_FLOOR = 0.05
 CHI2_RANGE = (0.5, 1.5)
 
 
-def wrapped(angle: np.ndarray) -> np.ndarray:
+def wrap_angle(angle: np.ndarray) -> np.ndarray:
     """The angle as the shortest turn, in [-pi, pi] [rad]."""
     return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
 
@@ -74,7 +74,7 @@ class Residuals(ABC):
     loss: Loss = LEAST_SQUARES
     frozen: np.ndarray | None = None
     memory: float = 1.0
-    known: Known = Known()
+    known: JointPrior = JointPrior()
     descent: Descent | None = None
 
     @property
@@ -127,19 +127,19 @@ class Residuals(ABC):
         return ""
 
     @property
-    def explained(self) -> bool:
+    def explains_residuals(self) -> bool:
         """Whether the noise explains the residuals."""
         return True
 
     @property
-    def held(self) -> np.ndarray:
+    def held_mask(self) -> np.ndarray:
         """Which parameters are held (k,) bool."""
         return np.zeros(len(self.parameters), bool) if self.frozen is None else self.frozen
 
     def bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest values (k,), both those of `values` where a parameter is held."""
         low, high = np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
-        return np.where(self.held, values, low), np.where(self.held, values, high)
+        return np.where(self.held_mask, values, low), np.where(self.held_mask, values, high)
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """By how much one step may change the parameters (k,), both ways."""
@@ -215,7 +215,7 @@ class Problem(Residuals):
         return self.windows.substeps > MOST_SUBSTEPS
 
     @property
-    def explained(self) -> bool:
+    def explains_residuals(self) -> bool:
         """Whether the noise that the traces show, or one of another kind, explains the residuals.
 
         Smaller residuals are explained: noise read from differences is an upper limit where links are fast.
@@ -312,7 +312,7 @@ class Solution:
     @property
     def errors(self) -> np.ndarray:
         """Simulated less measured angles (K, S, n) [rad], 0 where there is no sample."""
-        return np.where(self.windows.weight > 0, wrapped(self.evaluation.theta - self.windows.theta), 0.0)
+        return np.where(self.windows.weight > 0, wrap_angle(self.evaluation.theta - self.windows.theta), 0.0)
 
     @property
     def rms(self) -> float:

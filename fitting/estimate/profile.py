@@ -53,7 +53,7 @@ def profile(
     """
     index = [p.name for p in solution.problem.parameters].index(name)
     p = solution.problem.parameters[index]
-    held = solution.problem.held.copy()
+    held = solution.problem.held_mask.copy()
     held[index] = True
     level_there = level_of(replace(solution.problem, frozen=held), solution.gap_weight)
     unit, best = _unit(solution, index, std_error), float(solution.values[index])
@@ -62,18 +62,18 @@ def profile(
     for side in (-1, 1):
         point = solution
         for j in range(1, points + 1):
-            place = float(np.clip(best + side * reach * std_error * j / points, p.low, p.high))
-            if place in found:
+            value = float(np.clip(best + side * reach * std_error * j / points, p.low, p.high))
+            if value in found:
                 break
             values = point.values.copy()
-            values[index] = place
-            along = point.eliminated[..., index] * (place - point.values[index])
+            values[index] = value
+            along = point.eliminated[..., index] * (value - point.values[index])
             starts = point.problem.move_starts(point.starts, point.values, along)
             evaluation = level_there.problem.evaluate(values, starts)
             begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
             point = descend(level_there, begin, EVALUATIONS)
             converged &= point.status == "ok"
-            found[place] = (point.cost - cost) / unit
+            found[value] = (point.cost - cost) / unit
     at = np.array(sorted(found))
     growth = np.array([found[x] for x in at])
     limit = 0.5 * float(chdtri(1, 1 - level))
@@ -83,7 +83,7 @@ def profile(
 
 def _unit(solution: Solution, index: int, std_error: float) -> float:
     """Growth of the cost [units of the assumed noise] that counts as one."""
-    free = np.flatnonzero(~solution.problem.held)
+    free = np.flatnonzero(~solution.problem.held_mask)
     inverse = solve_spd(solution.information[np.ix_(free, free)], np.eye(len(free)))
     own = float(inverse[np.flatnonzero(free == index)[0], np.flatnonzero(free == index)[0]])
     noise = solution.chi2 / degrees_of_freedom(solution)

@@ -48,10 +48,10 @@ def refine(
     Returns:
         The solution, its `step_bias` set, its problem with the steps it used.
     """
-    told: np.ndarray | None = None
+    reached: np.ndarray | None = None
     while True:
-        if told is not None and np.max(np.abs(told), initial=0.0) < sure:
-            solution.step_bias = told
+        if reached is not None and np.max(np.abs(reached), initial=0.0) < sure:
+            solution.step_bias = reached
             return solution
         solution.step_bias, ahead = step_bias(solution)
         worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
@@ -62,7 +62,7 @@ def refine(
         if on.status != "ok":
             return solution
         on.iterations += solution.iterations + 1
-        told = solution.step_bias * 0.5**solution.problem.order
+        reached = solution.step_bias * 0.5**solution.problem.order
         solution = on
 
 
@@ -81,10 +81,10 @@ def step_bias(solution: Solution) -> tuple[np.ndarray, Solution]:
     errors = uncertainty(solution).std_error
     left = 1 - 0.5**finer.order
     # what its own step still leaves is no bias: a gradient descent stops a twentieth of a standard error away
-    return (_moved(solution) - _moved(ahead)) / left / np.where(errors > 0, errors, np.inf), ahead
+    return (_newton_step(solution) - _newton_step(ahead)) / left / np.where(errors > 0, errors, np.inf), ahead
 
 
-def _moved(ahead: Solution) -> np.ndarray:
+def _newton_step(ahead: Solution) -> np.ndarray:
     """The parameters' Gauss-Newton step (k,) on a solution's residuals, inside the bounds."""
     problem, values = ahead.problem, ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():

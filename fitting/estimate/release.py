@@ -26,7 +26,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
-from fitting.parameters.place import ReleasePlace
+from fitting.parameters.target import ReleasePlace
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
@@ -41,7 +41,7 @@ LEAST_STRETCH = 0.1
 AXES = ("x", "y", "z")
 
 
-class Begun(NamedTuple):
+class ReleaseState(NamedTuple):
     """What a window needs to know of its beginning: its time [s] and run, and how theta_s moves with p (n, k)."""
 
     released: jax.Array
@@ -100,11 +100,13 @@ class Release:
             found = found.at[run].set(values[i])
         return found
 
-    def late(self, parameters: Sequence[Parameter], p: jax.Array, begun: Begun) -> jax.Array:
+    def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:
         """How long after its beginning a window is let go [s]; 0 of those that are not."""
-        return jnp.where(begun.released, self.times(parameters, p)[begun.run] - begun.begin, 0.0)
+        return jnp.where(
+            release_state.released, self.times(parameters, p)[release_state.run] - release_state.begin, 0.0
+        )
 
-    def place(
+    def release_inputs(
         self,
         model: Model,
         parameters: Sequence[Parameter],
@@ -112,7 +114,7 @@ class Release:
         inputs: tuple[np.ndarray, ...],
         windows: Windows,
     ) -> tuple[np.ndarray, ...]:
-        """The windows' inputs with the released ones at the model's own pose, and `Begun` of each."""
+        """The windows' inputs with the released ones at the model's own pose, and `ReleaseState` of each."""
         theta, omega, basis, *rest = inputs
         theta, omega, basis = theta.copy(), omega.copy(), basis.copy()
         slope = np.zeros((windows.count, theta.shape[1], len(values)))
@@ -139,13 +141,13 @@ class Release:
                 raise SceneError(f"static start: {found.message}")
             self._near[run] = found.state
         if "pose" not in self._programs:
-            self._programs["pose"] = jax.jit(partial(self._settled, model, parameters), static_argnums=2)
+            self._programs["pose"] = jax.jit(partial(self._static_angles, model, parameters), static_argnums=2)
         theta, slope, state = self._programs["pose"](jnp.asarray(values), self._near[run], run)
         if np.isfinite(theta).all():
             self._near[run] = state
         return np.asarray(theta), np.zeros(len(theta)), np.asarray(slope)
 
-    def _settled(
+    def _static_angles(
         self, model: Model, parameters: Sequence[Parameter], values: jax.Array, near: State, run: int
     ) -> tuple[jax.Array, jax.Array, State]:
         """Angles (n,), their derivative (n, k) and the static pose near another one."""
@@ -180,7 +182,7 @@ class Release:
             released[first] = True
         return replace(windows, released=released)
 
-    def bounded(self, parameters: Sequence[Parameter], windows: Windows) -> tuple[Parameter, ...]:
+    def bound_times(self, parameters: Sequence[Parameter], windows: Windows) -> tuple[Parameter, ...]:
         """The parameters with every release time kept within half a window of its run's first sample.
 
         Raises:
@@ -238,13 +240,13 @@ def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     }
 
 
-def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, wanted: bool) -> Release | None:
+def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requested: bool) -> Release | None:
     """The release that these free names or the caller ask for; None where every window is free.
 
     Raises:
         SceneError: a scene that lets nothing go.
     """
-    if not wanted and not any(name.startswith("release.") for name in names):
+    if not requested and not any(name.startswith("release.") for name in names):
         return None
     start = scene.start
     if start.kind != "static":

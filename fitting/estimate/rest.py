@@ -29,7 +29,7 @@ from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Prior
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.parameter import apply
-from fitting.parameters.seeing import seen
+from fitting.parameters.seeing import camera_angles
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
@@ -60,7 +60,7 @@ class Rest:
     run: np.ndarray
     precision: np.ndarray
 
-    def weighed(self, noise: Noise | None, simulator: Simulator, values: np.ndarray) -> Rest:
+    def with_noise(self, noise: Noise | None, simulator: Simulator, values: np.ndarray) -> Rest:
         """The same by the noise that a fit told, and the band of friction at these parameter values."""
         size = self.deviation / np.sqrt(self.frames)
         if noise is not None:
@@ -73,9 +73,9 @@ class Rest:
         """What the rest adds to cost, gradient (k,) and curvature (k, k)."""
         pose, slope = static_pose(simulator, values)
         off = (pose - self.theta + np.pi) % (2 * np.pi) - np.pi
-        pull = np.einsum("rij,rj->ri", self.precision, off)
+        weighted = np.einsum("rij,rj->ri", self.precision, off)
         whole = self.precision.sum(axis=0)
-        return Prior(0.5 * float(np.sum(off * pull)), slope.T @ pull.sum(axis=0), slope.T @ whole @ slope)
+        return Prior(0.5 * float(np.sum(off * weighted)), slope.T @ weighted.sum(axis=0), slope.T @ whole @ slope)
 
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,10 +92,10 @@ def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, n
             changed = apply(model, parameters, p)
             s = statics.settle(changed, store["near"])
             theta, _ = planar.from_nodes(changed, s.r, jnp.zeros_like(s.r))
-            return seen(changed, parameters, p, theta)
+            return camera_angles(changed, parameters, p, theta)
 
         store["pose"] = jax.jit(lambda p: (angles(p), jax.jacfwd(angles)(p)))
-    whole, where = simulator.whole(values)
+    whole, where = simulator.all_values(values)
     pose, slope = store["pose"](whole)
     return np.asarray(pose), np.asarray(slope)[:, where]
 
@@ -111,7 +111,7 @@ def _band(model: Model) -> np.ndarray | float:
 
     def energy(z: jax.Array) -> jax.Array:
         still = jnp.zeros(len(theta))
-        s = planar.to_state(model, planar.closed(model, theta + basis @ z, still)[0], still)
+        s = planar.to_state(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
         return model.potential_energy(model.instant(s.r, s.v, s.t, model.ends(s.t)))
 
     stiffness = np.asarray(jax.hessian(energy)(jnp.zeros(basis.shape[1])))

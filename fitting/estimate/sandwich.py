@@ -80,7 +80,7 @@ def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
 def leverage(point: Solution) -> np.ndarray:
     """How much of each sample the fit has used up (K, S, n): the diagonal of its hat matrix."""
     m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
-    free = np.flatnonzero(~point.problem.held)
+    free = np.flatnonzero(~point.problem.held_mask)
     inverse, _ = start_covariances(point)
     own = root * point.evaluation.jacobian[..., :m2]
     taken = np.einsum("ksni,kij,ksnj->ksn", own, inverse, own, optimize=True)
@@ -93,7 +93,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     timing, weights = solution.problem.timing(), solution.weights
     score = scores(solution)[..., free]
-    pull = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
+    weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
     duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
 
@@ -103,7 +103,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
         return run * 10**9 + np.maximum(since, 0)
 
     known = timing.known
-    rows = [(number(timing.t, timing.run)[known], pull[known], square[known])]
+    rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
     if solution.gap_weight and solution.windows.follows.any():
         windows = solution.windows
         found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
@@ -167,15 +167,15 @@ def jackknife(parts: Pieces, information: np.ndarray, prior: np.ndarray) -> Scat
     length = block_of(parts, information)
     # a run's last block takes what is left over
     last = lambda n: max(n // length - 1, 0)  # noqa: E731
-    place = np.concatenate([np.minimum(np.arange(n) // length, last(n)) for n in np.bincount(parts.run)])
-    block = np.unique(np.stack([parts.run, place]), axis=1, return_inverse=True)[1].ravel()
+    part = np.concatenate([np.minimum(np.arange(n) // length, last(n)) for n in np.bincount(parts.run)])
+    block = np.unique(np.stack([parts.run, part]), axis=1, return_inverse=True)[1].ravel()
     blocks = int(block.max()) + 1
     if blocks < 2:
         return None
     moved = moves_without(parts, [np.flatnonzero(block == b) for b in range(blocks)], information)
     inner = solve_spd(information, np.eye(len(information)))
     covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
-    own, drift = np.diag(covariance), _apart(parts, information) ** 2
+    own, drift = np.diag(covariance), _half_difference(parts, information) ** 2
     # what independent blocks explain is four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
     grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
@@ -214,7 +214,7 @@ def resample(
     return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
 
 
-def _apart(parts: Pieces, information: np.ndarray) -> np.ndarray:
+def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
     """How far apart the estimates (k,) of the first and the second half of the time are, to first order."""
     later = np.arange(len(parts.run)) >= len(parts.run) // 2
     ends = [
@@ -224,10 +224,10 @@ def _apart(parts: Pieces, information: np.ndarray) -> np.ndarray:
     return ends[0] - ends[1]
 
 
-def _positive(rest: np.ndarray, whole: np.ndarray) -> np.ndarray:
+def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
     """The information that is left, at least a tenth of the whole in every direction: one step is linear no farther."""
-    size = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    root = np.linalg.cholesky(whole * np.outer(size, size) + 1e-12 * np.eye(len(whole)))
+    size = 1 / np.sqrt(np.maximum(np.diag(full), 1e-300))
+    root = np.linalg.cholesky(full * np.outer(size, size) + 1e-12 * np.eye(len(full)))
     inverse = np.linalg.inv(root)
     share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
     return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)

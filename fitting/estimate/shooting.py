@@ -36,7 +36,7 @@ EVIDENCE_DROP = 5.0
 RECOVERED = 0.3
 #: How far weights on the way are solved: parameters within a fifth of their standard errors, and evidence within a
 #: quarter. Only the weight that is chosen is solved to the end.
-ON_THE_WAY, LITTLE = 0.2**2, 0.5
+INTERMEDIATE, LITTLE = 0.2**2, 0.5
 #: Gap weights that are this many times the gaps' own size, and more, are passed over.
 SLACK = 5.0
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
@@ -53,16 +53,16 @@ class JoinedWindows(Separate):
     damping = 1e-4
 
     def __init__(
-        self, problem: Problem, weight: float, offset: np.ndarray = NO_OFFSET, on_the_way: bool = False
+        self, problem: Problem, weight: float, offset: np.ndarray = NO_OFFSET, intermediate: bool = False
     ) -> None:
         super().__init__(problem)
-        self.weight, self.offset, self.on_the_way = weight, offset, on_the_way
-        if on_the_way:
-            self.close = ON_THE_WAY
+        self.weight, self.offset, self.intermediate = weight, offset, intermediate
+        if intermediate:
+            self.close = INTERMEDIATE
         self.goal = f"no convergence at gap weight {weight:g}"
 
     def little(self) -> float:
-        return LITTLE if self.on_the_way else super().little()
+        return LITTLE if self.intermediate else super().little()
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
         total = super().cost(evaluation, values)
@@ -92,7 +92,7 @@ class JoinedWindows(Separate):
         found = descend(self, begin, iterations)
         return replace(found, iterations=count + found.iterations, gap_weight=self.weight)
 
-    def recovered(self, ahead: Solution, point: Solution) -> float:
+    def expected_decrease(self, ahead: Solution, point: Solution) -> float:
         """By how much the cost falls where a solution goes on with finer steps, by its model."""
         step = joined_step(ahead, *(end - ahead.values for end in ahead.problem.bounds(ahead.values)))
         return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
@@ -130,7 +130,7 @@ def fit_shooting(
             weight up.
 
     Returns:
-        The solution at the chosen weight (`gap_weight`, `evidence`), to be `settled`.
+        The solution at the chosen weight (`gap_weight`, `evidence`), to be `solve_to_end`.
     """
     if not begin.windows.follows.any():
         return begin
@@ -143,14 +143,18 @@ def fit_shooting(
     for i, weight in enumerate(schedule):
         again = point
         while again is not None:
-            level = JoinedWindows(again.problem, weight, on_the_way=True)
+            level = JoinedWindows(again.problem, weight, intermediate=True)
             point = level.descend(again, iterations, total)
             total, point.evidence = point.iterations, level.evidence(point)
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
             progress((i + 1) / (len(schedule) + 1), text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
             again = finer(point) if fell > SAME_EVIDENCE else None
-            if again is not None and begin.problem.memory > 1 and level.recovered(again, point) < RECOVERED * fell:
+            if (
+                again is not None
+                and begin.problem.memory > 1
+                and level.expected_decrease(again, point) < RECOVERED * fell
+            ):
                 again = None  # the model is what is wrong
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
@@ -167,7 +171,7 @@ def fit_shooting(
     return best
 
 
-def settled(point: Solution) -> Solution:
+def solve_to_end(point: Solution) -> Solution:
     """A solution solved at its gap weight to the end, which `fit_shooting` does not: finer steps may have to follow."""
     if not point.gap_weight:
         return point

@@ -14,19 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.kept_traces import Constants
-from dropper_jax.base.programs import brief_options, lowered
+from dropper_jax.base.export_cache import Constants
+from dropper_jax.base.programs import brief_options, lower_cached
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model
 from dropper_jax.stepping.stepper import Stepper
-from fitting.estimate.evaluation import Evaluation, trusted
+from fitting.estimate.evaluation import Evaluation, drop_wild
 from fitting.estimate.marching import at_samples, march
-from fitting.estimate.release import LEAST_STRETCH, Begun, Release
+from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.window_scheme import choose_stepper
 from fitting.estimate.windows import ON_GRID, Starts, Windows
 from fitting.parameters.parameter import Parameter, apply
-from fitting.parameters.place import LostPlace
-from fitting.parameters.seeing import clock_rate, losses, seen
+from fitting.parameters.seeing import camera_angles, clock_rate, losses
+from fitting.parameters.target import LostPlace
 from fitting.traces import planar
 
 #: Windows run side by side in one program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all
@@ -65,7 +65,7 @@ class Simulator:
     the time (two rods with dry joints: 13 s of 22), and only those with unsolved steps run again. Measured pendulums
     have none.
 
-    Its programs may know more parameters than are asked of it: `viewed` gives the same programs for some of them, the
+    Its programs may know more parameters than are asked of it: `view_of` gives the same programs for some of them, the
     others at their own values, so that what is freed later is not compiled again. Derivatives are taken along
     `tangents` directions at a time, which are told to the program as numbers.
 
@@ -101,7 +101,7 @@ class Simulator:
         # a fit begins where its preparation looked last
         self._last: tuple[tuple[np.ndarray, Starts, Windows] | None, Evaluation | None] = None, None
 
-    def viewed(self, parameters: Sequence[Parameter]) -> Simulator:
+    def view_of(self, parameters: Sequence[Parameter]) -> Simulator:
         """The same programs for some of the parameters that they know, or other lost frames in the place of theirs."""
         view = copy.copy(self)
         view.parameters, view._model, view._last = tuple(parameters), None, (None, None)
@@ -117,11 +117,13 @@ class Simulator:
 
     def _where(self) -> np.ndarray:
         """Numbers (k,) of the parameters among the compiled ones; lost frames take the places of any."""
-        place = {p.name: i for i, p in enumerate(self.compiled)}
+        index_of = {p.name: i for i, p in enumerate(self.compiled)}
         lost = iter(losses(self.compiled))
-        return np.array([next(lost) if isinstance(p.where, LostPlace) else place[p.name] for p in self.parameters], int)
+        return np.array(
+            [next(lost) if isinstance(p.where, LostPlace) else index_of[p.name] for p in self.parameters], int
+        )
 
-    def whole(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def all_values(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values of all parameters that programs know, and which of them are these (k,)."""
         where, found = self._where(), np.array([p.value for p in self.compiled], float)
         found[losses(self.compiled)] = 0.0
@@ -136,9 +138,9 @@ class Simulator:
         found = np.full((windows.count, len(losses(self.compiled))), NEVER)
         for slot, i in enumerate(losses(self.parameters)):
             where = self.parameters[i].where
-            place = (where.time - windows.begin) / windows.dt - ON_GRID
-            inside = (windows.run == where.run) & (place > 0) & (place <= windows.step_counts)
-            found[inside, slot] = place[inside]
+            step = (where.time - windows.begin) / windows.dt - ON_GRID
+            inside = (windows.run == where.run) & (step > 0) & (step <= windows.step_counts)
+            found[inside, slot] = step[inside]
         return found
 
     def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
@@ -149,10 +151,10 @@ class Simulator:
             return self._last[1]
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
-        asked, (values, _) = values, self.whole(values)
+        asked, (values, _) = values, self.all_values(values)
         inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
         if self.release:
-            inputs = self.release.place(self.model, self.compiled, values, inputs, windows)
+            inputs = self.release.release_inputs(self.model, self.compiled, values, inputs, windows)
         self.evaluations += 1
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
@@ -161,7 +163,7 @@ class Simulator:
             better = self._run(values, tuple(a[again] for a in inputs), windows, False)
             for old, new in zip(found, better, strict=True):
                 old[again] = new
-        self._last = (asked.copy(), starts, windows), trusted(found)
+        self._last = (asked.copy(), starts, windows), drop_wild(found)
         return self._last[1]
 
     def _run(self, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows, plain: bool) -> Evaluation:
@@ -233,18 +235,20 @@ class Simulator:
         return self.release is None and not losses(self.compiled) and not windows.fraction.any()
 
     def _program(
-        self, wanted: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
+        self, requested: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
     ) -> tuple[Key, jax.stages.Compiled]:
         """A program that serves such windows, compiled where there is none yet, and what it was compiled for."""
         for key, program in self._programs.items():
-            if key.serves(wanted):
+            if key.serves(requested):
                 return key, program
-        begun = time.perf_counter()
-        key = wanted
+        started = time.perf_counter()
+        key = requested
         if not isinstance(self.stepper.integrator, ProjectedRungeKutta):  # these are told all their steps beforehand
-            key = wanted._replace(steps=max(wanted.steps, self.capacity[0]), slots=max(wanted.slots, self.capacity[1]))
+            key = requested._replace(
+                steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
+            )
         stepper = self.stepper.plain if key.plain else self.stepper
-        one = partial(self.window, stepper=stepper, dt=key.dt, room=key.steps, on_grid=key.on_grid)
+        one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
         batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))
         if key.size == 1:  # a batch of one is a batch, and would take both sides of every choice too
             batched = lambda v, d, n, m, *each: [a[None] for a in one(v, d, n, m, *(a[0] for a in each))]  # noqa: E731
@@ -258,10 +262,10 @@ class Simulator:
             **{"key": tuple(key), "stepper": stepper, "model": Constants(self.model), "release": self.release},
             **{"parameters": self.compiled, "freedoms": self.freedoms, "tangents": self.tangents},
         }
-        program = lowered(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
+        program = lower_cached(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
         # side by side, windows run as fast so and compile in half the time; one by one 1.2 to 1.4 times slower
         self._programs[key] = program.compile(brief_options() if key.size > 1 else None)
-        self.compile_s += time.perf_counter() - begun
+        self.compile_s += time.perf_counter() - started
         return key, self._programs[key]
 
     def window(
@@ -273,13 +277,13 @@ class Simulator:
         *inputs: jax.Array,
         stepper: Stepper,
         dt: float,
-        room: int,
+        capacity: int,
         on_grid: bool,
     ) -> tuple[jax.Array, ...]:
         """Value and derivatives along `seeds` of one window, in one batch.
 
         Args:
-            steps: steps that are taken, at most `room`, by all windows that run together; a window's own number of
+            steps: steps that are taken, at most `capacity`, by all windows that run together; a window's own number of
                 them is among the inputs, and its end is read there.
         """
         theta0, omega0, basis, measured, weight, index, fraction, jumps, own_steps, *more = inputs
@@ -289,18 +293,18 @@ class Simulator:
         def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
             z, p = x[: 2 * m], x[2 * m :]
             model = apply(self.model, self.compiled, p)
-            theta, h, place = theta0 + basis @ z[:m], dt, (index, fraction)
-            begun = Begun(*more) if self.release else None
-            if begun is not None:
-                theta = theta + begun.slope @ (p - values)
-            if begun is not None or losses(self.compiled):
-                h, place = self._clock(p, begun, index + fraction, jumps, dt, own_steps)
+            theta, h, samples = theta0 + basis @ z[:m], dt, (index, fraction)
+            release_state = ReleaseState(*more) if self.release else None
+            if release_state is not None:
+                theta = theta + release_state.slope @ (p - values)
+            if release_state is not None or losses(self.compiled):
+                h, samples = self._clock(p, release_state, index + fraction, jumps, dt, own_steps)
             rate = clock_rate(self.compiled, p)
             h = h if rate is None else h * rate
-            start = planar.closed(model, theta, omega0 + basis @ z[m:])
+            start = planar.close_chain(model, theta, omega0 + basis @ z[m:])
             state = planar.to_state(model, *start)
-            angles, rates, failed = march(stepper, model, state, h, room, substeps, steps, own_steps)
-            angle = seen(model, self.compiled, p, at_samples(start, angles, rates, *place, h, on_grid))
+            angles, rates, failed = march(stepper, model, state, h, capacity, substeps, steps, own_steps)
+            angle = camera_angles(model, self.compiled, p, at_samples(start, angles, rates, *samples, h, on_grid))
             residual = planar.wrap(angle - measured) * weight
             end = jnp.concatenate([angles[own_steps - 1], rates[own_steps - 1]])
             return (residual, jnp.concatenate(start), end), (angle, failed)
@@ -310,7 +314,13 @@ class Simulator:
         return angle, residual, jr, start, end, js, je, failed
 
     def _clock(
-        self, p: jax.Array, begun: Begun | None, position: jax.Array, jumps: jax.Array, dt: float, steps: jax.Array
+        self,
+        p: jax.Array,
+        release_state: ReleaseState | None,
+        position: jax.Array,
+        jumps: jax.Array,
+        dt: float,
+        steps: jax.Array,
     ) -> tuple[jax.Array | float, tuple[jax.Array, jax.Array]]:
         """A window's step [s] and the place of its samples in steps, whole and rest, by a clock of its own.
 
@@ -321,8 +331,8 @@ class Simulator:
         for slot, i in enumerate(lost):
             elapsed = elapsed + jnp.where(position >= jumps[slot], p[i], 0.0)
             total = total + jnp.where(jumps[slot] < NEVER, p[i], 0.0)
-        late = 0.0 if begun is None else self.release.late(self.compiled, p, begun)
+        late = 0.0 if release_state is None else self.release.late(self.compiled, p, release_state)
         h = jnp.maximum((total - late) / steps, LEAST_STRETCH * dt)
-        place = jnp.clip((elapsed - late) / h, 0.0, steps)  # before the release: at rest
-        whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(place)), steps - 1)
-        return h, (whole.astype(jnp.int32), place - whole)
+        step_position = jnp.clip((elapsed - late) / h, 0.0, steps)  # before the release: at rest
+        whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(step_position)), steps - 1)
+        return h, (whole.astype(jnp.int32), step_position - whole)

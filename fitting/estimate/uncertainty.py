@@ -86,12 +86,12 @@ def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
 def uncertainty(solution: Solution) -> Uncertainty:
     """Errors at a solution; the larger of the noise's and of the blocks' scatter where noise is not all there is."""
     problem, k = solution.problem, len(solution.values)
-    free = np.flatnonzero(~problem.held)
+    free = np.flatnonzero(~problem.held_mask)
     noise2 = variance(solution)
     white = noise2 * _inverse(solution.information[np.ix_(free, free)])
     correlation, real = problem.correlation(solution)
     covariance, inflation, blocks = white, 1.0, 0
-    if real or not problem.explained:
+    if real or not problem.explains_residuals:
         found = scatter(solution, free)
         if found is not None:
             blocks, size, least = found.blocks, np.diag(found.covariance), np.diag(white)
@@ -100,10 +100,10 @@ def uncertainty(solution: Solution) -> Uncertainty:
             covariance, inflation = found.covariance * np.outer(back, back), float(grow.max(initial=1.0))
     full = np.zeros((k, k))
     full[np.ix_(free, free)] = covariance
-    full = full + problem.known.carried_covariance(np.where(problem.held, 0.0, solution.values))
+    full = full + problem.known.carried_covariance(np.where(problem.held_mask, 0.0, solution.values))
     se = np.sqrt(np.maximum(np.diag(full), 0.0))
     least, most = problem.bounds(solution.values)
-    at_bound = ~problem.held & ((solution.values <= least) | (solution.values >= most))
+    at_bound = ~problem.held_mask & ((solution.values <= least) | (solution.values >= most))
     low, high = intervals(solution, full, free, blocks=blocks)
     return Uncertainty(
         full,
@@ -114,7 +114,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
         float(np.sqrt(noise2)),
         correlation,
         inflation,
-        undetermined(solution, full, free),
+        open_directions(solution, full, free),
         blocks,
     )
 
@@ -164,7 +164,7 @@ def chance_below(distance: float, blocks: float = 0) -> float:
     return float(stdtr(blocks - 1, distance) if 0 < blocks < FEW else ndtr(distance))
 
 
-def undetermined(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
+def open_directions(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
     """Directions that the data leave open: eigenvectors of the covariance in units of the parameters' sizes."""
     parameters = solution.problem.parameters
     if len(free) < 2 or not np.isfinite(covariance).all():
@@ -206,7 +206,7 @@ def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, se
     Args:
         block: stretches that are drawn together: windows, or parts of few ones; default two correlation times.
     """
-    free = np.flatnonzero(~solution.problem.held)
+    free = np.flatnonzero(~solution.problem.held_mask)
     parts = pieces(solution, free)
     information = solution.information[np.ix_(free, free)]
     moved, blocks = resample(

@@ -126,7 +126,7 @@ class Windows:
         """Times of all slots (K, S) [s]."""
         return self.begin[:, None] + (self.index + self.fraction) * self.dt
 
-    def padded(self, steps: int, slots: int) -> Windows:
+    def pad_to(self, steps: int, slots: int) -> Windows:
         """The same windows simulated for at least `steps` and with at least `slots` sample slots, the rest empty.
 
         What has the shape of windows that ran before needs no compilation.
@@ -164,16 +164,16 @@ def check_step(traces: Sequence[Trace], dt: float) -> None:
         raise SceneError(f"dt: {dt:g} s is longer than the samples are apart; allowed: at most {longest:.4g} s")
 
 
-def time_step(traces: Sequence[Trace], wanted: float) -> float:
-    """The step [s] nearest below `wanted` that divides the sampling interval, where sampling is uniform.
+def time_step(traces: Sequence[Trace], requested: float) -> float:
+    """The step [s] nearest below `requested` that divides the sampling interval, where sampling is uniform.
 
-    Times in files are rounded: a step longer than `wanted` by that rounding is the wanted one.
+    Times in files are rounded: a step longer than `requested` by that rounding is the wanted one.
     """
     intervals = {round(trace.interval, 12) for trace in traces}
     if max(intervals) - min(intervals) > 1e-9:
-        return wanted
+        return requested
     interval = max(intervals)
-    return interval / max(1, int(np.ceil(interval / wanted - ROUNDED)))
+    return interval / max(1, int(np.ceil(interval / requested - ROUNDED)))
 
 
 #: Fewest frames of a window: fewer samples follow any start.
@@ -230,11 +230,11 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
-    place = (trace.t - begin) / dt
-    keep = (place > -ON_GRID) & (place < steps - ON_GRID)
-    place, theta = place[keep], trace.theta[keep]
-    index = np.floor(place + ON_GRID).astype(np.int32)
-    fraction = place - index
+    step_position = (trace.t - begin) / dt
+    keep = (step_position > -ON_GRID) & (step_position < steps - ON_GRID)
+    step_position, theta = step_position[keep], trace.theta[keep]
+    index = np.floor(step_position + ON_GRID).astype(np.int32)
+    fraction = step_position - index
     fraction = np.where(np.abs(fraction) < 10 * ON_GRID, 0.0, fraction)
     known = np.isfinite(theta)
     se = None if trace.se is None else trace.se[keep]
@@ -285,4 +285,4 @@ def close_starts(model: Model, theta: np.ndarray, omega: np.ndarray) -> Starts:
 
 @jax.jit
 def _close(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return jax.vmap(partial(planar.closed, model))(theta, omega)
+    return jax.vmap(partial(planar.close_chain, model))(theta, omega)

@@ -27,16 +27,16 @@ def link_of(model: Model, broken: Break) -> int:
     return int(np.arange(model.line.links)[own][broken.link - 1])
 
 
-def masked(model: Model, gone: int | None) -> Model:
-    """The model with a mask of links that carry, without `gone`; with None all do."""
+def with_link_mask(model: Model, broken_link: int | None) -> Model:
+    """The model with a mask of links that carry, without `broken_link`; with None all do."""
     intact = jnp.ones(model.line.links, model.dtype)
-    intact = intact if gone is None else intact.at[gone].set(0.0)
-    return replace(model, lines=(replace(model.line, axial=model.line.axial.parted(intact)),))
+    intact = intact if broken_link is None else intact.at[broken_link].set(0.0)
+    return replace(model, lines=(replace(model.line, axial=model.line.axial.with_broken_links(intact)),))
 
 
-def masked_still(found: Still, gone: int | None) -> Still:
+def masked_still(found: Still, broken_link: int | None) -> Still:
     """The same of a model with what its leaves owe to the variables."""
-    model = masked(found.model, gone)
+    model = with_link_mask(found.model, broken_link)
     path = jax.tree_util.tree_flatten_with_path
     number = {jax.tree_util.keystr(key): i for i, (key, _) in enumerate(path(model)[0])}
     names = [jax.tree_util.keystr(key) for key, _ in path(found.model)[0]]

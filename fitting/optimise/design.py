@@ -17,17 +17,17 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
-from fitting.optimise.abreast import abreast
 from fitting.optimise.broken import link_of, masked_still
 from fitting.optimise.goals import Goals, check_depths
 from fitting.optimise.models import STEP, Still, idle, in_assumed, sea_of, still
 from fitting.optimise.over_seeds import check_seeds, weights
+from fitting.optimise.parallel_runs import run_parallel
 from fitting.optimise.quantities import Quantity
 from fitting.optimise.rest import rest
 from fitting.optimise.settings import Settings
 from fitting.optimise.storm import RAMP, Peaks, peaks
 from fitting.optimise.storms import Storms, full_storm
-from fitting.optimise.values import Stand, Values, Window
+from fitting.optimise.values import RunStart, Values, Window
 from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Part, Site
 
@@ -45,7 +45,7 @@ class Design:
         self._near: dict[object, State] = {}
         self._quantities: dict[str, tuple[Quantity, ...]] = {}
         self._strength = [strength_of(part, self.site.scene) for part in self.site.parts]
-        self._told: tuple[bytes, tuple[np.ndarray, np.ndarray]] = b"", (np.zeros(0), np.zeros(0))
+        self._scene_cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = b"", (np.zeros(0), np.zeros(0))
 
     @property
     def start(self) -> np.ndarray:
@@ -55,32 +55,32 @@ class Design:
     def dt(self) -> float:
         return self.site.run.dt or self.site.scene.run.dt
 
-    def still(self, x: np.ndarray, case: Case) -> Stand:
+    def still(self, x: np.ndarray, case: Case) -> RunStart:
         """Calm model and pose at rest of a design in the current and level of a case, all lines whole."""
         found = in_assumed(still(self.calm, self.variables, x, case.storm))
         own = rest(found, self._near.get(case.storm.still))
         self._near[case.storm.still] = own.state
-        return Stand(found, own)
+        return RunStart(found, own)
 
-    def stand(self, x: np.ndarray, case: Case, known: dict[object, Stand], settled: bool = False) -> Stand:
-        """The same for a case, with what its window goes on with; `known` keeps what cases share."""
+    def run_start(self, x: np.ndarray, case: Case, cache: dict[object, RunStart], polished: bool = False) -> RunStart:
+        """The same for a case, with what its window goes on with; `cache` keeps what cases share."""
         whole = case.storm.still
-        if whole not in known:
-            known[whole] = self.still(x, case)
+        if whole not in cache:
+            cache[whole] = self.still(x, case)
         broken = case.storm.broken
         if broken is None:
-            return known[whole]
-        key = (*whole, broken.name, settled)
-        if key not in known:
-            found, link = known[whole].still, link_of(known[whole].still.model, broken)
-            gone = masked_still(found, link)
-            if settled:
-                own = rest(gone, self._near.get(key))
+            return cache[whole]
+        key = (*whole, broken.name, polished)
+        if key not in cache:
+            found, link = cache[whole].still, link_of(cache[whole].still.model, broken)
+            masked = masked_still(found, link)
+            if polished:
+                own = rest(masked, self._near.get(key))
                 self._near[key] = own.state
-                known[key] = Stand(gone, own, gone)
+                cache[key] = RunStart(masked, own, masked)
             else:
-                known[key] = Stand(masked_still(found, None), known[whole].rest, gone)
-        return known[key]
+                cache[key] = RunStart(masked_still(found, None), cache[whole].rest, masked)
+        return cache[key]
 
     def quantities(self, case: Case, found: Still) -> tuple[Quantity, ...]:
         """What a case is judged by."""
@@ -89,28 +89,28 @@ class Design:
             self._quantities[kind] = self.goals.quantities(self.site, found.model, kind)
         return self._quantities[kind]
 
-    def limited(self, case: Case) -> int:
+    def count_limited(self, case: Case) -> int:
         """How many of the quantities have a limit: all but the motion that is an objective."""
         own = self._quantities[case.storm.kind]
         return len(own) - (1 if self.goals.objective.of == "motion" and case.storm.broken is None else 0)
 
-    def told(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def scene_constraints(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the scene itself says of a design: material, then the strength of each part over that at the start.
 
         Returns:
             (1 + parts,) and the derivatives by the variables (1 + parts, p).
         """
         key = np.asarray(x, float).tobytes()
-        if key != self._told[0]:
+        if key != self._scene_cache[0]:
             slope = np.zeros((1 + len(self.site.parts), len(x)))
             for k, variable in enumerate(self.variables):
                 step = np.zeros(len(x))
                 step[k] = STEP * variable.span
-                slope[:, k] = (self._says(x + step) - self._says(x - step)) / (2 * step[k])
-            self._told = key, (self._says(x), slope)
-        return self._told[1]
+                slope[:, k] = (self._evaluate_scene(x + step) - self._evaluate_scene(x - step)) / (2 * step[k])
+            self._scene_cache = key, (self._evaluate_scene(x), slope)
+        return self._scene_cache[1]
 
-    def _says(self, x: np.ndarray) -> np.ndarray:
+    def _evaluate_scene(self, x: np.ndarray) -> np.ndarray:
         scene = with_design(self.site.scene, self.variables, x)
         strength = [
             strength_of(part, scene) / start for part, start in zip(self.site.parts, self._strength, strict=True)
@@ -125,7 +125,7 @@ class Design:
         """
         found = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_depths(self.goals.depths, found.model)
-        moves_cost = np.any(self.told(self.start)[1] != 0, axis=0)
+        moves_cost = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
         named = [name for name in idle(found, self.variables) if not moves_cost[self._number(name)]]
         if named:
             raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing; allowed: numbers that do")
@@ -133,48 +133,48 @@ class Design:
     def _number(self, name: str) -> int:
         return [v.name for v in self.variables].index(name)
 
-    def window(self, x: np.ndarray, window: Window, stand: Stand, slopes: bool = True) -> Peaks:
+    def window(self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True) -> Peaks:
         """Peaks of a window of a design."""
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, RAMP, window.begin)
-        quantities = self.quantities(window.case, stand.still)
-        own = stand.still, stand.rest, sea, quantities, self.dt, self.settings.window
-        return peaks(*own, slopes, window.height, stand.after)
+        quantities = self.quantities(window.case, start.still)
+        own = start.still, start.rest, sea, quantities, self.dt, self.settings.window
+        return peaks(*own, slopes, window.height, start.after)
 
-    def renewed(self, x: np.ndarray, say: Say) -> tuple[tuple[Window, ...], list[Storms]]:
+    def renew_windows(self, x: np.ndarray, say: Say) -> tuple[tuple[Window, ...], list[Storms]]:
         """Windows around the largest loads of the whole runs of a design, and these runs' hard peaks.
 
         Raises:
             SceneError: a run that failed.
         """
-        scene, known = with_design(self.site.scene, self.variables, x), {}
-        stands = [self.stand(x, case, known) for case in self.cases]
-        for case, stand in zip(self.cases, stands, strict=True):
-            self.quantities(case, stand.still)
+        scene, cache = with_design(self.site.scene, self.variables, x), {}
+        stands = [self.run_start(x, case, cache) for case in self.cases]
+        for case, start in zip(self.cases, stands, strict=True):
+            self.quantities(case, start.still)
 
-        def whole(i: int) -> Storms:
-            case, stand = self.cases[i], stands[i]
-            return full_storm(self.site, scene, case, self.quantities(case, stand.still), stand.rest.state)
+        def run_fully(i: int) -> Storms:
+            case, start = self.cases[i], stands[i]
+            return full_storm(self.site, scene, case, self.quantities(case, start.still), start.rest.state)
 
-        full = self._abreast(whole, "whole runs", say)
+        full = self._run_parallel(run_fully, "whole runs", say)
         for storm in full:
             if storm.message:
                 raise SceneError(f"design: {storm.message}; allowed: a smaller run.dt, or bounds nearer to the start")
-        windows = [self._around(case, storm) for case, storm in zip(self.cases, full, strict=True)]
-        stands = [self.stand(x, window.case, known, window.settled) for window in windows]
+        windows = [self._window_around_peak(case, storm) for case, storm in zip(self.cases, full, strict=True)]
+        stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
 
-        def look(i: int) -> Window:
+        def scale_window(i: int) -> Window:
             soft = self.window(x, windows[i], stands[i], slopes=False)
             if not soft.solved:
                 name = windows[i].case.storm.name
                 raise SceneError(f"design: a window of {name} has steps that resist; allowed: smaller run.dt")
             return replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
 
-        return tuple(self._abreast(look, "windows", say)), full
+        return tuple(self._run_parallel(scale_window, "windows", say)), full
 
-    def _around(self, case: Case, storm: Storms) -> Window:
+    def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the load of a whole run that is nearest to its limit; what it is scaled by comes later."""
-        when = storm.when[int(np.argmax(storm.hard[: self.limited(case)]))]
+        when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case)]))]
         begin = float(np.clip(when - self.settings.before, 0.0, self._last(self.site.run.duration)))
         window = Window(case, begin, np.ones(len(storm.hard)), None)
         if case.storm.broken is None:
@@ -183,16 +183,16 @@ class Design:
         broke = self.site.break_time - self.settings.window / 3
         if when <= broke + self.settings.window:
             return replace(window, begin=max(broke, 0.0))
-        return replace(window, settled=True)
+        return replace(window, polished=True)
 
-    def _abreast(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
+    def _run_parallel(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
         """`one` of every case, of each kind of program the first one alone."""
         count, found = len(self.cases), {}
         for kind in dict.fromkeys(case.storm.kind for case in self.cases):
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
             done = len(found)
             tell = lambda k, done=done: say((done + k) / count, f"{what}: {done + k} of {count}")  # noqa: E731
-            found |= dict(zip(own, abreast(one, own, tell), strict=True))
+            found |= dict(zip(own, run_parallel(one, own, tell), strict=True))
         return [found[i] for i in range(count)]
 
     def _last(self, duration: float) -> float:
@@ -200,44 +200,48 @@ class Design:
 
     def values(self, x: np.ndarray, windows: Sequence[Window], say: Say, slopes: bool = True) -> Values:
         """Objective and constraints of a design by its windows."""
-        known: dict[object, Stand] = {}
-        stands = [self.stand(x, window.case, known, window.settled) for window in windows]
+        cache: dict[object, RunStart] = {}
+        stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
         if len(windows) == len(self.cases):
-            runs = self._abreast(lambda i: self.window(x, windows[i], stands[i], slopes), "windows", say)
+            runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), "windows", say)
         else:
-            runs = [self.window(x, window, stand, slopes) for window, stand in zip(windows, stands, strict=True)]
-        size = next(iter(known.values())).rest.dr.shape[0]
+            runs = [self.window(x, window, start, slopes) for window, start in zip(windows, stands, strict=True)]
+        size = next(iter(cache.values())).rest.dr.shape[0]
         hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
         slope = [
             run.slope * window.factor[:, None] if slopes else np.zeros((len(run.soft), size))
             for run, window in zip(runs, windows, strict=True)
         ]
-        return self._together(x, hard, slope, known, all(run.solved for run in runs))
+        return self._together(x, hard, slope, cache, all(run.solved for run in runs))
 
-    def measured(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
+    def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
         """The same by the hard peaks of whole runs, without derivatives of what storms decide."""
-        known: dict[object, Stand] = {}
+        cache: dict[object, RunStart] = {}
         for case in self.cases:
-            self.stand(x, case, known)
-        size = next(iter(known.values())).rest.dr.shape[0]
+            self.run_start(x, case, cache)
+        size = next(iter(cache.values())).rest.dr.shape[0]
         hard = [storm.hard for storm in full]
-        return self._together(x, hard, [np.zeros((len(h), size)) for h in hard], known, True)
+        return self._together(x, hard, [np.zeros((len(h), size)) for h in hard], cache, True)
 
     def _together(
         self,
         x: np.ndarray,
         hard: Sequence[np.ndarray],
         slope: Sequence[np.ndarray],
-        known: dict[object, Stand],
+        cache: dict[object, RunStart],
         solved: bool,
     ) -> Values:
         names: list[str] = []
         value: list[float] = []
         slopes: list[np.ndarray] = []
-        (material, *strength), told = self.told(x)
+        (material, *strength), slopes_of_scene = self.scene_constraints(x)
         size = slope[0].shape[1]
-        told = np.hstack([told, np.zeros((len(told), size - told.shape[1]))])
-        for q, (now, way) in enumerate(zip(strength, told[1:], strict=True)):  # parts come first among the quantities
+        slopes_of_scene = np.hstack(
+            [slopes_of_scene, np.zeros((len(slopes_of_scene), size - slopes_of_scene.shape[1]))]
+        )
+        for q, (now, way) in enumerate(
+            zip(strength, slopes_of_scene[1:], strict=True)
+        ):  # parts come first among the quantities
             slope = [_row(s, q, s[q] / now - h[q] / now**2 * way) for h, s in zip(hard, slope, strict=True)]
             hard = [_row(h, q, h[q] / now) for h in hard]
         numbers = sorted({case.storm.number for case in self.cases})
@@ -248,21 +252,23 @@ class Design:
             mean = np.sum([w * hard[i] for w, i in zip(share, own, strict=True)], axis=0)
             way = np.sum([w[:, None] * slope[i] for w, i in zip(share, own, strict=True)], axis=0)
             case = self.cases[own[0]]
-            for q in range(self.limited(case)):
+            for q in range(self.count_limited(case)):
                 names.append(f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}")
                 value.append(float(mean[q]))
                 slopes.append(way[q])
-        stills = {case.storm.still: known[case.storm.still] for case in self.cases if case.storm.still in known}
-        for key, stand in stills.items():
+        stills = {case.storm.still: cache[case.storm.still] for case in self.cases if case.storm.still in cache}
+        for key, start in stills.items():
             level = float(key[2])
             for depth in self.goals.depths:
-                pose = np.asarray(stand.rest.state.r), stand.rest.dr
-                for name, near, by in depth.over(stand.still.model, *pose, level):
+                pose = np.asarray(start.rest.state.r), start.rest.dr
+                for name, near, by in depth.over(start.still.model, *pose, level):
                     label = "" if len(stills) == 1 else f": {key[0] or ''} level {level:+g} m"
                     names.append(f"{name}{label}")
                     value.append(near)
                     slopes.append(by)
-        objective, way = (material, told[0]) if self.goals.objective.of == "material" else self._largest(hard, slope)
+        objective, way = (
+            (material, slopes_of_scene[0]) if self.goals.objective.of == "material" else self._largest(hard, slope)
+        )
         return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:

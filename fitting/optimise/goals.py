@@ -27,7 +27,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.optimise.quantities import Clearance, Motion, Quantity, anchor_loads, line_nodes, part_load
 from fitting.site import Site
-from fitting.site.parts import matched
+from fitting.site.parts import match_names
 
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {
@@ -158,7 +158,7 @@ def read_goals(site: Site) -> Goals:
     depths, clearances, motions = [], [], []
     if site.backbone is not None:
         own = site.backbone
-        lines = matched(own.lines, names, "backbone.lines")
+        lines = match_names(own.lines, names, "backbone.lines")
         depths.append(Depth("backbone", (), lines, own.shallowest, own.deepest))
     items = read_list(site.raw.get("constraint", []), "constraint", None, "one or more [[constraint]] tables")
     for i, item in enumerate(items):
@@ -170,7 +170,7 @@ def read_goals(site: Site) -> Goals:
             continue
         key = "least" if kind == "clearance" else "most"
         limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": "m"})
-        lines = matched(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
+        lines = match_names(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
         if kind == "clearance" and len(lines) < 2:
             raise SceneError(f"{path}.lines: finds {lines[0]!r} alone; allowed: patterns of two lines or more")
         (clearances if kind == "clearance" else motions).append((lines, limit))
@@ -182,12 +182,12 @@ def _objective(table: Mapping[str, Any], site: Site) -> Objective:
     of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
     price = read_table(table.get("price", {}), "objective.price")
     for pattern in price:
-        matched([pattern], site.lines, "objective.price")
+        match_names([pattern], site.lines, "objective.price")
     prices = tuple((k, read_number(v, f"objective.price.{k}", {"low": 0.0})) for k, v in price.items())
     part = table.get("part")
     if of == "load":
         part = read_text(part, "objective.part", [p.name for p in site.parts])
-    lines = matched(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
+    lines = match_names(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)
 
@@ -208,9 +208,9 @@ def _depth(table: Mapping[str, Any], path: str, lines: Sequence[str], free: Sequ
             f"{path}.deepest: {bounds['deepest']:g} m contradicts shallowest; allowed: > {bounds['shallowest']:g} m"
         )
     points = (
-        matched(_patterns(table["points"], path), free, f"{path}.points", "free point") if "points" in table else ()
+        match_names(_patterns(table["points"], path), free, f"{path}.points", "free point") if "points" in table else ()
     )
-    own = matched(_patterns(table["lines"], path), lines, f"{path}.lines") if "lines" in table else ()
+    own = match_names(_patterns(table["lines"], path), lines, f"{path}.lines") if "lines" in table else ()
     if not (points or own):
         raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
     return Depth(f"depth {path.split('.')[1]}", points, own, **bounds)

@@ -48,7 +48,7 @@ class Still:
     assumed: bool = False
 
 
-def calmed(scene: Scene) -> Scene:
+def calm_slack_ropes(scene: Scene) -> Scene:
     """The scene with ropes whose damper works on in slack links (`damped_rope`), at least critically damped.
 
     Slack ropes of the plain law chatter: a difference of 1e-9 m grows to 1e-2 m within ten seconds and stays there. It
@@ -72,7 +72,7 @@ def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
     table = base.as_written()
     table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
     base = Scene.from_dict(table, base.name)
-    return calmed(base) if calm else base
+    return calm_slack_ropes(base) if calm else base
 
 
 def still_model(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, look, new_figure
+from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
 from dropper_jax.plots.style import save as save_figure
 from fitting.optimise.models import still_model
 from fitting.optimise.rest import near_rest
@@ -17,7 +17,7 @@ from fitting.site import Site
 SHOWN = 14
 
 
-@look()
+@plot_style()
 def design_picture(site: Site, found: Optimum, file: Path) -> Path:
     """Write the picture."""
     figure = new_figure(10.0, 7.0)
@@ -37,11 +37,11 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
     above.set(xlabel="x [m]", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
     above.legend(loc="lower right")
     rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:SHOWN][::-1]
-    place = np.arange(len(rows))
-    below.barh(place + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
-    below.barh(place - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
+    row = np.arange(len(rows))
+    below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
+    below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
     below.axvline(1.0, color=SECOND, linewidth=1.0)
-    below.set_yticks(place, [row[0] for row in rows], fontsize=7)
+    below.set_yticks(row, [row[0] for row in rows], fontsize=7)
     below.set(xlabel="used, limit at 1")
     below.legend(loc="lower right")
     return save_figure(figure, file)

@@ -76,15 +76,15 @@ class AnchorLoad(Quantity):
     unit: float = 1.0
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
-        pull = jax.vmap(lambda r, t: self._pull(model, r, t))(r, tension)
-        horizontal, up = safe_norm(pull[:, :2]), jnp.maximum(pull[:, 2], 0.0)
+        force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
+        horizontal, up = safe_norm(force[:, :2]), jnp.maximum(force[:, 2], 0.0)
         if self.uplift is not None:
             # V <= H tan(a), as a number that is positive and reaches 1 there
-            return (1.0 + (pull[:, 2] - self.uplift * horizontal) / self.unit)[:, None]
+            return (1.0 + (force[:, 2] - self.uplift * horizontal) / self.unit)[:, None]
         across, rising = self.across * horizontal, self.up * up
         return (safe_norm(jnp.stack([across, rising], axis=-1)) if self.round else across + rising)[:, None]
 
-    def _pull(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         d = model.links(r, model.ends(jnp.zeros((), r.dtype)))
         total = jnp.zeros(3, r.dtype)
         for sign, links in ((1.0, self.first), (-1.0, self.last)):

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model, State, state
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
@@ -63,7 +63,7 @@ def rest(still: Still, near: State | None = None) -> Rest:
     count = next(iter(still.slopes.values())).shape[0]
     table = tuple(still.slopes)
     slopes = [jnp.asarray(still.slopes[i]) for i in table]
-    rows, pull = (np.asarray(a) for a in _by_variables(table, still.model, slopes, s, loads))
+    rows, force = (np.asarray(a) for a in _by_variables(table, still.model, slopes, s, loads))
     try:
         matrix = splu(stiffness(still.model, s, loads).tocsc())
     except RuntimeError:
@@ -72,10 +72,10 @@ def rest(still: Still, near: State | None = None) -> Rest:
         ) from None
     dr = -matrix.solve(rows.reshape(count, -1).T).T.reshape(count, *s.r.shape)
     along = _along(still.model, s, loads, jnp.asarray(dr))
-    return Rest(s, dr, pull + np.asarray(along))
+    return Rest(s, dr, force + np.asarray(along))
 
 
-@kept(static=("moving",))
+@cached_jit(static=("moving",))
 def _by_variables(
     moving: tuple[int, ...], model: Model, slopes: list[jax.Array], s: State, loads: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
@@ -90,11 +90,11 @@ def _by_variables(
         return unbalanced(own, state(own, s.r, t=s.t), loads)
 
     zero = jnp.zeros(len(slopes[0]), s.r.dtype)
-    return jax.vmap(lambda way: jax.jvp(rows, (zero,), (way,))[1])(jnp.eye(len(zero), dtype=s.r.dtype))
+    return jax.vmap(lambda direction: jax.jvp(rows, (zero,), (direction,))[1])(jnp.eye(len(zero), dtype=s.r.dtype))
 
 
-@kept()
+@cached_jit()
 def _along(model: Model, s: State, loads: jax.Array, ways: jax.Array) -> jax.Array:
     """Derivatives of the tensions (p, n) along ways of the places (p, free, 3)."""
     tension = lambda r: unbalanced(model, state(model, r, t=s.t), loads)[1]  # noqa: E731
-    return jax.vmap(lambda way: jax.jvp(tension, (s.r,), (way,))[1])(ways)
+    return jax.vmap(lambda direction: jax.jvp(tension, (s.r,), (direction,))[1])(ways)

@@ -19,7 +19,7 @@ from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import Goals, read_goals
 from fitting.optimise.models import ASSUMPTIONS
 from fitting.optimise.prices import prices
-from fitting.optimise.search import RESIDUAL, Search, listed, measure, programme, sought
+from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
 from fitting.optimise.settings import Settings
 from fitting.optimise.storm import Peaks
 from fitting.optimise.values import Values, Window
@@ -116,7 +116,7 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     span, worst = np.array([v.span for v in design.variables]), 0.0
 
     def window(x: np.ndarray, window: Window, slopes: bool) -> Peaks:
-        return design.window(x, window, design.stand(x, window.case, {}, window.settled), slopes)
+        return design.window(x, window, design.run_start(x, window.case, {}, window.polished), slopes)
 
     for own in windows:
         slope = window(x, own, True).slope[:, : len(x)]
@@ -149,7 +149,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
     design = read_problem(site)
     file = None if state is None else Path(state)
     mark = _mark(design)
-    search, off = _resumed(file, mark, design)
+    search, off = _resume_search(file, mark, design)
 
     def save() -> None:
         if file is not None:
@@ -158,10 +158,10 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
     if search.before is None:
         _possible(design)
         if check:
-            off = checked(design, say)
+            off = check_derivatives(design, say)
             save()
     if not search.done:
-        sought(search, design, save, say)
+        run_search(search, design, save, say)
     return _optimum(design, search, off, say)
 
 
@@ -202,7 +202,7 @@ def _mark(design: Design) -> str:
     return hashlib.sha256(json.dumps(jsonable(table), sort_keys=True, default=str).encode()).hexdigest()
 
 
-def _resumed(file: Path | None, mark: str, design: Design) -> tuple[Search, float]:
+def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, float]:
     fresh = Search(design.start, design.settings.reach)
     if file is None or not file.exists():
         return fresh, float("nan")
@@ -239,7 +239,7 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     before = search.before
     names = found.names
-    after = listed(found)
+    after = constraints_by_name(found)
     residual = float("nan") if search.best_residual is None else float(search.best_residual)
     return Optimum(
         variables=design.variables,
@@ -258,11 +258,11 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         runs=len(search.history),
         history=search.history,
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
-        warnings=tuple(told(residual, 1.0 - price.left)),
+        warnings=tuple(design_warnings(residual, 1.0 - price.left)),
     )
 
 
-def told(residual: float, held: float) -> list[str]:
+def design_warnings(residual: float, held: float) -> list[str]:
     """What makes a design's numbers doubtful, one line each."""
     found = []
     if residual > RESIDUAL:
@@ -279,15 +279,15 @@ def told(residual: float, held: float) -> list[str]:
     return found
 
 
-def checked(design: Design, say: Say = silent) -> float:
+def check_derivatives(design: Design, say: Say = silent) -> float:
     """The check of a design's derivatives at its start: see `check_slopes`."""
     say(0.0, "checking derivatives")
     windows, known = [], {}
     for kind in design.site.kinds:
         case = next(case for case in design.cases if case.storm.kind == kind)
-        stand = design.stand(design.start, case, known)
-        count = len(design.quantities(case, stand.still))
+        start = design.run_start(design.start, case, known)
+        count = len(design.quantities(case, start.still))
         begin = Window(case, 0.0, np.ones(count), None)
-        heights = design.window(design.start, begin, stand, slopes=False).hard
+        heights = design.window(design.start, begin, start, slopes=False).hard
         windows.append(dataclasses.replace(begin, height=heights))
     return check_slopes(design, windows)

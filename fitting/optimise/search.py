@@ -169,15 +169,15 @@ class _Round:
         """The step of a model's linear programme within the reach, run; None where it promises nothing."""
         search, settings = self.search, self.design.settings
         fixed = False if search.fixed is None else search.fixed
-        room = np.where(fixed, 0.0, search.reach * self.span)
-        bounds = np.maximum(self.low - search.x, -room), np.minimum(self.high - search.x, room)
+        step_range = np.where(fixed, 0.0, search.reach * self.span)
+        bounds = np.maximum(self.low - search.x, -step_range), np.minimum(self.high - search.x, step_range)
         step = programme(model, *bounds, search.scale, self.limit)
         gain = self.merit(self.here) - (step.objective / search.scale + PRICE * step.violation)
         if gain < 1e-4 * settings.enough + 1e-9:
             return None
         self.tried += 1
         x = np.clip(search.x + step.step, self.low, self.high)
-        found, failure = _tried(self.design, x, self.windows, self.say)
+        found, failure = _try_design(self.design, x, self.windows, self.say)
         won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
         attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / self.span)), found, gain, won)
         row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach}
@@ -192,7 +192,7 @@ class _Round:
         return attempt
 
 
-def _tried(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
+def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
     """Values of a design; None where it has no pose at rest or its windows cannot be run, with the reason."""
     try:
         found = design.values(x, windows, say)
@@ -209,8 +209,8 @@ def measure(
     Args:
         foretold: values of this design by the windows and factors as they were, for the residual.
     """
-    windows, full = design.renewed(search.x, say)
-    found = design.measured(search.x, full)
+    windows, full = design.renew_windows(search.x, say)
+    found = design.measure_full_runs(search.x, full)
     search.residual = None if foretold is None else float(np.max(np.abs(foretold.value - found.value), initial=0.0))
     row = {"round": search.round, "objective": found.objective, "worst": found.worst, "whole": True}
     row |= {"residual": search.residual}
@@ -221,7 +221,7 @@ def measure(
     return windows, found, full
 
 
-def snapped(search: Search, design: Design, values: Values) -> np.ndarray | None:
+def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray | None:
     """The design with variables on sizes of their catalogues, each the neighbour that costs least to first order.
 
     Returns:
@@ -243,13 +243,17 @@ def snapped(search: Search, design: Design, values: Values) -> np.ndarray | None
     return x
 
 
-def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -> None:
+def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> None:
     """The whole search, from where it is."""
     settings = design.settings
     windows, found, _ = measure(search, design, say)
     if search.before is None:
         search.scale = abs(found.objective) or 1.0
-        search.before = {"x": search.x.tolist(), "objective": found.objective, "constraints": listed(found)}
+        search.before = {
+            "x": search.x.tolist(),
+            "objective": found.objective,
+            "constraints": constraints_by_name(found),
+        }
         save()
     last, still_better = search.best_objective, True
     while search.round < search.sized + settings.rounds and still_better:
@@ -263,14 +267,14 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
         if search.fixed is None and (not still_better or search.round >= settings.rounds):
             if search.best is not None:
                 search.x = search.best.copy()
-            x = snapped(search, design, here)
+            x = snap_to_catalogue(search, design, here)
             if x is None:
                 continue
             # sizes are set, the rest is sought anew beside them
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
             search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
             search.best, search.best_objective, last = None, np.inf, np.inf
-            there, _ = _tried(design, search.x, windows, say)
+            there, _ = _try_design(design, search.x, windows, say)
             windows, found, _ = measure(search, design, say, there)
             last = search.best_objective
             save()
@@ -278,6 +282,6 @@ def sought(search: Search, design: Design, save: Callable[[], None], say: Say) -
     save()
 
 
-def listed(values: Values) -> dict[str, float]:
+def constraints_by_name(values: Values) -> dict[str, float]:
     """Constraints by name."""
     return dict(zip(values.names, values.value.tolist(), strict=True))

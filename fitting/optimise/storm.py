@@ -15,10 +15,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.model import Model
 from dropper_jax.sea import Sea
-from dropper_jax.stepping.adjoint import Record, check_recordable, record, way_back
+from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.stepper import Stepper
 from fitting.optimise.models import Still, in_waves, leaf_numbers
@@ -30,8 +30,8 @@ RAMP = 10.0
 #: Times that a window that could not be solved is taken again with half the step.
 HALVINGS = 1
 
-_record = kept(static=("stepper", "steps"))(record)
-_way_back = kept(static=("stepper", "moving"))(way_back)
+_record = cached_jit(static=("stepper", "steps"))(record)
+_backward_pass = cached_jit(static=("stepper", "moving"))(backward_pass)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _peaks(
         first = len(by_t) - len(phase.run.tension)
         if end is None:
             zero = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), phase.run.last)
-        by_leaf, end = _way_back(
+        by_leaf, end = _backward_pass(
             *(stepper, phase.model, table, phase.run, jnp.asarray(h, model.dtype), by_r[first:], by_t[first:]),
             zero if end is None else end,
         )
@@ -155,7 +155,7 @@ def _peaks(
     return Peaks(hard, np.asarray(soft), slope, when, True)
 
 
-@kept(static=("quantities",))
+@cached_jit(static=("quantities",))
 def _hard(
     quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
@@ -164,14 +164,14 @@ def _hard(
     return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
 
 
-@kept(static=("quantities",))
+@cached_jit(static=("quantities",))
 def _soft(
     quantities: tuple[Quantity, ...], model: Model, heights: jax.Array, r: jax.Array, tension: jax.Array
 ) -> jax.Array:
     return jnp.stack([q.soft(model, r, tension, heights[i]) for i, q in enumerate(quantities)])
 
 
-@kept(static=("quantities", "moving"))
+@cached_jit(static=("quantities", "moving"))
 def _by_signals(
     quantities: tuple[Quantity, ...],
     moving: tuple[int, ...],

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import build_model, stepper_of
-from dropper_jax.run.pieces import compile_run, first_carry, go_through
+from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from fitting.optimise.models import in_waves, sea_of, still_scene
 from fitting.optimise.quantities import Quantity
 from fitting.optimise.rest import near_rest
@@ -45,8 +45,8 @@ def full_storm(
     run = dataclasses.replace(own.run, save_every=1, **({} if dt is None else {"dt": dt}))
     stepper = stepper_of(model, run, track_work=False)
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
-    gone = go_through(pieces, run.saves, _silent)
-    found = gone.trajectory
+    outcome = run_chunks(pieces, run.saves, _silent)
+    found = outcome.trajectory
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
     first = int(np.floor(site.run_of(case.storm).skip / run.dt))

@@ -19,17 +19,17 @@ class Window:
     Attributes:
         begin: [s].
         factor: from its soft peaks to the whole run's hard ones (q,); height: that sizes the soft peaks (q,).
-        settled: whether a line that breaks is gone from the begin on.
+        polished: whether a line that breaks is gone from the begin on.
     """
 
     case: Case
     begin: float
     factor: np.ndarray
     height: np.ndarray
-    settled: bool = False
+    polished: bool = False
 
 
-class Stand(NamedTuple):
+class RunStart(NamedTuple):
     """Where a run begins: calm model with its slopes, pose at rest, what a window with a broken line goes on with."""
 
     still: Still

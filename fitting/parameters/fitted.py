@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.place import ModelPlace
+from fitting.parameters.target import ModelPlace
 
 
 def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:

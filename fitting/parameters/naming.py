@@ -53,12 +53,12 @@ def _is_full(name: str) -> bool:
     return name.count(".") >= 2 or name.startswith(known)
 
 
-def _full(name: str, known: Sequence[str], option: str) -> str:
+def _full(name: str, names: Sequence[str], option: str) -> str:
     if not name:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     stem, _, entry = name.partition(".")
-    known = [p for p in known if not p.startswith("line.") or p.split(".")[1].isdecimal()]
-    found = [p for p in known if p.rsplit(".", 1)[1] == stem]
+    names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
+    found = [p for p in names if p.rsplit(".", 1)[1] == stem]
     if not found:
         found = [
             f"effects.{effect}.{f.name}"
@@ -67,6 +67,6 @@ def _full(name: str, known: Sequence[str], option: str) -> str:
             if f.name == stem and effect in DAMPING and f.name in DAMPING[effect]
         ]
     if len(found) != 1:
-        short = sorted({p.rsplit(".", 1)[1] for p in known} | {key for keys in DAMPING.values() for key in keys})
-        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + known)}")
+        short = sorted({p.rsplit(".", 1)[1] for p in names} | {key for keys in DAMPING.values() for key in keys})
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
     return found[0] + (f".{entry}" if entry else "")

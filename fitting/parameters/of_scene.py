@@ -22,7 +22,7 @@ from dropper_jax.run.build import build_model
 from dropper_jax.scene import BuoySpec, PointSpec
 from dropper_jax.sea.spec import CurrentSpec, SeaSpec, WaveSpec
 from fitting.parameters.parameter import Parameter, check_once, resolve
-from fitting.parameters.place import Direction
+from fitting.parameters.target import Direction
 
 #: Steps of the differences, relative; two of them, extrapolated, leave 1e-12 of what is smooth.
 STEPS = (1e-3, 5e-4)
@@ -40,7 +40,7 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
     """
     found: list[Parameter] = []
     for name in names:
-        written = scene.written is not None and name in scene.written.places(scene.as_written())
+        written = scene.written is not None and name in scene.written.locate_values(scene.as_written())
         if written or name.startswith("parameters."):
             found.append(scene_parameter(scene, model, name))
             continue

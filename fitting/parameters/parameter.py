@@ -27,7 +27,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Line, Model, Point
-from fitting.parameters.place import (
+from fitting.parameters.target import (
     CAMERA,
     CLOCK,
     LOST,
@@ -40,8 +40,8 @@ from fitting.parameters.place import (
     LostPlace,
     ModelPlace,
     NodeMarkerPlace,
-    Place,
-    scaled,
+    Target,
+    scale_direction,
 )
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
@@ -74,7 +74,7 @@ class Parameter:
     """
 
     name: str
-    where: Place
+    where: Target
     value: float
     low: float = -np.inf
     high: float = np.inf
@@ -143,13 +143,13 @@ def adjust_parameters(
     return tuple(_adjust(p, *given, wider) for p in parameters)
 
 
-def _for_each(which: str, given: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
+def _for_each(which: str, given: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Any]:
     """What is given by path, by the names of the parameters: that of a field is for each of its entries."""
     found = {}
     for name, value in (given or {}).items():
-        mine = [p for p in known if p == name] or [p for p in known if p.startswith(name + ".")]
+        mine = [p for p in names if p == name] or [p for p in names if p.startswith(name + ".")]
         if not mine:
-            raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, known)}")
+            raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, names)}")
         found.update(dict.fromkeys(mine, value))
     return found
 
@@ -202,13 +202,13 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if name == CLOCK:
         return [Parameter(CLOCK, ClockPlace(), 1.0, *CLOCK_RANGE, unit="s/s")]
     if name == SCALE:
-        return [Parameter(SCALE, scaled(model), 1.0, *SCALE_RANGE, unit="m/m")]
+        return [Parameter(SCALE, scale_direction(model), 1.0, *SCALE_RANGE, unit="m/m")]
     if name == MARKER or name.startswith(MARKER + "."):
         return _markers(model, name, option)
     if name == NODE or name.startswith(NODE + "."):
         return _node_markers(model, name, option)
     if name == LOST or name.startswith(LOST + "."):
-        return [_lost(name, option)]
+        return [_lost_frame(name, option)]
     section, index, field, entry = _locate(model, name, option)
     item = getattr(model, section)[index]
     value = np.asarray(getattr(item, field.name))
@@ -216,7 +216,7 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if value.ndim == 0 and entry is None:
         return [_parameter(name, ModelPlace(section, index, field.name), float(value), meta)]
     flat = value.reshape(-1)
-    count = _used(model, section, field, len(flat))
+    count = _used_entries(model, section, field, len(flat))
     if entry is not None and entry >= len(flat):
         raise SceneError(f"{option}: {name!r} has no such entry; allowed: 0 to {len(flat) - 1}")
     entries = range(count) if entry is None else [entry]
@@ -241,21 +241,21 @@ def _node_markers(model: Model, name: str, option: str) -> list[Parameter]:
     return found
 
 
-def _lost(name: str, option: str) -> Parameter:
+def _lost_frame(name: str, option: str) -> Parameter:
     words = name.removeprefix(LOST).lstrip(".").split(".")
     if len(words) != 2 or not all(word.isdecimal() for word in words):
         raise SceneError(f"{option}: {name!r} names no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
     return Parameter(name, LostPlace(*map(int, words)), 0.0, unit="s")
 
 
-def _used(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
+def _used_entries(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
     """Entries that exist in the model: a free end has no joint and no held node of its own."""
     if section != "effects" or field.metadata["shape"] != "joint":
         return size
     return min(size, model.line.links + (1 if model.end_held else 0))
 
 
-def _parameter(name: str, where: Place, value: float, meta: Mapping[str, Any]) -> Parameter:
+def _parameter(name: str, where: Target, value: float, meta: Mapping[str, Any]) -> Parameter:
     low = -np.inf if meta["low"] is None else float(meta["low"])
     if meta["open_low"]:
         low += OPEN_BOUND * abs(value)
@@ -282,7 +282,7 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
     for kind in (ModelPlace, Direction):  # what is put in place must not undo what moved it
         for i, p in enumerate(parameters):
             if isinstance(p.where, kind):
-                model = p.where.put(model, values[i])
+                model = p.where.set_in(model, values[i])
     return model
 
 

@@ -31,7 +31,7 @@ class Common:
 
 
 @dataclass(frozen=True)
-class Known:
+class JointPrior:
     """What is known of the parameters together.
 
     Attributes:
@@ -55,7 +55,7 @@ class Known:
         return found + sum(np.outer(move, move) for move in self.doubt)
 
 
-def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], Known]:
+def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], JointPrior]:
     """The parameters with the rig's priors, where the caller gave none, and what is known of them together.
 
     Raises:
@@ -64,7 +64,7 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
     found, common, carried = list(parameters), [], 0.0
     for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
         option = f"fit.prior.{i}.of"
-        known = _meant(scene, model, prior.of, option)
+        known = _resolve_prior(scene, model, prior.of, option)
         names = {p.name for p in known}
         mine = [j for j, p in enumerate(found) if p.name in names]
         if not prior.common:
@@ -78,10 +78,10 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
         elif all(p.unit == "kg" for p in known):
             carried = float(np.hypot(carried, prior.si[0]))
     massive = np.array([float(power_of_mass(p.unit)) for p in found])
-    return tuple(found), Known(tuple(common), carried, massive)
+    return tuple(found), JointPrior(tuple(common), carried, massive)
 
 
-def _meant(scene: Scene, model: Model, of: str, option: str) -> Sequence[Parameter]:
+def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence[Parameter]:
     """The numbers that a prior is of: of the model, else of the scene, such as `sea.current.speed`."""
     name = full_names(scene, [of], option)[0]
     if name.split(".")[0] in ("point", "line", "effects") and scene.written is None:

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.parameters.place import CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, Place
+from fitting.parameters.target import CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, Target
 from fitting.traces.planar import directions
 
 
@@ -31,10 +31,10 @@ class Placed(Protocol):
     """A free number with a place."""
 
     @property
-    def where(self) -> Place: ...
+    def where(self) -> Target: ...
 
 
-def seen(model: Model, parameters: Sequence[Placed], values: jax.Array, theta: jax.Array) -> jax.Array:
+def camera_angles(model: Model, parameters: Sequence[Placed], values: jax.Array, theta: jax.Array) -> jax.Array:
     """Angles (..., n) that the camera sees of links at theta (..., n) [rad]; differentiable."""
     turned = theta + node_markers(model, parameters, values, theta)
     return turned + camera_offset(parameters, values, theta.shape[-1])

@@ -112,7 +112,7 @@ def picture(result: ChannelFit, run: int, path: str | Path) -> Path:
             panels.append((f"{label} [{sensor.channel.measures}]", t, measured, shown[:, j], size[:, j]))
     left_out = len(panels) - MOST
     panels = panels[:MOST]
-    with style.look():
+    with style.plot_style():
         figure = style.new_figure(9.0, 1.0 + 1.7 * len(panels))
         axes = np.atleast_2d(figure.subplots(len(panels), 2, sharex=True, width_ratios=(3, 1), squeeze=False))
         for (label, t, measured, shown, size), (over, beside) in zip(panels, axes, strict=True):

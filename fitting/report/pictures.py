@@ -53,9 +53,9 @@ def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str, **looks: Any) ->
         axes.plot(t[part], x[part], label=label if i == 0 else None, **looks)
 
 
-def _styled(draw: Callable[..., Figure]) -> Callable[..., Path]:
+def _with_style(draw: Callable[..., Figure]) -> Callable[..., Path]:
     @wraps(draw)
-    @style.look()
+    @style.plot_style()
     def wrapper(result: FitResult, run: int, path: Path) -> Path:
         return style.save(draw(result, run), path)
 
@@ -72,7 +72,7 @@ def _rows(result: FitResult, what: str, height: float = 1.3) -> tuple[Figure, np
     return figure, axes, links
 
 
-@_styled
+@_with_style
 def traces(result: FitResult, run: int) -> Figure:
     """Measured angles and the fit, per link [rad from the horizontal]."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: traces and fit [rad from the horizontal]")
@@ -91,7 +91,7 @@ def traces(result: FitResult, run: int) -> Figure:
     return figure
 
 
-@_styled
+@_with_style
 def residuals(result: FitResult, run: int) -> Figure:
     """Measured less fitted angles, per link [rad]; the band is twice their deviation."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: residuals [rad]", 1.0)
@@ -106,7 +106,7 @@ def residuals(result: FitResult, run: int) -> Figure:
     return figure
 
 
-@_styled
+@_with_style
 def spectra(result: FitResult, run: int) -> Figure:
     """Amplitude spectra of measured and fitted angles, per link [rad], of the longest stretch without a gap."""
     figure, axes, links = _rows(result, f"{result.traces[run].name}: amplitude spectra [rad]")
@@ -127,7 +127,7 @@ def spectra(result: FitResult, run: int) -> Figure:
     return figure
 
 
-@_styled
+@_with_style
 def phase_space(result: FitResult, run: int) -> Figure:
     """Rate against angle of every link, measured (differences) and fitted."""
     t, measured, simulated, _ = fitted(result, run)
@@ -150,7 +150,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
     return figure
 
 
-@_styled
+@_with_style
 def descent(result: FitResult, _: int) -> Figure:
     """Loss per sample and parameters from step to step of a gradient descent, of all runs together."""
     points, parameters = result.descent, result.parameters[:MOST]

@@ -14,7 +14,7 @@ from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
-from fitting.calibration.energy import look_at_energy
+from fitting.calibration.energy import check_energy
 from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult
 from fitting.parameters.fitted import fitted_scene
@@ -57,9 +57,9 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
     return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
-def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
-    """The Markdown text; `whole` are uninterrupted runs by the number of their trace."""
-    energy = look_at_energy(result)
+def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> str:
+    """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
+    energy = check_energy(result)
     parts = [
         f"# Fit of {literal(result.scene.name)}",
         f"Method `{result.method}`; status **{result.status}**{': ' + result.message if result.message else ''}.",
@@ -90,8 +90,8 @@ def report(result: FitResult, whole: Mapping[int, OneRun] | None = None) -> str:
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
-        if whole and run in whole:
-            text = whole[run].text
+        if full_runs and run in full_runs:
+            text = full_runs[run].text
             parts += [f"{text[0].upper()}{text[1:]}.", f"![one run](one_run_{run + 1}.png)"]
     return "\n\n".join(parts) + "\n"
 
@@ -152,7 +152,7 @@ def markdown(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]])
 
 
-@style.look()
+@style.plot_style()
 def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
     """Measured angles and the run, per link [rad from the horizontal]; faint where it is not to be trusted."""
     links = min(found.measured.shape[1], MOST)

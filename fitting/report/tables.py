@@ -131,7 +131,13 @@ def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
     """What else may be wrong, for people."""
     rows = [("may be wrong", "frees", "gain", "p", "")]
     for row in candidates:
-        note = " or ".join(["<-", *row.alike]) if row.named else "" if row.told else "not told apart from what is free"
-        numbers = (f"{row.gain:.1f}", f"{row.p:.2g}") if row.told else ("-", "-")
+        note = (
+            " or ".join(["<-", *row.alike])
+            if row.worth_naming
+            else ""
+            if row.identifiable
+            else "not told apart from what is free"
+        )
+        numbers = (f"{row.gain:.1f}", f"{row.p:.2g}") if row.identifiable else ("-", "-")
         rows.append((row.name, ",".join(row.free), *numbers, note))
     return rows

@@ -76,7 +76,7 @@ def _csv(found: dict[str, Any]) -> str:
     return text.getvalue()
 
 
-@style.look()
+@style.plot_style()
 def draw(found: dict[str, Any], path: Path) -> Path:
     """Floats of each month between their bounds, and the depths of the backbone."""
     months = found["months"]

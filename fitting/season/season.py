@@ -12,7 +12,7 @@ from dropper_jax.base.progress import Progress, silent
 from fitting.season.poses import Water, floating, needs, waters
 from fitting.season.schedule import schedule, spread
 from fitting.site import Site
-from fitting.site.parts import matched
+from fitting.site.parts import match_names
 
 SCHEMA = 1
 #: How often bounds are drawn in where the farm does not lie within its depths.
@@ -36,7 +36,9 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    names = list(matched(site.season.points, [p.name for p in site.scene.points if p.kind == "free"], "season.points"))
+    names = list(
+        match_names(site.season.points, [p.name for p in site.scene.points if p.kind == "free"], "season.points")
+    )
     lift = _lift(site)
     say, all_waters = progress or silent, waters(site)
     months, rows = list(site.growth), []
@@ -46,8 +48,8 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         pulls = []
         for j, water in enumerate(held):
             say(0.5 * (i + j / len(held)) / len(months), f"{month}: what the floats must carry")
-            pull, weights = needs(site, month, water, names)
-            pulls.append(pull)
+            force, weights = needs(site, month, water, names)
+            pulls.append(force)
         rows.append(_month(site, month, weights, np.array(pulls), lift))
     low, high = [row["least"] for row in rows], [row["most"] for row in rows]
     known: dict[tuple[str, int], list[dict[str, Any]]] = {}
@@ -63,7 +65,7 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
                 high[i], again = min(high[i], count - 1), True
         if not again:
             break
-    return _told(site, names, lift, rows)
+    return _season_table(site, names, lift, rows)
 
 
 def _lift(site: Site) -> float:
@@ -95,14 +97,14 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
 
 
 def _lying(
-    site: Site, row: dict[str, Any], names: list[str], count: int, all_waters: tuple[Water, ...], known: dict[Any, Any]
+    site: Site, row: dict[str, Any], names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
 ) -> dict[str, Any]:
     """How the farm lies on so many floats: rows by state of the tide, and how far it is from its limits."""
     floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
     key = (row["month"], count)
-    if key not in known:
-        known[key] = [floating(site, row["month"], water, floats) for water in all_waters]
-    poses = known[key]
+    if key not in cache:
+        cache[key] = [floating(site, row["month"], water, floats) for water in all_waters]
+    poses = cache[key]
     deepest, shallowest = max(p["deepest_m"] for p in poses), min(p["shallowest_m"] for p in poses)
     own = site.backbone
     sinking = None if own is None or own.deepest is None else own.deepest - deepest
@@ -121,7 +123,7 @@ def _lying(
     }
 
 
-def _told(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
     before, flags, visits, handled = site.season.start, [], 0, 0
     for row in rows:
         row["change"] = 0 if before is None else row["floats"] - before
@@ -146,16 +148,16 @@ def _told(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]])
 
 
 def _flags(row: dict[str, Any]) -> list[str]:
-    month, told = row["month"], []
+    month, flags = row["month"], []
     if row["least"] > row["most"]:
-        told.append(
+        flags.append(
             f"{month}: at least {row['least']} floats against sinking, at most {row['most']} against rising: no number "
             "does both; smaller floats, a smaller reserve or least_share"
         )
     bad = [pose for pose in row["poses"] if pose["status"] != "ok"]
     if bad:
-        told.append(f"{month}: no pose at rest at level {bad[0]['level_m']:+g} m: its depths are not known")
+        flags.append(f"{month}: no pose at rest at level {bad[0]['level_m']:+g} m: its depths are not known")
     for key, what in (("sinking_m", "too deep"), ("lifting_m", "too high")):
         if row[key] is not None and row[key] < 0.0:
-            told.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} on {row['floats']} floats")
-    return told
+            flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} on {row['floats']} floats")
+    return flags

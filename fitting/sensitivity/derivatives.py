@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.progress import Progress, silent
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.study.lyapunov import horizon, lyapunov
@@ -86,7 +86,7 @@ class Local:
         return {**dataclasses.asdict(self), "scaled": self.scaled, "trusted": self.trusted}
 
 
-@kept(static=("plan",), brief=True)
+@cached_jit(static=("plan",), brief=True)
 def _forward(plan: Plan, model: Model, near: State, values: jax.Array) -> tuple[jax.Array, ...]:
     """Derivatives (p,) and value of the quantity; how far each parameter moves the nodes, `max |dr/dp|` (p,), and the
     largest extent of a node's motion."""
@@ -100,7 +100,7 @@ def _forward(plan: Plan, model: Model, near: State, values: jax.Array) -> tuple[
     return slopes, value, reach, extent
 
 
-@kept(static=("plan",), brief=True)
+@cached_jit(static=("plan",), brief=True)
 def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, checkpoint=True)[0])(values)
 

@@ -25,7 +25,7 @@ from dropper_jax.stepping.stepper import Stepper
 from fitting.parameters.naming import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
-from fitting.parameters.place import Direction
+from fitting.parameters.target import Direction
 from fitting.sensitivity.quantities import PERIOD, Quantity, quantity
 
 #: Runs advanced together in global studies.

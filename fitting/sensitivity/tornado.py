@@ -39,15 +39,15 @@ def _bars(
     errors: Sequence[np.ndarray] | None = None,
 ) -> Path:
     order = np.argsort(np.abs(values[0]))
-    with style.look():
+    with style.plot_style():
         figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
         axes = figure.subplots()
         height = 0.8 / len(values)
         for i, (column, label) in enumerate(zip(values, labels, strict=True)):
-            place = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
+            row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
             colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
             spread = None if errors is None or not np.isfinite(errors[i]).all() else errors[i][order]
-            axes.barh(place, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
+            axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
         axes.set_yticks(np.arange(len(names)), [names[i] for i in order])
         axes.axvline(0.0, color=style.DARK, lw=0.8)
         axes.set_xlabel(axis)

@@ -12,7 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
-from fitting.site.parts import matched
+from fitting.site.parts import match_names
 from fitting.site.sections import GrowthTable, SeaState
 
 INTACT, BROKEN = "intact", "broken"
@@ -99,7 +99,7 @@ def storms(site: Any) -> tuple[Storm, ...]:
     )
 
 
-def _current(site: Any, given: dict[str, Any] | None, way: float) -> tuple[dict[str, Any] | None, str | None]:
+def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple[dict[str, Any] | None, str | None]:
     """Table of a case's current and its name."""
     if given is None:
         return None, None
@@ -107,7 +107,7 @@ def _current(site: Any, given: dict[str, Any] | None, way: float) -> tuple[dict[
     own = site.scene.sea.current
     profile = {} if own is None else {k: v for k, v in own.table().items() if k in PROFILE}
     table = {**(profile if "kind" not in given else {}), **{k: v for k, v in given.items() if k != "name"}}
-    table.setdefault("direction", way if heading is None else float(np.radians(heading)))
+    table.setdefault("direction", direction if heading is None else float(np.radians(heading)))
     return table, given["name"]
 
 
@@ -126,9 +126,9 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         pattern, colon, link = state.rpartition(":") if ":" in state else (state, "", "")
         if colon and not link.isdecimal():
             raise refuse(f"{path}.{i}", state, "has no link number after its colon", "LINE or LINE:LINK, links from 1")
-        for name in matched([pattern], list(lines), f"{path}.{i}"):
+        for name in match_names([pattern], list(lines), f"{path}.{i}"):
             entry = len(scene.failures) + sum(item is not None for item in found)
-            found.append(Break(name, *_place(scene, name, int(link) if link else None, f"{path}.{i}"), entry))
+            found.append(Break(name, *_locate_link(scene, name, int(link) if link else None, f"{path}.{i}"), entry))
     names = [INTACT if item is None else item.name for item in found]
     for name in names:
         if names.count(name) > 1:
@@ -136,7 +136,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     return tuple(found)
 
 
-def _place(scene: Scene, name: str, link: int | None, path: str) -> tuple[str, int]:
+def _locate_link(scene: Scene, name: str, link: int | None, path: str) -> tuple[str, int]:
     """Line or piece and link (from 1) of a link of a whole line; the middle one where none is given."""
     pieces: list[LineSpec] = [line for line in scene.lines if name in (line.name, line.piece_of)]
     total = sum(line.links for line in pieces)
@@ -160,7 +160,7 @@ def growth_of(tables: tuple[GrowthTable, ...], lines: tuple[str, ...], path: str
     """
     found: dict[str, dict[str, Any]] = {}
     for table in tables:
-        for name in matched(table.lines, lines, f"{path}.{table.month}.lines"):
+        for name in match_names(table.lines, lines, f"{path}.{table.month}.lines"):
             if name in found:
                 raise SceneError(
                     f"{path}.{table.month}.lines: {name!r} has mussels of this month already; allowed: once a month"

@@ -53,7 +53,7 @@ class Anchor:
         return spec.utilisation(horizontal, upward)
 
 
-def matched(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:
+def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:
     """Names that any of the patterns finds, in their order.
 
     Raises:
@@ -63,12 +63,12 @@ def matched(patterns: Iterable[str], names: Sequence[str], path: str, what: str 
     for pattern in patterns:
         own = [name for name in names if fnmatchcase(name, pattern)]
         if not own:
-            raise SceneError(f"{path}: {pattern!r} matches no {what}; {_near(pattern, names)}")
+            raise SceneError(f"{path}: {pattern!r} matches no {what}; {_nearest_hint(pattern, names)}")
         found.update(own)
     return tuple(name for name in names if name in found)
 
 
-def _near(pattern: str, names: Sequence[str]) -> str:
+def _nearest_hint(pattern: str, names: Sequence[str]) -> str:
     hint = nearest(pattern, names)
     return hint if not hint.startswith("known:") else f"known: {short(names)}"
 

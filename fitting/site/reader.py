@@ -21,7 +21,7 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from fitting.site.case import breaks, growth_of
-from fitting.site.parts import Anchor, Part, matched, refuse_overlap, short
+from fitting.site.parts import Anchor, Part, match_names, refuse_overlap, short
 from fitting.site.sections import (
     AnchorTable,
     Backbone,
@@ -38,7 +38,7 @@ from fitting.site.sections import (
 from fitting.site.site import Site
 
 #: Sections that are read here, and those that others read.
-OWN = (
+SITE_KEYS = (
     *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
     *("growth", "factors", "part", "anchor", "exclusion", "backbone", "season"),
 )
@@ -56,7 +56,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     """
     file = None if isinstance(source, Mapping) else Path(source)
     table = read_table(source if file is None else _parse(file), "site")
-    check_keys(table, (*OWN, *PASSED), "")
+    check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
     if scene.sea is None:
         raise SceneError(f"scene: {scene.name!r} has no [sea]; allowed: a scene with water")
@@ -86,9 +86,9 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     }
     for name, section in sections.items():
         if section is not None and name != "season":
-            matched(section.lines, lines, f"{name}.lines")
+            match_names(section.lines, lines, f"{name}.lines")
     if sections["season"] is not None:
-        matched(sections["season"].points, free, "season.points", "free point")
+        match_names(sections["season"].points, free, "season.points", "free point")
     site = Site(
         name=read_text(table.get("name", scene.name if file is None else file.stem), "name"),
         description=read_text(table.get("description", ""), "description"),
@@ -204,12 +204,12 @@ def _parts(
     unchecked: Sequence[str],
 ) -> tuple[Part, ...]:
     specs = {line.name: line.spec for line in whole_lines(scene)}
-    found, groups = [], [("unchecked", matched(unchecked, lines, "unchecked"))]
+    found, groups = [], [("unchecked", match_names(unchecked, lines, "unchecked"))]
     for i, item in _items(table, "part"):
         path, own = f"part.{i}", dict(read_table(item, f"part.{i}"))
         given, curve = own.pop("factor", None), own.pop("curve", None)
         part = PartTable.read(own, path)
-        names = matched(part.lines, lines, f"{path}.lines")
+        names = match_names(part.lines, lines, f"{path}.lines")
         groups.append((f"{path} ({part.name!r})", names))
         found.append(
             Part(
@@ -230,15 +230,15 @@ def _parts(
     return tuple(found)
 
 
-def _capacity(part: PartTable, own: Plain, line: str, path: str) -> float:
+def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
     if part.capacity is not None:
         return part.capacity
-    if own is None:
+    if capacity is None:
         raise SceneError(
             f"{path}.capacity: missing; needed: the breaking load [N] of {part.name!r}, for {line!r} has no "
             "`breaking_load` in the scene"
         )
-    return float(np.min(own))
+    return float(np.min(capacity))
 
 
 def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> dict[str, float | None]:
@@ -256,7 +256,7 @@ def _anchors(table: Mapping[str, Any], held: Sequence[str], factors: Factors, ki
         path, own = f"anchor.{i}", dict(read_table(item, f"anchor.{i}"))
         given = own.pop("factor", None)
         anchor = AnchorTable.read(own, path)
-        points = matched(anchor.points, held, f"{path}.points", "held point")
+        points = match_names(anchor.points, held, f"{path}.points", "held point")
         groups.append((path, points))
         factor = _factor(given, factors, kinds, f"{path}.factor")
         found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor))

@@ -11,7 +11,7 @@ from typing import Any
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from fitting.site.case import BROKEN, INTACT, NEVER, Break, Case, Storm, storms
-from fitting.site.parts import Anchor, Part, matched
+from fitting.site.parts import Anchor, Part, match_names
 from fitting.site.sections import Backbone, CaseLists, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.
@@ -56,7 +56,7 @@ class Site:
 
     def matching(self, patterns: Iterable[str]) -> tuple[str, ...]:
         """Lines that the patterns find."""
-        return matched(patterns, self.lines, "lines")
+        return match_names(patterns, self.lines, "lines")
 
     @cached_property
     def storms(self) -> tuple[Storm, ...]:

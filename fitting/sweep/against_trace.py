@@ -38,14 +38,14 @@ class Against:
     Attributes:
         trace: angles [rad] from the horizontal, positive downwards.
         t, measured: samples (k,) [s] and (k, n) [rad], NaN where one is missing.
-        whole: the same, interpolated where one is missing.
+        interpolated: the same, interpolated where one is missing.
         ends: times [s] at which head, middle and tail end.
     """
 
     trace: Trace
     t: np.ndarray
     measured: np.ndarray
-    whole: np.ndarray
+    interpolated: np.ndarray
     ends: tuple[float, float, float]
 
     def part(self, index: int) -> slice:
@@ -61,7 +61,7 @@ class Against:
         for i in range(len(PARTS)):
             part = self.part(i)
             found[0, i] = np.sqrt(np.nanmean(wrap(simulated[part] - self.measured[part]) ** 2))
-            one, other = (self.spectrum(x, i)[1] for x in (simulated, self.whole))
+            one, other = (self.spectrum(x, i)[1] for x in (simulated, self.interpolated))
             found[1, i] = np.sqrt(np.mean(np.sum((one - other) ** 2, axis=0)) / 2)
         return found
 
@@ -217,7 +217,7 @@ def sweep_against_trace(
     scene = scene if integrator is None else scene.with_values({"run.integrator": integrator})
     scene = at_samples(scene, trace)
     t = (1 + np.arange(scene.run.saves)) * scene.run.dt * scene.run.save_every
-    measured = sampled(trace, t)
+    measured = sample_trace(trace, t)
     against = Against(trace, t, measured, trace.at(t), part_ends(t, parts))
     result = sweep(scene, vary, out, traces=True, **settings)
     plan = result.plan
@@ -244,7 +244,7 @@ def at_samples(scene: Scene, trace: Trace) -> Scene:
     return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})
 
 
-def sampled(trace: Trace, t: np.ndarray) -> np.ndarray:
+def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
     """Angles (k, n) [rad] at times (k,); NaN where no known sample is near."""
     found = trace.at(t)
     for known, column in zip(np.isfinite(trace.theta).T, found.T, strict=True):

@@ -18,7 +18,7 @@ from fitting.sweep.plan import QUANTITIES
 from fitting.sweep.run import open_sweep
 
 
-@style.look()
+@style.plot_style()
 def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
     """A picture `QUANTITY.png` for each quantity of a sweep with one value per case.
 
@@ -80,7 +80,7 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
     return [_rows_by_part(scores, fit, rows, folder / f"{name}.png") for name, rows in files.items()]
 
 
-@style.look()
+@style.plot_style()
 def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row], path: Path) -> Path:
     """Rows of three panels: head, middle, tail."""
     height = [3.4 if row is _map_row else 1.7 if len(rows) > MAPPED else 2.5 for row in rows]
@@ -111,7 +111,7 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row],
 
 def _busiest(scores: TraceScores) -> int:
     """The link whose measured angle varies most in the head."""
-    return int(np.argmax(np.std(scores.against.whole[scores.against.part(0)], axis=0)))
+    return int(np.argmax(np.std(scores.against.interpolated[scores.against.part(0)], axis=0)))
 
 
 def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.ndarray, str, float]]:
@@ -121,7 +121,7 @@ def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.
     if fit is not None and np.isfinite(fit.simulated).all():
         found.append((f"fit: {named(fit.values)}", fit.simulated, style.FIRST, 1.0))
     turn = 2 * np.pi
-    first = scores.against.whole[0]
+    first = scores.against.interpolated[0]
     return [(name, x + turn * np.round((first - x[0]) / turn), *look) for name, x, *look in found]
 
 
@@ -139,7 +139,7 @@ def _curves(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int,
 
 def _spectra(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int, link: int) -> None:
     against = scores.against
-    measured = ("measured", against.whole, style.DARK, 1.6)
+    measured = ("measured", against.interpolated, style.DARK, 1.6)
     for name, x, colour, width in (measured, *_of_all(scores, fit)):
         frequency, amplitude = against.spectrum(x, part)
         axes.plot(frequency, amplitude[:, link], color=colour, lw=width, label=name)

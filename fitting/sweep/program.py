@@ -83,9 +83,9 @@ class Program:
         dtype = plan.base[0].dtype
         batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
         shared = jax.NamedSharding(self.mesh, PartitionSpec())
-        place = [batched if self.by_scene else shared, batched if self.by_start else shared, batched, shared]
+        axes = [batched if self.by_scene else shared, batched if self.by_start else shared, batched, shared]
         arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
-        return tuple(map(jax.device_put, arguments, place)), refused
+        return tuple(map(jax.device_put, arguments, axes)), refused
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """One more case, of other values (axes,), by the same compiled program; arrays (1, ...) by name."""
@@ -179,7 +179,9 @@ def run_case(plan: Plan, model: Model, start: State, values: jax.Array, dt: jax.
     finite = jnp.isfinite(tally.residual)
     code = jnp.where(failed, jnp.where(finite, STATUS.index("not_converged"), STATUS.index("non_finite")), 0)
     found = {
-        name: value for name, value in _named(plan, model, progress.state, tally).items() if name in plan.quantities
+        name: value
+        for name, value in _name_quantities(plan, model, progress.state, tally).items()
+        if name in plan.quantities
     }
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
@@ -203,7 +205,7 @@ def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) 
     )
 
 
-def _named(plan: Plan, model: Model, s: State, tally: Tally) -> dict[str, jax.Array]:
+def _name_quantities(plan: Plan, model: Model, s: State, tally: Tally) -> dict[str, jax.Array]:
     seen = observe(model, s.r, s.v, s.t, s.parted)
     return {
         "tension_max": tally.largest,

@@ -109,12 +109,12 @@ def sweep(
 
 def _fill(store: Store, scheduler: Scheduler | None, say: Progress) -> SweepResult:
     """Run what is not there."""
-    plan, done = store.plan, store.done()
+    plan, done = store.plan, store.chunks_done()
     todo = [c for c in range(plan.chunks) if not done[c]]
     before = sum(len(plan.cases_of(c)) for c in range(plan.chunks) if done[c])
-    begun, first, ran = time.perf_counter(), None, 0
-    told = Fallbacks()
-    source = _local(plan, todo, told) if scheduler is None else _remote(plan, todo, scheduler, told)
+    started, first, ran = time.perf_counter(), None, 0
+    fallbacks = Fallbacks()
+    source = _local(plan, todo, fallbacks) if scheduler is None else _remote(plan, todo, scheduler, fallbacks)
     for c, found in source if todo else ():
         first = time.perf_counter() if first is None else first
         if c is None:  # compiled
@@ -123,11 +123,11 @@ def _fill(store: Store, scheduler: Scheduler | None, say: Progress) -> SweepResu
         ran += len(plan.cases_of(c))
         say((before + ran) / plan.cases, _speed(plan, ran, time.perf_counter() - first, plan.cases - before - ran))
     end = time.perf_counter()
-    compile_s = 0.0 if first is None else first - begun
+    compile_s = 0.0 if first is None else first - started
     run_s = 0.0 if first is None else end - first
     rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
     return SweepResult(
-        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, told, plan
+        store.path, plan.cases, before, store.counts(), plan.scene.run.steps, compile_s, run_s, rate, fallbacks, plan
     )
 
 
@@ -136,23 +136,23 @@ def _speed(plan: Plan, ran: int, seconds: float, left: int) -> str:
     return f"{rate * plan.scene.run.steps / 1e6:.2f} million steps/s, {left / max(rate, 1e-9):.0f} s left"
 
 
-def _write(store: Store, chunk: int, found: Found, kept: int) -> None:
+def _write(store: Store, chunk: int, found: Found, count: int) -> None:
     try:
         store.write(chunk, found)
     except OSError as error:
         reason = error.strerror or error
         raise SweepStopped(
-            f"{store.path}: cannot be written: {reason}; {kept} of {store.plan.cases} cases are kept, "
+            f"{store.path}: cannot be written: {reason}; {count} of {store.plan.cases} cases are kept, "
             "the same call goes on"
         ) from None
 
 
-def _local(plan: Plan, todo: list[int], told: Fallbacks) -> Iterator[tuple[int | None, Found]]:
+def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[int | None, Found]]:
     """Results chunk by chunk; the next chunks run while these are written."""
     program = _program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
-    told.join(program.fallbacks)
+    fallbacks.join(program.fallbacks)
     yield None, {}
     pending = program(groups[0])
     for group in groups[1:]:
@@ -179,11 +179,11 @@ def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
     return program.collect(program([chunk]))[chunk], program.fallbacks
 
 
-def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, told: Fallbacks) -> Iterator[tuple[int, Found]]:
+def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, recorded: Fallbacks) -> Iterator[tuple[int, Found]]:
     """Results in the order in which the workers of a cluster finish."""
     identity = json.dumps(plan.identity())
     for i, (found, fallbacks) in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
-        told.join(fallbacks)
+        recorded.join(fallbacks)
         yield todo[i], found
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 IDENTITY = "dropper_jax_sweep"
 PENDING = -1
 #: Versions that must be those of the part that is there.
-TOLD = ("jax", "jaxlib", "dropper-jax")
+PACKAGES = ("jax", "jaxlib", "dropper-jax")
 #: Differences named in a refusal.
 NAMED = 3
 #: Dimensions of the arrays besides the inputs.
@@ -84,7 +84,9 @@ class Store:
         group = extra("zarr", "sweep").open_group(self.path, mode="r+")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
-        other = [f"{name} {there.get(name)} there, {here[name]} here" for name in TOLD if there.get(name) != here[name]]
+        other = [
+            f"{name} {there.get(name)} there, {here[name]} here" for name in PACKAGES if there.get(name) != here[name]
+        ]
         if other and not mixed:
             raise SceneError(
                 f"{self.path}: was begun with other versions: {'; '.join(other)}; allowed: those versions, a new "
@@ -186,7 +188,7 @@ class Store:
         array.attrs.update({"units": unit, "long_name": meaning})
         return array
 
-    def done(self) -> list[bool]:
+    def chunks_done(self) -> list[bool]:
         """Which chunks are whole."""
         return [self._is_done(chunk) for chunk in range(self.plan.chunks)]
 

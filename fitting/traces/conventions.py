@@ -27,16 +27,16 @@ UNIT_STEP = 0.05
 SAMPLES_PER_PERIOD = 6
 
 
-def settle_convention(trace: Trace, model: Model, asked: Convention) -> tuple[Trace, list[str]]:
+def settle_convention(trace: Trace, model: Model, requested: Convention) -> tuple[Trace, list[str]]:
     """The trace in the model's convention, and warnings.
 
     Args:
-        asked: what the caller names; it comes before what the file names.
+        requested: what the caller names; it comes before what the file names.
 
     Raises:
         SceneError: units of degrees that nobody named, or a named convention that the scene contradicts.
     """
-    named = asked.over(trace.convention)
+    named = requested.over(trace.convention)
     check_sampling(trace, model)
     check_unit(trace, model, named)
     scored = _scores(trace, model, named.unit)

@@ -49,7 +49,7 @@ def changes(links: int) -> Iterator[Change]:
         yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
     for j, k in combinations(range(links), 2):
         names = f"theta_{j + 1} and theta_{k + 1}"
-        yield Change(f"{names} are swapped", f"swap {names}", _with_columns(_swapped(links, j, k)))
+        yield Change(f"{names} are swapped", f"swap {names}", _with_columns(_swap_links(links, j, k)))
     for by in range(1, links if links > 2 else 0):
         order = np.roll(np.arange(links), by)
         fix = f"theta_1 belongs in column theta_{by + 1}"
@@ -64,7 +64,7 @@ def _with_columns(order: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     return lambda theta: theta[:, order]
 
 
-def _swapped(links: int, j: int, k: int) -> np.ndarray:
+def _swap_links(links: int, j: int, k: int) -> np.ndarray:
     order = np.arange(links)
     order[[j, k]] = k, j
     return order

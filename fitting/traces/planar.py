@@ -2,7 +2,7 @@
 
 Angles are polar angles from the horizontal, positive downwards: link j is `d = L (cos theta, 0, -sin theta)`. With a
 free end every angle is a coordinate. With a held end the links must close, `sum of d_j = D`, and likewise their rates,
-which takes two of them; a local chart around a reference pose is then `theta = closed(theta_ref + N z)` with N an
+which takes two of them; a local chart around a reference pose is then `theta = close_chain(theta_ref + N z)` with N an
 orthonormal basis of the closed directions at the reference.
 """
 
@@ -31,7 +31,7 @@ def check_planar(model: Model, start: State) -> None:
     """
     if model.moving:
         raise SceneError("effects.end_motion: ends that move cannot be fitted; allowed: a scene with ends at rest")
-    held = np.asarray(model.ends(start.t).places)[:, 1]
+    held = np.asarray(model.ends(start.t).positions)[:, 1]
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
     if np.ptp(y) > PLANE:
         raise SceneError("start: leaves the vertical plane; allowed: a motion in the x-z plane, traces hold one angle")
@@ -65,7 +65,7 @@ def gap(model: Model, theta: jax.Array) -> jax.Array:
     return reach - (ends.end - ends.start)[jnp.array([0, 2])]
 
 
-def closed(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
+def close_chain(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
     """The nearby angles (n,) [rad] and rates (n,) [rad/s] that close; the same ones for a free end."""
     if not model.end_held:
         return theta, omega

@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.base.progress import Progress
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import SceneLike, build
@@ -71,11 +71,11 @@ def simulate_truth(
         raise SceneError("synthetic: the run of the truth failed; allowed: a scene that runs, a finer step")
     ends = model.ends(0.0)
     free = np.concatenate([np.asarray(start.r)[None], np.asarray(trajectory.r)])
-    place = jax.vmap(lambda r: model.nodes(r, ends))
-    return Motion(np.arange(frames + 1) / rate, np.asarray(place(free)))
+    nodes_at = jax.vmap(lambda r: model.nodes(r, ends))
+    return Motion(np.arange(frames + 1) / rate, np.asarray(nodes_at(free)))
 
 
-@kept(static=("stepper", "steps", "every"))
+@cached_jit(static=("stepper", "steps", "every"))
 def _run(stepper: Stepper, model: Model, start: State, h: float, steps: int, every: int) -> Trajectory:
     return integrate(stepper, model, start, h, steps, every)[1]
 

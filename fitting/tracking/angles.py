@@ -21,19 +21,19 @@ CONVENTION = Convention("horizontal", -1, "rad")
 FEWEST, LEAST, PASSES = 10, 0.3, 20
 
 
-def four_quadrant(places: np.ndarray) -> np.ndarray:
+def four_quadrant(positions: np.ndarray) -> np.ndarray:
     """Angles (k, n - 1) [rad] of places (k, n, 2) (right, up), without jumps of a full turn; the first in (-pi, pi]."""
-    link = np.diff(places, axis=1)
+    link = np.diff(positions, axis=1)
     return np.unwrap(np.arctan2(link[..., 1], link[..., 0]), axis=0)
 
 
-def angle_errors(places: np.ndarray, error: np.ndarray) -> np.ndarray:
+def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] from those of the places (k, n), in one unit with them: across the link."""
-    length = np.linalg.norm(np.diff(places, axis=1), axis=-1)
+    length = np.linalg.norm(np.diff(positions, axis=1), axis=-1)
     return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(length, 1e-12)
 
 
-def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: np.ndarray) -> np.ndarray:
+def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] of the angles from what is seen to be wrong with the lengths.
 
     What moves a node across its link moves it along the link as well, and there the truth is known: the length never
@@ -45,12 +45,12 @@ def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: n
     It holds all that comes and goes with place and direction: vibration, and what is left of lens and slant.
 
     Args:
-        places: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
+        positions: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
         used: (k, n - 1) samples that are to be trusted.
     """
-    link = np.linalg.norm(np.diff(places, axis=1), axis=-1)
-    both = seen[:, 1:] & seen[:, :-1]
-    expected = angle_errors(places, np.where(seen, fit_error, 0.0))
+    link = np.linalg.norm(np.diff(positions, axis=1), axis=-1)
+    both = detected[:, 1:] & detected[:, :-1]
+    expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
     found = np.full(link.shape, np.nan)
     for j in range(link.shape[1]):
         good = both[:, j] & used[:, j]
@@ -69,10 +69,10 @@ def scatter(places: np.ndarray, fit_error: np.ndarray, seen: np.ndarray, used: n
     return np.where(both, found, np.nan)
 
 
-def to_trace(name: str, t: np.ndarray, places: np.ndarray, error: np.ndarray, known: np.ndarray) -> Trace:
-    """The trace of places (k, n, 2); samples that are not `known` (k, n - 1) are empty, their `error` too.
+def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray, valid: np.ndarray) -> Trace:
+    """The trace of places (k, n, 2); samples that are not `valid` (k, n - 1) are empty, their `error` too.
 
     The bridged places keep the angle continuous across a gap, they are not passed on as measurements.
     """
-    theta = np.where(known, four_quadrant(places), np.nan)
-    return Trace(name, t, theta, se=np.where(known, error, np.nan), convention=CONVENTION)
+    theta = np.where(valid, four_quadrant(positions), np.nan)
+    return Trace(name, t, theta, se=np.where(valid, error, np.nan), convention=CONVENTION)

@@ -47,8 +47,8 @@ class Lens:
         """Straight pixels (k, 2) of image pixels (k, 2)."""
         if not len(points):
             return np.zeros((0, 2))
-        seen = np.asarray(points, float).reshape(-1, 1, 2)
-        return opencv().undistortPoints(seen, self.matrix, self.distortion, P=self.matrix).reshape(-1, 2)
+        detected = np.asarray(points, float).reshape(-1, 1, 2)
+        return opencv().undistortPoints(detected, self.matrix, self.distortion, P=self.matrix).reshape(-1, 2)
 
     def bend(self, points: np.ndarray) -> np.ndarray:
         """The inverse of `straighten`."""
@@ -157,10 +157,10 @@ def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, i
     straight = found.astype(float) if lens is None else lens.straighten(found)
     homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
     middle = (np.array(image.shape[::-1]) - 1) / 2 if lens is None else lens.matrix[:2, 2]
-    return Plane(_levelled(homography, middle))
+    return Plane(_level_homography(homography, middle))
 
 
-def _levelled(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
+def _level_homography(homography: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """The homography turned (and mirrored) so that at `middle`, on the camera's axis, image up is +y and right is +x.
 
     Where a camera that does not roll looks slantwise at an upright plane, its level lines run together in the picture,

@@ -58,8 +58,8 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
         keep = used[:, j] & (length[:, j] > 0)
         if keep.sum() < FEWEST:
             continue
-        place = middle[keep, j] - middle[keep, j].mean(axis=0)
-        x, z = (place / max(np.abs(place).max(), 1e-300)).T
+        position = middle[keep, j] - middle[keep, j].mean(axis=0)
+        x, z = (position / max(np.abs(position).max(), 1e-300)).T
         c, s, one = np.cos(twice[keep, j]), np.sin(twice[keep, j]), np.ones_like(x)
         terms = [one, x, z, x * x, x * z, z * z, *(f * g for f in (one, x, z) for g in (c, s))]
         columns = np.stack(terms, axis=1)

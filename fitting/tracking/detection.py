@@ -31,7 +31,7 @@ SEED_SHARE, RAY_SHARE = 0.35, 0.55
 SMALLEST, LARGEST, CONTRAST_SHARE = 0.85, 1.35, 0.6
 #: Share of rays below which a part of the rim is hidden, and error of the centre then [missing radius]: measured behind
 #: posts, 0.9 to 2.
-WHOLE, HIDDEN = 0.95, 1.2
+FULL_CIRCLE, HIDDEN = 0.95, 1.2
 #: Deviation of the radius [radius] and of an edge point [pixel]; passes in which departures are reweighted.
 RADIUS_SPREAD, EDGE_NOISE, REWEIGHTED = 0.04, 0.1, 8
 #: Radii [pixel] tried where none is named.
@@ -39,7 +39,7 @@ RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
 
 
 @dataclass(frozen=True)
-class Look:
+class MarkerAppearance:
     """What a marker looks like: radius [pixel], brighter or darker than its rim, a seed's answer, contrast [grey]."""
 
     radius: float
@@ -68,14 +68,16 @@ class Circles:
 NONE = Circles(np.zeros((0, 2)), *[np.zeros(0)] * 4)
 
 
-def learn_look(image: np.ndarray, nodes: int, radius: float | None = None, bright: bool | None = None) -> Look:
+def learn_appearance(
+    image: np.ndarray, nodes: int, radius: float | None = None, bright: bool | None = None
+) -> MarkerAppearance:
     """The radius and shade at which the `nodes` strongest spots of a picture stand out most."""
-    best = Look(radius or RADII[0], bool(bright), 0.0)
+    best = MarkerAppearance(radius or RADII[0], bool(bright), 0.0)
     for shade in (True, False) if bright is None else (bright,):
         for size in RADII if radius is None else (radius / BEST,):
             answers = _spots(image, size, shade)[1]
             if len(answers) >= nodes and answers[nodes - 1] > best.answer:
-                best = Look(BEST * size, shade, float(answers[nodes - 1]))
+                best = MarkerAppearance(BEST * size, shade, float(answers[nodes - 1]))
     if best.answer < FAINTEST:
         return replace(best, answer=0.0)
     for _ in range(3):  # where the rim is sought depends on the radius
@@ -93,32 +95,34 @@ def learn_look(image: np.ndarray, nodes: int, radius: float | None = None, brigh
     return best
 
 
-def stands_out(image: np.ndarray, look: Look, nodes: int) -> bool:
+def stands_out(image: np.ndarray, appearance: MarkerAppearance, nodes: int) -> bool:
     """Whether the `nodes` strongest spots are more than the strongest of many alike, as noise has them."""
-    answers = _spots(image, look.radius, look.bright)[1][2 * nodes :]
-    return look.answer > 0 and (len(answers) < 2 * nodes or look.answer > OUTSTANDING * float(np.median(answers)))
+    answers = _spots(image, appearance.radius, appearance.bright)[1][2 * nodes :]
+    return appearance.answer > 0 and (
+        len(answers) < 2 * nodes or appearance.answer > OUTSTANDING * float(np.median(answers))
+    )
 
 
-def detect(image: np.ndarray, look: Look) -> Circles:
+def detect(image: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """Circles that look like markers."""
-    where, answers = _spots(image, look.radius, look.bright)
-    return _at(image, look, where[answers > SEED_SHARE * look.answer])
+    where, answers = _spots(image, appearance.radius, appearance.bright)
+    return _at(image, appearance, where[answers > SEED_SHARE * appearance.answer])
 
 
-def detect_at(image: np.ndarray, look: Look, guesses: np.ndarray) -> Circles:
+def detect_at(image: np.ndarray, appearance: MarkerAppearance, guesses: np.ndarray) -> Circles:
     """Circles at the places (m, 2) [pixel] where markers are expected, and within a radius around."""
     height, width = image.shape
-    step = 0.7 * look.radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    step = 0.7 * appearance.radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
     seeds = (guesses[:, None] + step).reshape(-1, 2)
-    return _at(image, look, seeds[((seeds >= 0) & (seeds <= (width - 1, height - 1))).all(axis=1)])
+    return _at(image, appearance, seeds[((seeds >= 0) & (seeds <= (width - 1, height - 1))).all(axis=1)])
 
 
-def _at(image: np.ndarray, look: Look, seeds: np.ndarray) -> Circles:
+def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> Circles:
     if not len(seeds):
         return NONE
     smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
-    circles = _fit(smooth, seeds, look)
-    return _distinct(_fit(smooth, circles.centre, look), look) if len(circles) else NONE
+    circles = _fit(smooth, seeds, appearance)
+    return _distinct(_fit(smooth, circles.centre, appearance), appearance) if len(circles) else NONE
 
 
 def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -140,22 +144,22 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     return (np.stack([column, row], axis=1)[order] + 0.5) * factor - 0.5, strength[order]
 
 
-def _fit(image: np.ndarray, seeds: np.ndarray, look: Look) -> Circles:
+def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """A circle around each seed (m, 2); those without enough of an edge are left out."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    along = np.arange(0.0, RAY_REACH * look.radius + RAY_STEP, RAY_STEP)
-    edge, contrast = _edges(_brightness(image, seeds, ray, along), along, look)
-    centre, radius, error, used = _circle(edge, ray, look.radius)
-    good = (used >= RAY_SHARE) & (radius > SMALLEST * look.radius) & (radius < LARGEST * look.radius)
-    good &= (np.hypot(*centre.T) < look.radius) & (contrast > CONTRAST_SHARE * look.contrast)
+    along = np.arange(0.0, RAY_REACH * appearance.radius + RAY_STEP, RAY_STEP)
+    edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
+    centre, radius, error, used = _circle(edge, ray, appearance.radius)
+    good = (used >= RAY_SHARE) & (radius > SMALLEST * appearance.radius) & (radius < LARGEST * appearance.radius)
+    good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > CONTRAST_SHARE * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 
 
 def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Samples (m, rays, k), bilinear; beyond the picture the nearest pixel."""
-    place = seeds[:, None, None] + along[:, None] * ray[:, None]
-    flat = place.reshape(-1, along.size, 2).astype(np.float32)
+    position = seeds[:, None, None] + along[:, None] * ray[:, None]
+    flat = position.reshape(-1, along.size, 2).astype(np.float32)
     cv2 = opencv()
     # in pieces: remap takes pictures of less than 32768 rows
     parts = [
@@ -165,16 +169,16 @@ def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np
     return np.concatenate(parts).reshape(len(seeds), RAYS, along.size)
 
 
-def _edges(light: np.ndarray, along: np.ndarray, look: Look) -> tuple[np.ndarray, np.ndarray]:
+def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -> tuple[np.ndarray, np.ndarray]:
     """Distance (m, rays) at which each ray crosses half way from inside to outside, NaN where not; contrast (m,)."""
-    inside = np.median(light[..., along <= 0.5 * look.radius], axis=(1, 2))
-    rim = (along > 1.25 * look.radius) & (along < 1.6 * look.radius)
+    inside = np.median(light[..., along <= 0.5 * appearance.radius], axis=(1, 2))
+    rim = (along > 1.25 * appearance.radius) & (along < 1.6 * appearance.radius)
     outside = np.median(light[..., rim], axis=(1, 2))
-    contrast = (inside - outside) if look.bright else (outside - inside)
+    contrast = (inside - outside) if appearance.bright else (outside - inside)
     half = 0.5 * (inside + outside)
-    above = light > half[:, None, None] if look.bright else light < half[:, None, None]
+    above = light > half[:, None, None] if appearance.bright else light < half[:, None, None]
     last = np.argmin(above, axis=2)  # the first sample beyond the edge
-    known = above[..., 0] & (last > 0) & (contrast > 0.3 * look.answer)[:, None]
+    known = above[..., 0] & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
     last = np.maximum(last, 1)[..., None]
     before, after = (np.take_along_axis(light, i, axis=2)[..., 0] for i in (last - 1, last))
     step = np.where(after == before, 1.0, after - before)
@@ -209,7 +213,7 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     shared = max(1.0, RAYS / (2 * np.pi * usual))
     error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
     # what hides a part of the rim draws the circle off as much as it makes it small
-    error = np.where(count < WHOLE * RAYS, np.hypot(error, HIDDEN * found[:, 2]), error)
+    error = np.where(count < FULL_CIRCLE * RAYS, np.hypot(error, HIDDEN * found[:, 2]), error)
     return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
 
 
@@ -222,12 +226,12 @@ def _solve(
     return value - found @ design.T, found
 
 
-def _distinct(circles: Circles, look: Look) -> Circles:
+def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
     """One circle of each group whose centres nearly coincide: that with the most rays, then the least error."""
     order = np.lexsort([circles.error, -np.round(circles.rays, 1)])
     kept: list[int] = []
     for i in order:
         apart = np.hypot(*(circles.centre[kept] - circles.centre[i]).T)
-        if (apart > 0.5 * look.radius).all():
+        if (apart > 0.5 * appearance.radius).all():
             kept.append(i)
     return circles.pick(np.array(kept, int))

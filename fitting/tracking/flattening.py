@@ -64,7 +64,7 @@ class Flat:
             there = self.plane.to_metres(np.concatenate([self.middle[None], points]))
             points = (there[1:] - there[0]) * [1.0, -1.0] / self.metres_per_pixel() + self.middle
         if self.parameters is not None:
-            points = self._tilted(points)
+            points = self._tilt_points(points)
         return points.reshape(shape)
 
     def back(self, flat: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ class Flat:
         plane, lens = self.plane is not None, self.lens is not None
         return np.array([SLANT[plane], SLANT[plane], BENDING[lens], FOCUS[lens]])
 
-    def _tilted(self, points: np.ndarray) -> np.ndarray:
+    def _tilt_points(self, points: np.ndarray) -> np.ndarray:
         pan, pitch, bending, focus = self.parameters
         usual = USUAL_FOCUS * self.size[0] * np.ones(2) if self.lens is None else self.lens.matrix[[0, 1], [0, 1]]
         size = usual * np.exp(focus)
@@ -110,25 +110,25 @@ def rotation(pan: float, pitch: float) -> np.ndarray:
     return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ around
 
 
-def flatten(pixels: np.ndarray, seen: np.ndarray, flat: Flat, fps: float) -> Flat:
+def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) -> Flat:
     """The map under which the links keep their lengths best.
 
     Args:
         pixels: (k, n, 2) of the video; seen: (k, n).
     """
-    both = seen[:, 1:] & seen[:, :-1]
+    both = detected[:, 1:] & detected[:, :-1]
     keep = np.flatnonzero(both.any(axis=1))
     keep = keep[np.unique(np.linspace(0, len(keep) - 1, FRAMES).astype(int))] if len(keep) else keep
     spread = flat.spread
-    places, both = pixels[keep], both[keep]
+    positions, both = pixels[keep], both[keep]
     if both.sum() < 10 * len(spread):
         return flat
 
     def off(parameters: np.ndarray) -> np.ndarray:
-        length = link_lengths(replace(flat, parameters=parameters)(places))
+        length = link_lengths(replace(flat, parameters=parameters)(positions))
         return np.where(both, _departures(np.log(np.maximum(length, 1e-9)), both), 0.0)
 
-    size = np.nanmedian(np.where(both, link_lengths(places), np.nan), axis=0)
+    size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
     found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
     noise = np.full(both.shape[1], 0.3) / size
     for _ in range(PASSES):
@@ -150,12 +150,12 @@ def _departures(log: np.ndarray, both: np.ndarray) -> np.ndarray:
     return log - np.sum(np.where(both, log, 0.0), axis=0) / count
 
 
-def link_lengths(places: np.ndarray) -> np.ndarray:
+def link_lengths(positions: np.ndarray) -> np.ndarray:
     """Lengths (k, n - 1) of places (k, n, 2)."""
-    return np.linalg.norm(np.diff(places, axis=1), axis=-1)
+    return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
 
 
-def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, seen: np.ndarray) -> float:
+def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np.ndarray) -> float:
     """Standard error [rad] of a turn of the whole picture, which no length shows, by the jackknife.
 
     Args:
@@ -165,7 +165,7 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, seen: np.nda
     rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
     if len(others) < 3 or not len(rows):
         return 0.0
-    both = (seen[:, 1:] & seen[:, :-1])[rows]
+    both = (detected[:, 1:] & detected[:, :-1])[rows]
     turns = []
     for each in others:
         here, there = (np.diff(to(pixels[rows]), axis=1)[both] @ [1.0, 1.0j] for to in (flat, each))

@@ -12,9 +12,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from fitting.tracking.detection import Circles
 from fitting.tracking.flattening import Flat, flatten, link_lengths
-from fitting.tracking.hindsight import Followed, missed, turned
+from fitting.tracking.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.tracking.identity import Follower, length_errors
-from fitting.tracking.learning import moved
+from fitting.tracking.learning import map_circles
 from fitting.tracking.marks import find_marks
 from fitting.tracking.ordering import (
     AmbiguousOrderError,
@@ -30,7 +30,7 @@ from fitting.tracking.ordering import (
 )
 
 #: Tolerated change of a link [pixel, share, deviations of the chain's own links] once the plane is known.
-LENGTH_FLOOR, LENGTH_SHARE, OWN = 0.05, 0.0005, 2.0
+LENGTH_FLOOR, LENGTH_SHARE, SELF_WEIGHT = 0.05, 0.0005, 2.0
 #: Changes [tolerances] up to which another order is as good.
 AS_GOOD = 3.0
 #: Rounds in which map, lengths and order are learned from each other.
@@ -43,7 +43,7 @@ STIFF = 1.0
 
 def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
     """Number of each node's circle in each frame (k, n), -1 where not seen, followed from `chain.at` both ways."""
-    found = np.full((len(circles), len(chain.places)), -1)
+    found = np.full((len(circles), len(chain.positions)), -1)
     for way in (1, -1):
         follower = Follower.along(chain, way)
         for i in range(chain.at, len(circles) if way > 0 else -1, way):
@@ -60,7 +60,7 @@ def follow_film(
     first: str = "auto",
     start: np.ndarray | None = None,
     settle: bool = True,
-) -> Followed:
+) -> TrackedChain:
     """The nodes through the film.
 
     Args:
@@ -71,7 +71,7 @@ def follow_film(
     Raises:
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
     """
-    mapped = moved(circles, flat)
+    mapped = map_circles(circles, flat)
     chain = named_chain(mapped, circles, np.asarray(start, float), flat, radius, fps) if start is not None else None
     if chain is None:
         chain, _ = clearest_chain([each.centre for each in mapped], nodes, radius, fps)
@@ -87,56 +87,58 @@ def follow_film(
         )
     for _ in range(ROUNDS):
         found = follow(mapped, chain)
-        pixels, seen = _places(circles, found)
-        flat = flatten(pixels, seen, flat, fps)
-        mapped = moved(circles, flat)
-        places, _ = _places(mapped, found)
-        still = resting(np.where(seen[..., None], places, np.nan), radius, nodes)
-        chain, changed = _learn(places, seen, chain, still, start is None and not straight)
+        pixels, detected = _positions(circles, found)
+        flat = flatten(pixels, detected, flat, fps)
+        mapped = map_circles(circles, flat)
+        positions, _ = _positions(mapped, found)
+        still = resting(np.where(detected[..., None], positions, np.nan), radius, nodes)
+        chain, changed = _learn(positions, detected, chain, still, start is None and not straight)
         if not changed:
             break
     found = follow(mapped, chain)
-    pixels, seen = _places(circles, found)
-    places, _ = _places(mapped, found)
-    places = np.where(seen[..., None], places, np.nan)
-    still = resting(places, radius, nodes)
+    pixels, detected = _positions(circles, found)
+    positions, _ = _positions(mapped, found)
+    positions = np.where(detected[..., None], positions, np.nan)
+    still = resting(positions, radius, nodes)
     if start is None:
-        straight = _check_order(places, pixels, seen, still, straight)
-    error = np.full(seen.shape, np.nan)
+        straight = _check_order(positions, pixels, detected, still, straight)
+    error = np.full(detected.shape, np.nan)
     for i, each in enumerate(circles):
-        error[i, seen[i]] = each.error[found[i, seen[i]]]
-    marks = find_marks(np.where(seen[..., None], places, 0.0), seen)
+        error[i, detected[i]] = each.error[found[i, detected[i]]]
+    marks = find_marks(np.where(detected[..., None], positions, 0.0), detected)
     # a single frame between gaps has nothing to confirm it yet: with hindsight it is taken again where it fits
-    well = seen & ~marks.swapped & ~marks.jumped
+    well = detected & ~marks.swapped & ~marks.jumped
     beside = np.pad(well, ((1, 1), (0, 0)))
-    dropped = seen & ~(well & (beside[:-2] | beside[2:]))
-    found, seen, error = np.where(dropped, -1, found), seen & ~dropped, np.where(dropped, np.nan, error)
-    result = Followed(places, pixels, error, seen, chain, flat, still, straight)
-    missed(result, mapped, circles, found)
+    dropped = detected & ~(well & (beside[:-2] | beside[2:]))
+    found, detected, error = np.where(dropped, -1, found), detected & ~dropped, np.where(dropped, np.nan, error)
+    result = TrackedChain(positions, pixels, error, detected, chain, flat, still, straight)
+    fill_missed(result, mapped, circles, found)
     if start is None and turn_round(_ends(result), still, first):
-        result = turned(result)
+        result = reverse_chain(result)
     return result
 
 
-def _ends(found: Followed) -> np.ndarray:
+def _ends(found: TrackedChain) -> np.ndarray:
     """Places of the nodes, each where it is first seen."""
-    when = np.argmax(found.seen, axis=0)
+    when = np.argmax(found.detected, axis=0)
     return found.flat[when, np.arange(len(when))]
 
 
-def _places(circles: list[Circles], found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _positions(circles: list[Circles], found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places (k, n, 2), zero where not seen, and which are seen (k, n)."""
-    seen = found >= 0
-    places = np.zeros((*found.shape, 2))
+    detected = found >= 0
+    positions = np.zeros((*found.shape, 2))
     for i, each in enumerate(circles):
-        places[i, seen[i]] = each.centre[found[i, seen[i]]]
-    return places, seen
+        positions[i, detected[i]] = each.centre[found[i, detected[i]]]
+    return positions, detected
 
 
-def _learn(places: np.ndarray, seen: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> tuple[Chain, bool]:
+def _learn(
+    positions: np.ndarray, detected: np.ndarray, chain: Chain, still: np.ndarray, order: bool
+) -> tuple[Chain, bool]:
     """The chain as the whole film shows it, and whether it changed so that it must be followed anew."""
     path, changed = np.arange(len(still)), False
-    tracks = np.where(seen[..., None], places, np.nan)
+    tracks = np.where(detected[..., None], positions, np.nan)
     if order and len(still) > 2:
         ratio = _ratio(tracks)
         found = all_paths(ratio, still, AS_GOOD)
@@ -144,19 +146,19 @@ def _learn(places: np.ndarray, seen: np.ndarray, chain: Chain, still: np.ndarray
         best = line if line is not None else found[0] if found else path
         if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
             path, changed = best, True
-    tracks, seen = tracks[:, path], seen[:, path]
-    both = seen[:, 1:] & seen[:, :-1]
+    tracks, detected = tracks[:, path], detected[:, path]
+    both = detected[:, 1:] & detected[:, :-1]
     length = np.where(both, link_lengths(tracks), np.nan)
     new = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else old for c, old in _pairs(length, chain)])
     spread = np.array([_deviation(c[np.isfinite(c)]) for c in length.T])
     # from the frame that shows all nodes with lengths that fit best
     off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
     at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
-    if not seen[at].all():
+    if not detected[at].all():
         return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
     # a node hidden most of the time may have been taken for a reflection that rests
-    held = still[path] & (seen.mean(axis=0) > 0.5)
+    held = still[path] & (detected.mean(axis=0) > 0.5)
     changed = changed or (held.any() and chain.held is None)
     return Chain(tracks[at], new, 2 * spread, at, rates(tracks, at), held), changed
 
@@ -173,10 +175,12 @@ def _ratio(tracks: np.ndarray) -> np.ndarray:
     """Changes (n, n) of the distances of all pairs over the film, in what the chain's own links change [tolerances]."""
     change, mean = changes(tracks)
     own = float(np.median(np.diagonal(change, 1)))
-    return change / np.maximum(OWN * min(own, 1.0), np.hypot(LENGTH_FLOOR, LENGTH_SHARE * mean))
+    return change / np.maximum(SELF_WEIGHT * min(own, 1.0), np.hypot(LENGTH_FLOOR, LENGTH_SHARE * mean))
 
 
-def _check_order(tracks: np.ndarray, pixels: np.ndarray, seen: np.ndarray, still: np.ndarray, straight: bool) -> bool:
+def _check_order(
+    tracks: np.ndarray, pixels: np.ndarray, detected: np.ndarray, still: np.ndarray, straight: bool
+) -> bool:
     """Refuse an order beside which the film allows others; returns whether it is known from lying on a line only."""
     nodes = len(still)
     if nodes <= 2 or straight:
@@ -188,7 +192,7 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, seen: np.ndarray, still
     line = on_a_line(tracks)
     if line is not None and (np.diff(line) == 1).all() | (np.diff(line) == -1).all():
         return True
-    frame = int(np.argmax(seen.sum(axis=1)))
+    frame = int(np.argmax(detected.sum(axis=1)))
     orders = [pixels[frame, path] for path in [np.arange(nodes), *others]]
     count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
     raise AmbiguousOrderError(
@@ -227,14 +231,14 @@ def named_chain(
         SceneError: a name that is neither.
     """
     nodes, first = len(named), circles[0].centre
-    places, error = flat(named), np.zeros(nodes)
+    positions, error = flat(named), np.zeros(nodes)
     apart = np.linalg.norm(named[:, None] - first[None], axis=-1)
     own = np.full(nodes, -1)
     for _ in range(min(apart.shape)):  # the nearest pairs first, no circle twice
         k, j = np.unravel_index(np.argmin(apart), apart.shape)
         if apart[k, j] > NEAR * radius:
             break
-        own[k], places[k] = j, mapped[0].centre[j]
+        own[k], positions[k] = j, mapped[0].centre[j]
         apart[k], apart[:, j] = np.inf, np.inf
     spare = len(first) - int((own >= 0).sum())
     soon = circles[1 : max(2, round(SOON * fps))]
@@ -247,5 +251,5 @@ def named_chain(
                 f"--start: no circle of its own near node {k}; allowed: places within 3 radii of the circles"
             )
         error[k] = NEAR * radius
-    length = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    return Chain(places, length, np.hypot(error[1:], error[:-1]), 0)
+    length = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    return Chain(positions, length, np.hypot(error[1:], error[:-1]), 0)

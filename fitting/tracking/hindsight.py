@@ -29,7 +29,7 @@ PASSES, CLIP = 5, 3.0
 
 
 @dataclass
-class Followed:
+class TrackedChain:
     """The nodes in all frames.
 
     Attributes:
@@ -43,7 +43,7 @@ class Followed:
     flat: np.ndarray
     pixels: np.ndarray
     error: np.ndarray
-    seen: np.ndarray
+    detected: np.ndarray
     chain: Chain
     map: Flat
     resting: np.ndarray
@@ -51,123 +51,123 @@ class Followed:
     exposure: float = 0.0
 
 
-def turned(found: Followed) -> Followed:
+def reverse_chain(found: TrackedChain) -> TrackedChain:
     """The same chain read from its other end."""
     old = found.chain
     rate = None if old.rate is None else old.rate[::-1]
     held = None if old.held is None else old.held[::-1]
-    chain = Chain(old.places[::-1], old.length[::-1], old.spread[::-1], old.at, rate, held)
-    arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.seen))
-    return Followed(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
+    chain = Chain(old.positions[::-1], old.length[::-1], old.spread[::-1], old.at, rate, held)
+    arrays = (a[:, ::-1] for a in (found.flat, found.pixels, found.error, found.detected))
+    return TrackedChain(*arrays, chain, found.map, found.resting[::-1], found.straight, found.exposure)
 
 
-def missed(found: Followed, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
+def fill_missed(found: TrackedChain, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
     """Fill in circles that are there and were not taken, and bridge the rest, in place."""
-    bridged(found)
-    _take(found, lambda i: _left(mapped[i], circles[i], which[i]))
-    bridged(found)
+    bridge_gaps(found)
+    _take(found, lambda i: _unused_circles(mapped[i], circles[i], which[i]))
+    bridge_gaps(found)
 
 
-def look_again(found: Followed, looked: Callable[[int, np.ndarray], Circles]) -> None:
+def detect_again(found: TrackedChain, looked: Callable[[int, np.ndarray], Circles]) -> None:
     """Look for nodes that are not seen where they are expected; `looked` gives the circles there [pixel, video's]."""
 
     def there(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        circles = looked(i, found.pixels[i, ~found.seen[i]])
+        circles = looked(i, found.pixels[i, ~found.detected[i]])
         flat = found.map(circles.centre) if len(circles) else np.zeros((0, 2))
         free = np.ones(len(circles), bool)
-        for place in found.pixels[i, found.seen[i]]:
-            free &= np.linalg.norm(circles.centre - place, axis=1) > 3.0
+        for position in found.pixels[i, found.detected[i]]:
+            free &= np.linalg.norm(circles.centre - position, axis=1) > 3.0
         return flat[free], circles.centre[free], circles.error[free]
 
     _take(found, there)
-    bridged(found)
+    bridge_gaps(found)
 
 
-def _left(mapped: Circles, circles: Circles, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _unused_circles(mapped: Circles, circles: Circles, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     free = np.setdiff1d(np.arange(len(mapped)), which)
     return mapped.centre[free], circles.centre[free], circles.error[free]
 
 
-def _take(found: Followed, there: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
+def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
     """Give nodes that are not seen the circles that fit where they are expected and the lengths of their links."""
     error = length_errors(found.chain)
-    expected, away = found.flat.copy(), _frames_away(found.seen)
-    steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.seen[1:] & found.seen[:-1]]
+    expected, away = found.flat.copy(), _frames_away(found.detected)
+    steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
     fast = OF_STEP * float(np.percentile(steps, 98)) if len(steps) else 0.0
-    for i in np.flatnonzero((~found.seen).any(axis=1)):
+    for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, pixels, scatter = there(i)
-        for k in np.flatnonzero(~found.seen[i]):
+        for k in np.flatnonzero(~found.detected[i]):
             if not len(flat):
                 break
             size = HINDSIGHT + PER_FRAME * min(away[i, k], FRAMES) + fast * min(away[i, k], SOON)
             price = np.linalg.norm(flat - expected[i, k], axis=1) / size
             for j, other in ((k - 1, k - 1), (k, k + 1)):
-                if 0 <= other < found.seen.shape[1] and found.seen[i, other]:
+                if 0 <= other < found.detected.shape[1] and found.detected[i, other]:
                     miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
                     price = np.maximum(price, np.abs(miss) / error[j])
             best = int(np.argmin(price))
             if price[best] < GATE:
                 found.flat[i, k], found.pixels[i, k] = flat[best], pixels[best]
-                found.error[i, k], found.seen[i, k] = scatter[best], True
+                found.error[i, k], found.detected[i, k] = scatter[best], True
                 flat, pixels, scatter = (np.delete(a, best, axis=0) for a in (flat, pixels, scatter))
 
 
-def _frames_away(seen: np.ndarray) -> np.ndarray:
+def _frames_away(detected: np.ndarray) -> np.ndarray:
     """Frames (k, n) to the nearest one in which the node is seen."""
-    away = np.full(seen.shape, len(seen))
+    away = np.full(detected.shape, len(detected))
     for way in (slice(None), slice(None, None, -1)):
-        run = np.full(seen.shape[1], len(seen))
-        for i, row in enumerate(seen[way]):
+        run = np.full(detected.shape[1], len(detected))
+        for i, row in enumerate(detected[way]):
             run = np.where(row, 0, run + 1)
             away[way][i] = np.minimum(away[way][i], run)
     return away
 
 
-def bridged(found: Followed) -> None:
+def bridge_gaps(found: TrackedChain) -> None:
     """Put nodes that are not seen between the places before and after, drawn to their links; in place."""
-    frames = np.arange(len(found.seen))
-    for k in range(found.seen.shape[1]):
-        known = found.seen[:, k]
+    frames = np.arange(len(found.detected))
+    for k in range(found.detected.shape[1]):
+        known = found.detected[:, k]
         if known.all():
             continue
         if known.sum() < 2:
-            found.flat[~known, k] = found.flat[known, k][0] if known.any() else found.chain.places[k]
+            found.flat[~known, k] = found.flat[known, k][0] if known.any() else found.chain.positions[k]
             continue
         # no overshoot in long gaps; beyond the first and last sample the place stays
         inside = np.clip(frames[~known], frames[known][0], frames[known][-1])
         found.flat[~known, k] = PchipInterpolator(frames[known], found.flat[known, k])(inside)
     error = length_errors(found.chain)
-    rows = np.flatnonzero((~found.seen).any(axis=1))
+    rows = np.flatnonzero((~found.detected).any(axis=1))
     for i in rows:
-        found.flat[i] = bridge(found.flat[i], ~found.seen[i], found.chain.length, error)
+        found.flat[i] = bridge(found.flat[i], ~found.detected[i], found.chain.length, error)
     if len(rows):
-        hidden = ~found.seen
+        hidden = ~found.detected
         found.pixels[hidden] = found.map.back(found.flat[hidden])
 
 
-def unblurred(found: Followed) -> Followed:
+def remove_blur(found: TrackedChain) -> TrackedChain:
     """The places without what a long exposure does to them."""
-    share = exposure_share(found.flat, found.seen)
-    flat = found.flat - share * second_differences(found.flat, found.seen)
+    share = exposure_share(found.flat, found.detected)
+    flat = found.flat - share * second_differences(found.flat, found.detected)
     return replace(found, flat=flat, exposure=float(np.sqrt(24 * share)))
 
 
-def second_differences(places: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:
     """Second differences (k, n, 2) of the places (k, n, 2), zero where a neighbour in time is not seen."""
-    found = np.zeros_like(places)
-    whole = seen[1:-1] & seen[:-2] & seen[2:]
-    found[1:-1] = np.where(whole[..., None], places[2:] - 2 * places[1:-1] + places[:-2], 0.0)
+    found = np.zeros_like(positions)
+    whole = detected[1:-1] & detected[:-2] & detected[2:]
+    found[1:-1] = np.where(whole[..., None], positions[2:] - 2 * positions[1:-1] + positions[:-2], 0.0)
     return found
 
 
-def exposure_share(places: np.ndarray, seen: np.ndarray) -> float:
+def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     """c of the film, 0 where the lengths do not show it; places (k, n, 2), seen (k, n)."""
-    change = second_differences(places, seen)
-    link = np.diff(places, axis=1)
-    length = np.maximum(link_lengths(places), 1e-9)
+    change = second_differences(positions, detected)
+    link = np.diff(positions, axis=1)
+    length = np.maximum(link_lengths(positions), 1e-9)
     slope = np.sum(np.diff(change, axis=1) * link, axis=-1) / length
     moving = (np.abs(change).sum(axis=-1) > 0)[:, 1:] & (np.abs(change).sum(axis=-1) > 0)[:, :-1]
-    known = seen[:, 1:] & seen[:, :-1] & moving
+    known = detected[:, 1:] & detected[:, :-1] & moving
     x, y = [], []
     for j in range(known.shape[1]):
         here = known[:, j]

@@ -47,7 +47,7 @@ class Follower:
         chain: places at the first frame, lengths.
         past: the last places (n, 2), newest first, at most three.
         lost: frames since each node was seen (n,).
-        seen_at: where each node was last seen (n, 2).
+        last_positions: where each node was last seen (n, 2).
         fastest: recent fastest step of a node [pixel].
     """
 
@@ -56,18 +56,18 @@ class Follower:
     lost: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        self.past = self.past or [self.chain.places.copy()]
-        self.lost = np.zeros(len(self.chain.places), int)
-        self.seen_at, self.fastest = self.chain.places.copy(), FASTEST * float(np.mean(self.chain.length))
+        self.past = self.past or [self.chain.positions.copy()]
+        self.lost = np.zeros(len(self.chain.positions), int)
+        self.last_positions, self.fastest = self.chain.positions.copy(), FASTEST * float(np.mean(self.chain.length))
         self.length_error = length_errors(self.chain)
 
     @classmethod
-    def along(cls, chain: Chain, way: int) -> Follower:
+    def along(cls, chain: Chain, direction: int) -> Follower:
         """One that starts in the chain's frame and goes forwards in time (way 1) or backwards (-1)."""
-        places = chain.places.copy()
-        return cls(chain, [places] if chain.rate is None else [places, places - way * chain.rate])
+        positions = chain.positions.copy()
+        return cls(chain, [positions] if chain.rate is None else [positions, positions - direction * chain.rate])
 
-    def expected(self) -> np.ndarray:
+    def expected_positions(self) -> np.ndarray:
         """Places (n, 2) expected in the next frame: by the parabola through the last three, or the line through two."""
         if len(self.past) == 1:
             return self.past[0]
@@ -76,11 +76,11 @@ class Follower:
             guess = 3 * self.past[0] - 3 * self.past[1] + self.past[2]
         return self._at_rest(self._bridge(guess, self.lost > 0))
 
-    def _at_rest(self, places: np.ndarray) -> np.ndarray:
+    def _at_rest(self, positions: np.ndarray) -> np.ndarray:
         """The places (n, 2) with held nodes where they are."""
         if self.chain.held is None:
-            return places
-        return np.where(self.chain.held[:, None], self.chain.places, places)
+            return positions
+        return np.where(self.chain.held[:, None], self.chain.positions, positions)
 
     def _errors(self) -> np.ndarray:
         step = np.zeros(len(self.lost))
@@ -94,18 +94,18 @@ class Follower:
 
     def advance(self, circles: Circles) -> np.ndarray:
         """Take the next frame; returns for each node the number of its circle, or -1 where it is not seen (n,)."""
-        guess = self.expected()
+        guess = self.expected_positions()
         found = self._assign(circles.centre, guess, self._errors())
-        seen = found >= 0
-        places = np.where(seen[:, None], circles.centre[found] if len(circles) else guess, guess)
-        hidden = ~seen if self.chain.held is None else ~seen & ~self.chain.held
-        places = self._bridge(np.where(seen[:, None], places, self._at_rest(places)), hidden)
-        step = np.linalg.norm(places - self.past[0], axis=1)
-        steady = step[seen & (self.lost == 0)]
+        detected = found >= 0
+        positions = np.where(detected[:, None], circles.centre[found] if len(circles) else guess, guess)
+        hidden = ~detected if self.chain.held is None else ~detected & ~self.chain.held
+        positions = self._bridge(np.where(detected[:, None], positions, self._at_rest(positions)), hidden)
+        step = np.linalg.norm(positions - self.past[0], axis=1)
+        steady = step[detected & (self.lost == 0)]
         self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
-        self.seen_at = np.where(seen[:, None], places, self.seen_at)
-        self.lost = np.where(seen, 0, self.lost + 1)
-        self.past = [places, *self.past[:2]]
+        self.last_positions = np.where(detected[:, None], positions, self.last_positions)
+        self.lost = np.where(detected, 0, self.lost + 1)
+        self.past = [positions, *self.past[:2]]
         return found
 
     def _assign(self, centre: np.ndarray, guess: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -115,7 +115,7 @@ class Follower:
         reach = REACH_FLOOR + REACH * self.lost * self.fastest
         if self.chain.held is not None:
             reach = np.where(self.chain.held, 0.0, reach)
-        away = np.linalg.norm(centre[None] - self.seen_at[:, None], axis=-1) < reach[:, None]
+        away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
         unary = np.where(back, np.minimum(unary, RETURN_PRICE), unary)
         far = back & (unary >= RETURN_PRICE)
@@ -127,9 +127,9 @@ class Follower:
         pair[:, :-1, :-1] = np.minimum(miss**2, MOST_LENGTH_PRICE)
         pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
         best = _without_doubles(unary, pair)[1]
-        return self._confirmed(np.where(best == len(centre), -1, best), far, pair)
+        return self._confirm_returns(np.where(best == len(centre), -1, best), far, pair)
 
-    def _confirmed(self, found: np.ndarray, far: np.ndarray, pair: np.ndarray) -> np.ndarray:
+    def _confirm_returns(self, found: np.ndarray, far: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """The assignment (n,) without nodes that come back far off and have no neighbour whose link confirms them."""
         found = found.copy()
         for k in np.flatnonzero(found >= 0):
@@ -141,18 +141,18 @@ class Follower:
                 found[k] = -1
         return found
 
-    def _bridge(self, places: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+    def _bridge(self, positions: np.ndarray, unknown: np.ndarray) -> np.ndarray:
         """Places in which the `unknown` nodes (n,) go on at their rate, drawn to where the links allow (Gauss-Newton).
 
         Where both neighbours are known and the links are not in line, these fix the place; where they are in line, the
         lengths say nothing across them and the rate carries the node through.
         """
         if not unknown.any():
-            return places
-        places = places.copy()
-        rate = self.past[0] - self.past[1] if len(self.past) > 1 else np.zeros_like(places)
-        places[unknown] = (self.past[0] + rate)[unknown]
-        return bridge(places, unknown, self.chain.length, self.length_error)
+            return positions
+        positions = positions.copy()
+        rate = self.past[0] - self.past[1] if len(self.past) > 1 else np.zeros_like(positions)
+        positions[unknown] = (self.past[0] + rate)[unknown]
+        return bridge(positions, unknown, self.chain.length, self.length_error)
 
 
 def length_errors(chain: Chain) -> np.ndarray:
@@ -162,25 +162,25 @@ def length_errors(chain: Chain) -> np.ndarray:
     )
 
 
-def bridge(places: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
+def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Places (n, 2) of which the `unknown` (n,) are drawn to where the links' lengths (n - 1,) allow (Gauss-Newton)."""
-    places, move = places.copy(), np.repeat(unknown, 2)
-    expected = places.reshape(-1)[move].copy()
+    positions, move = positions.copy(), np.repeat(unknown, 2)
+    expected = positions.reshape(-1)[move].copy()
     for _ in range(BRIDGE_PASSES):
-        rows, size = _length_rows(places)
+        rows, size = _length_rows(positions)
         rows = rows[:, move] / error[:, None]
         short = (length - size) / error
-        off = (places.reshape(-1)[move] - expected) / BRIDGE_ERROR**2
+        off = (positions.reshape(-1)[move] - expected) / BRIDGE_ERROR**2
         normal = rows.T @ rows + np.eye(len(expected)) / BRIDGE_ERROR**2
-        places.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
-    return places
+        positions.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
+    return positions
 
 
-def _length_rows(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _length_rows(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives (n - 1, 2 n) of the links' lengths by the places, and the lengths (n - 1,) [pixel]."""
-    link = np.diff(places, axis=0)
+    link = np.diff(positions, axis=0)
     size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
-    rows = np.zeros((len(size), len(places), 2))
+    rows = np.zeros((len(size), len(positions), 2))
     j = np.arange(len(size))
     rows[j, j], rows[j, j + 1] = -link / size[:, None], link / size[:, None]
     return rows.reshape(len(size), -1), size

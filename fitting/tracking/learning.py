@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.progress import Progress
-from fitting.tracking.detection import NONE, Circles, Look, detect, learn_look, stands_out
+from fitting.tracking.detection import NONE, Circles, MarkerAppearance, detect, learn_appearance, stands_out
 from fitting.tracking.video import Video
 
 #: Frames, spread over the film, from which the look is learned, at most.
@@ -17,22 +17,24 @@ LOOKED_AT = 16
 
 def scan(
     film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
-) -> tuple[Look, list[Circles]]:
+) -> tuple[MarkerAppearance, list[Circles]]:
     """What markers look like, and the circles of all frames of the span [pixel of the video].
 
     Raises:
         SceneError: no frame with as many circles as nodes.
     """
-    look = _look(film, span, nodes, radius, bright)
+    appearance = _learn_appearance(film, span, nodes, radius, bright)
     total = max(1, (span[1] or film.announced or 0) - span[0])
     found = []
     for i, image in enumerate(film.frames(*span)):
-        found.append(detect(image, look))
+        found.append(detect(image, appearance))
         say(0.7 * min(1.0, (i + 1) / total), f"circles of frame {span[0] + i + 1}")
-    return look, found
+    return appearance, found
 
 
-def _look(film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None) -> Look:
+def _learn_appearance(
+    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None
+) -> MarkerAppearance:
     """The look in the frame that shows the markers best, of a few spread over the film."""
     images, stride = [], 1
     for i, image in enumerate(film.frames(*span)):
@@ -42,17 +44,17 @@ def _look(film: Video, span: tuple[int, int | None], nodes: int, radius: float |
             images, stride = images[::2], 2 * stride
     best, most = None, 0
     for image in images:
-        look = learn_look(image, nodes, radius, bright)
-        count = len(detect(image, look)) if stands_out(image, look, nodes) else 0
-        if count >= nodes and (best is None or look.answer > best.answer):
-            best = look
+        appearance = learn_appearance(image, nodes, radius, bright)
+        count = len(detect(image, appearance)) if stands_out(image, appearance, nodes) else 0
+        if count >= nodes and (best is None or appearance.answer > best.answer):
+            best = appearance
         most = max(most, count)
     if best is not None:
         return best
     for fewer in range(nodes - 1, most, -1):
         for image in images[::5]:
-            look = learn_look(image, fewer, radius, bright)
-            most = max(most, len(detect(image, look)) if stands_out(image, look, fewer) else 0)
+            appearance = learn_appearance(image, fewer, radius, bright)
+            most = max(most, len(detect(image, appearance)) if stands_out(image, appearance, fewer) else 0)
     if most == 0:
         raise SceneError(
             f"{film.path.name}: no circles found in {len(images)} frames; allowed: a circle on every node "
@@ -64,7 +66,7 @@ def _look(film: Video, span: tuple[int, int | None], nodes: int, radius: float |
     )
 
 
-def moved(circles: list[Circles], to: object) -> list[Circles]:
+def map_circles(circles: list[Circles], to: object) -> list[Circles]:
     """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
     size = np.cumsum([0, *(len(each) for each in circles)])
     centre = to(np.concatenate([each.centre for each in circles])) if size[-1] else np.zeros((0, 2))

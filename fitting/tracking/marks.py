@@ -75,50 +75,50 @@ class Marks:
         return found
 
 
-def find_marks(places: np.ndarray, seen: np.ndarray) -> Marks:
-    """Marks of places (k, n, 2) [pixel of the plane of motion], `seen` (k, n) of which are measured."""
-    both = seen[:, 1:] & seen[:, :-1]
-    lengths = np.where(both, link_lengths(places), np.nan)
+def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
+    """Marks of places (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
+    both = detected[:, 1:] & detected[:, :-1]
+    lengths = np.where(both, link_lengths(positions), np.nan)
     usual = np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in lengths.T])
     off = np.abs(lengths - usual)
     deviation = np.array([1.4826 * np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in off.T])
     limit = np.maximum(LENGTH * deviation, np.hypot(LENGTH_FLOOR, LENGTH_SHARE * usual))
     length = np.where(np.isfinite(off), off, 0.0) > limit
-    swapped = _renamed(places, seen, length, usual, deviation)
+    swapped = _swapped_names(positions, detected, length, usual, deviation)
     # what is wrong already must not make its neighbours in time look wrong
     wrong = swapped.copy()
     wrong[:, 1:] |= length
     wrong[:, :-1] |= length
-    return Marks(swapped, _jumps(places, seen & ~wrong, float(np.median(usual))), length)
+    return Marks(swapped, _jumps(positions, detected & ~wrong, float(np.median(usual))), length)
 
 
-def _renamed(
-    places: np.ndarray, seen: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
+def _swapped_names(
+    positions: np.ndarray, detected: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
 ) -> np.ndarray:
     """Samples (k, n) whose place is given to another node when all are named anew."""
-    good = seen.all(axis=1) & ~wrong.any(axis=1)
+    good = detected.all(axis=1) & ~wrong.any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
     starts, ends = edges[::2], edges[1::2]
     if not len(starts):
-        return np.zeros(seen.shape, bool)
+        return np.zeros(detected.shape, bool)
     long = np.flatnonzero(ends - starts >= min(STRETCH, (ends - starts).max()))
     first, last = (int(starts[i] + ends[i]) // 2 for i in (long[0], long[-1]))
-    runs = [(first, len(places), 1), (first, -1, -1), (last, len(places), 1), (last, -1, -1)]
-    asked, other = np.zeros(len(places), int), np.zeros(seen.shape, int)
+    runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
+    asked, other = np.zeros(len(positions), int), np.zeros(detected.shape, int)
     for at, stop, way in runs[:2] if first == last else [runs[0], runs[3], runs[1], runs[2]]:
-        rate = rates(np.where(seen[..., None], places, np.nan), at)
-        follower = Follower.along(Chain(places[at], usual, 2 * deviation, at, rate), way)
+        rate = rates(np.where(detected[..., None], positions, np.nan), at)
+        follower = Follower.along(Chain(positions[at], usual, 2 * deviation, at, rate), way)
         for i in range(at, stop, way):
-            here = np.flatnonzero(seen[i])
-            found = follower.advance(_bare(places[i, here]))
+            here = np.flatnonzero(detected[i])
+            found = follower.advance(_bare(positions[i, here]))
             asked[i] += 1
             for k in np.flatnonzero(found >= 0):
                 if here[found[k]] != k:
                     other[i, here[found[k]]] += 1
     # two that lie on each other may have either name
-    near = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1) + 1e9 * np.eye(seen.shape[1])
+    near = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1) + 1e9 * np.eye(detected.shape[1])
     alone = near.min(axis=2) > SAME * np.median(usual)
-    return (other > 0) & (other >= asked[:, None]) & seen & alone
+    return (other > 0) & (other >= asked[:, None]) & detected & alone
 
 
 def _bare(centre: np.ndarray) -> Circles:
@@ -126,15 +126,15 @@ def _bare(centre: np.ndarray) -> Circles:
     return Circles(centre, none, none, none, none) if len(centre) else NONE
 
 
-def _jumps(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
+def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
     """Samples (k, n) off the cubics through the two seen before and the two seen after them."""
-    result = np.zeros(seen.shape, bool)
-    for k in range(seen.shape[1]):
+    result = np.zeros(detected.shape, bool)
+    for k in range(detected.shape[1]):
         for _ in range(PASSES):
-            frames = np.flatnonzero(seen[:, k] & ~result[:, k])
+            frames = np.flatnonzero(detected[:, k] & ~result[:, k])
             if len(frames) < 2 * NEAR:
                 break
-            off, apart = _off_cubic(frames, places[frames, k])
+            off, apart = _off_cubic(frames, positions[frames, k])
             usual = median_filter(off, 2 * NEAR + 1, mode="nearest")
             limit = np.maximum(JUMP * usual, JUMP_SHARE * length * (apart / 2) ** 2)
             # of neighbours that all look off, the worst is: the others are judged without it
@@ -143,19 +143,19 @@ def _jumps(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
             if not now.any():
                 break
             result[frames[now], k] = True
-    return result | _out_of_reach(places, seen & ~result, length)
+    return result | _out_of_reach(positions, detected & ~result, length)
 
 
-def _out_of_reach(places: np.ndarray, seen: np.ndarray, length: float) -> np.ndarray:
+def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
     """Short runs of samples (k, n) that no node can have come to, across gaps as well."""
-    result = np.zeros(seen.shape, bool)
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)[seen[1:] & seen[:-1]]
+    result = np.zeros(detected.shape, bool)
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)[detected[1:] & detected[:-1]]
     if not len(steps):
         return result
     fastest = FASTER * float(np.percentile(steps, 98))
-    for k in range(seen.shape[1]):
-        frames = np.flatnonzero(seen[:, k])
-        way = np.linalg.norm(np.diff(places[frames, k], axis=0), axis=-1)
+    for k in range(detected.shape[1]):
+        frames = np.flatnonzero(detected[:, k])
+        way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
         broken = np.flatnonzero(way > fastest * np.diff(frames) + REACH * length) + 1
         if not len(broken):
             continue
@@ -166,7 +166,7 @@ def _out_of_reach(places: np.ndarray, seen: np.ndarray, length: float) -> np.nda
     return result
 
 
-def _off_cubic(frames: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _off_cubic(frames: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Departures (k,) of places (k, 2) from Lagrange's cubic through their neighbours, and the inner ones' distance."""
     t, off, apart = frames.astype(float), np.zeros(len(frames)), np.full(len(frames), 1e9)
     where = [np.arange(2, len(t) - 2) + step for step in (-2, -1, 1, 2)]
@@ -177,6 +177,6 @@ def _off_cubic(frames: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.n
         for j in where:
             if j is not i:
                 share *= (now - t[j]) / (t[i] - t[j])
-        guess += share[:, None] * places[i]
-    off[2:-2], apart[2:-2] = np.linalg.norm(places[2:-2] - guess, axis=1), t[where[2]] - t[where[1]]
+        guess += share[:, None] * positions[i]
+    off[2:-2], apart[2:-2] = np.linalg.norm(positions[2:-2] - guess, axis=1), t[where[2]] - t[where[1]]
     return off, apart

@@ -44,12 +44,12 @@ class Chain:
     """The nodes in order at some frame.
 
     Attributes:
-        places: (n, 2) [pixel]; length, spread: of the links and how much they vary (n - 1,) [pixel].
+        positions: (n, 2) [pixel]; length, spread: of the links and how much they vary (n - 1,) [pixel].
         at: the frame; rate: (n, 2) [pixel per frame] there, or None where it is not known.
         held: (n,) nodes known to rest, or None: hidden or not, they are where they were.
     """
 
-    places: np.ndarray
+    positions: np.ndarray
     length: np.ndarray
     spread: np.ndarray
     at: int = 0
@@ -88,17 +88,17 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
             for i, j in zip(*linear_sum_assignment(np.minimum(apart, 1e3)), strict=True):
                 if apart[i, j] < limit[i]:
                     now[i] = centres[j]
-        seen = np.isfinite(now[:, 0])
+        detected = np.isfinite(now[:, 0])
         # what is hidden for long is no longer where its rate would have carried it
-        rate = np.where(seen[:, None], now - last, FADE * rate)
-        last = np.where(seen[:, None], now, guess)
+        rate = np.where(detected[:, None], now - last, FADE * rate)
+        last = np.where(detected[:, None], now, guess)
         tracks.append(now)
     return np.stack(tracks)
 
 
-def _alone(places: np.ndarray) -> np.ndarray:
+def _alone(positions: np.ndarray) -> np.ndarray:
     """Distance (m,) of each place (m, 2) to the next one."""
-    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    apart = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
     np.fill_diagonal(apart, np.inf)
     return apart.min(axis=1)
 
@@ -120,8 +120,8 @@ def order(tracks: np.ndarray, nodes: int, radius: float, first: str = "auto") ->
             f"track: no chain of {nodes} moving markers found among {tracks.shape[1]} circles; "
             "allowed: --start with the nodes' places in the first frame"
         )
-    if turn_round(chain.places, still, first):
-        chain = Chain(chain.places[::-1], chain.length[::-1], chain.spread[::-1])
+    if turn_round(chain.positions, still, first):
+        chain = Chain(chain.positions[::-1], chain.length[::-1], chain.spread[::-1])
     return chain
 
 
@@ -176,7 +176,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             before = follow_unnamed(part[: middle + 1][::-1], 0)[::-1]
             tracks = np.concatenate([before, follow_unnamed(part, middle)[1:]])
             chain, _, margin = best_chain(tracks, nodes, radius, middle)
-            if chain is not None and margin > clear and np.isfinite(chain.places).all():
+            if chain is not None and margin > clear and np.isfinite(chain.positions).all():
                 best, clear = replace(chain, at=int(start) + middle), margin
         if clear >= CLEAR or size == len(frames):
             break
@@ -271,11 +271,11 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
     return orders[0] if same.all() else None
 
 
-def turn_round(places: np.ndarray, still: np.ndarray, first: str) -> bool:
-    """Whether a path with `places` (n, 2), y downwards, is to be read from its other end."""
+def turn_round(positions: np.ndarray, still: np.ndarray, first: str) -> bool:
+    """Whether a path with `positions` (n, 2), y downwards, is to be read from its other end."""
     if first == "auto":
         if still[0] != still[-1]:
             return bool(still[-1])
         first = "left"
     axis, sign = {"left": (0, 1), "right": (0, -1), "top": (1, 1)}[first]
-    return bool(sign * places[0, axis] > sign * places[-1, axis])
+    return bool(sign * positions[0, axis] > sign * positions[-1, axis])

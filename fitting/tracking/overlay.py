@@ -15,7 +15,7 @@ from fitting.tracking.track import Tracked
 from fitting.tracking.video import Video, opencv, write_video
 
 #: Blue, green, red: links, seen nodes, bridged nodes.
-LINK, SEEN, BRIDGED, TEXT = (178, 114, 0), (115, 158, 0), (0, 94, 213), (40, 40, 40)
+LINK, DETECTED, BRIDGED, TEXT = (178, 114, 0), (115, 158, 0), (0, 94, 213), (40, 40, 40)
 #: Frames of a sheet, its columns, and the width of one picture [pixel].
 SHEET_FRAMES, COLUMNS, WIDTH = 12, 4, 420
 SUFFIXES = (".png", ".avi", ".mp4")
@@ -26,39 +26,39 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     path = Path(path)
     film = Video(video)
     if path.suffix.lower() != ".png":
-        return write_video(path, _drawn(tracked, film, 1.0, None), tracked.fps)
+        return write_video(path, _draw_frames(tracked, film, 1.0, None), tracked.fps)
     box = _box(tracked, film.size)
-    chosen = np.unique(np.linspace(0, len(tracked.seen) - 1, SHEET_FRAMES).astype(int))
+    chosen = np.unique(np.linspace(0, len(tracked.detected) - 1, SHEET_FRAMES).astype(int))
     scale = WIDTH / (box[2] - box[0])
-    pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _drawn(tracked, film, scale, chosen)]
+    pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _draw_frames(tracked, film, scale, chosen)]
     height = round((box[3] - box[1]) * scale)
     tiles = [opencv().resize(p, (WIDTH, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % COLUMNS)
-    rows = [np.concatenate(_framed(tiles[i : i + COLUMNS]), axis=1) for i in range(0, len(tiles), COLUMNS)]
+    rows = [np.concatenate(_frame_tiles(tiles[i : i + COLUMNS]), axis=1) for i in range(0, len(tiles), COLUMNS)]
     good, data = opencv().imencode(".png", np.concatenate(rows))
     if not good:
         raise OSError(f"{path.name}: the picture cannot be encoded")
     return atomic_write(path, data.tobytes())
 
 
-def _framed(tiles: list[np.ndarray]) -> list[np.ndarray]:
+def _frame_tiles(tiles: list[np.ndarray]) -> list[np.ndarray]:
     return [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
 
 
 def _box(tracked: Tracked, size: tuple[int, int]) -> tuple[int, int, int, int]:
     """Left, top, right, bottom [pixel] around the whole motion, with a margin."""
-    places = tracked.pixels[tracked.seen]
-    margin = 4 * tracked.look.radius + 0.03 * max(size)
-    left, top = np.maximum(places.min(axis=0) - margin, 0).astype(int)
-    right, bottom = np.minimum(places.max(axis=0) + margin, size).astype(int)
+    positions = tracked.pixels[tracked.detected]
+    margin = 4 * tracked.appearance.radius + 0.03 * max(size)
+    left, top = np.maximum(positions.min(axis=0) - margin, 0).astype(int)
+    right, bottom = np.minimum(positions.max(axis=0) + margin, size).astype(int)
     return int(left), int(top), int(right), int(bottom)
 
 
-def _drawn(tracked: Tracked, film: Video, scale: float, chosen: np.ndarray | None) -> Iterator[np.ndarray]:
+def _draw_frames(tracked: Tracked, film: Video, scale: float, chosen: np.ndarray | None) -> Iterator[np.ndarray]:
     """Colour frames with the chain; lines and text keep their size when the picture is shown `scale` times as large."""
     first = tracked.first_frame
     wanted = None if chosen is None else set(chosen.tolist())
-    for i, image in enumerate(film.frames(first, first + len(tracked.seen))):
+    for i, image in enumerate(film.frames(first, first + len(tracked.detected))):
         if wanted is None or i in wanted:
             yield _draw(image, tracked, i, max(1, round(1.6 / scale)), 0.45 / scale)
 
@@ -66,15 +66,15 @@ def _drawn(tracked: Tracked, film: Video, scale: float, chosen: np.ndarray | Non
 def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: float) -> np.ndarray:
     cv2 = opencv()
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    radius = tracked.look.radius
-    places = [(round(16 * x), round(16 * y)) for x, y in tracked.pixels[i].tolist()]
-    for a, b in zip(places[:-1], places[1:], strict=True):
+    radius = tracked.appearance.radius
+    positions = [(round(16 * x), round(16 * y)) for x, y in tracked.pixels[i].tolist()]
+    for a, b in zip(positions[:-1], positions[1:], strict=True):
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):
-        seen = tracked.seen[i, k]
-        colour = SEEN if seen else BRIDGED
-        if seen:
-            cv2.circle(picture, places[k], round(16 * 1.3 * radius), colour, thick, cv2.LINE_AA, 4)
+        detected = tracked.detected[i, k]
+        colour = DETECTED if detected else BRIDGED
+        if detected:
+            cv2.circle(picture, positions[k], round(16 * 1.3 * radius), colour, thick, cv2.LINE_AA, 4)
         else:
             here, size = (round(x), round(y)), round(3 * radius)
             cv2.drawMarker(picture, here, colour, cv2.MARKER_TILTED_CROSS, size, thick + 1)
@@ -86,12 +86,12 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
 
 
 def write_text(
-    picture: np.ndarray, text: str, place: tuple[int, int], size: float, colour: tuple[int, int, int]
+    picture: np.ndarray, text: str, position: tuple[int, int], size: float, colour: tuple[int, int, int]
 ) -> None:
-    """Letters with a white rim, from `place` [pixel] to the right, in place."""
+    """Letters with a white rim, from `position` [pixel] to the right, in place."""
     cv2 = opencv()
     # a rim of the same letters around: heavier ones are wider in OpenCV 5
     rim = [(dx, dy, (255, 255, 255)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
     for dx, dy, shade in [*rim, (0, 0, colour)]:
-        there = (place[0] + dx, place[1] + dy)
+        there = (position[0] + dx, position[1] + dy)
         cv2.putText(picture, text, there, cv2.FONT_HERSHEY_SIMPLEX, size, shade, 1, cv2.LINE_AA)

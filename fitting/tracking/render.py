@@ -22,7 +22,7 @@ from fitting.tracking.video import opencv
 PLATE, BAR, STICKER, DISC, POST = 105.0, 150.0, 22.0, 235.0, 60.0
 #: Radius of a sticker [radius of the disc]; pictures averaged over an exposure, at least, and at most so far apart
 #: [pixel] that a disc is drawn out to a streak, not to a row of discs.
-STICKER_SIZE, EXPOSURES, APART = 1.7, 5, 1.0
+STICKER_SIZE, EXPOSURES, MIN_SPACING = 1.7, 5, 1.0
 
 
 @dataclass(frozen=True)
@@ -98,17 +98,17 @@ class View:
         pan = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
         return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ pan
 
-    def to_pixels(self, places: np.ndarray) -> np.ndarray:
+    def to_pixels(self, positions: np.ndarray) -> np.ndarray:
         """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
-        flat = (places - np.asarray(self.centre)) * [1.0, -1.0]
+        flat = (positions - np.asarray(self.centre)) * [1.0, -1.0]
         ahead = flat @ self.rotation[:, :2].T + [0.0, 0.0, self.distance]
         straight = self.focus * ahead[:, :2] / ahead[:, 2:] + self.lens.matrix[:2, 2]
         return self.lens.bend(straight)
 
-    def stretch(self, places: np.ndarray) -> np.ndarray:
+    def stretch(self, positions: np.ndarray) -> np.ndarray:
         """Derivatives (k, 2, 2) [pixel/m] of the pixels by the places (k, 2) [m]."""
         step = 1e-4
-        sides = [self.to_pixels(places + d) - self.to_pixels(places - d) for d in step * np.eye(2)]
+        sides = [self.to_pixels(positions + d) - self.to_pixels(positions - d) for d in step * np.eye(2)]
         return np.stack(sides, axis=-1) / (2 * step)
 
 
@@ -120,7 +120,7 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
         now = motion.t[0] + i / fps
         way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
-        count = max(EXPOSURES, int(np.ceil(way / APART)))
+        count = max(EXPOSURES, int(np.ceil(way / MIN_SPACING)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
         shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
@@ -140,19 +140,19 @@ def chessboards(
         yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
 
 
-def _shot(view: View, places: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
-    """The picture of an instant: nodes at `places` (n, 2) [m], `t` [s] after the first frame."""
+def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
+    """The picture of an instant: nodes at `positions` (n, 2) [m], `t` [s] after the first frame."""
     width, height = view.size
     image = np.full((height, width), PLATE, np.float32)
-    nodes, stretch = view.to_pixels(places), view.stretch(places)
+    nodes, stretch = view.to_pixels(positions), view.stretch(positions)
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
     for a, b in zip(nodes[:-1], nodes[1:], strict=True):
         cv2.line(image, *_sixteenths([a, b]), BAR, thick, cv2.LINE_AA, 4)
-    for k, place in enumerate(nodes):
-        _disc(image, place, STICKER_SIZE * view.radius, stretch[k], STICKER)
+    for k, position in enumerate(nodes):
+        _disc(image, position, STICKER_SIZE * view.radius, stretch[k], STICKER)
         if k not in hidden:
-            _disc(image, place, view.radius, stretch[k], DISC)
+            _disc(image, position, view.radius, stretch[k], DISC)
     if view.post is not None:
         x, wide = view.post
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]

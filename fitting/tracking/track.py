@@ -16,10 +16,10 @@ from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.angles import four_quadrant, scatter, to_trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.depth import changing_lengths
-from fitting.tracking.detection import Circles, Look, detect_at
+from fitting.tracking.detection import Circles, MarkerAppearance, detect_at
 from fitting.tracking.flattening import Flat, level_error
 from fitting.tracking.following import follow_film
-from fitting.tracking.hindsight import Followed, look_again, unblurred
+from fitting.tracking.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.tracking.learning import scan
 from fitting.tracking.marks import Marks, find_marks
 from fitting.tracking.ordering import AmbiguousOrderError
@@ -39,8 +39,8 @@ class Tracked:
         trace: angles [rad] and standard errors, empty where a marker was not seen or a frame is marked.
         pixels: (k, n, 2) places in the video's own pixels, bridged where not seen.
         metres: (k, n, 2) right and up of the first frame's node 0 [m]; pixels where no scale was given.
-        seen: (k, n).
-        look, lens, scaled: what a marker looks like, the lens or None, whether metres are metres.
+        detected: (k, n).
+        appearance, lens, scaled: what a marker looks like, the lens or None, whether metres are metres.
         first_frame: of the video, that of the trace's first sample.
         fps [1/s]; status: `ok` or `not_converged`, with the reason in `message`.
         marks: frames in which nodes swapped, jumped, or left their links' lengths.
@@ -51,8 +51,8 @@ class Tracked:
     trace: Trace
     pixels: np.ndarray
     metres: np.ndarray
-    seen: np.ndarray
-    look: Look
+    detected: np.ndarray
+    appearance: MarkerAppearance
     lens: Lens | None
     scaled: bool
     first_frame: int
@@ -70,25 +70,25 @@ class Tracked:
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
         length = np.linalg.norm(np.diff(self.metres, axis=1), axis=-1)
-        length = np.where(self.seen[:, 1:] & self.seen[:, :-1] & ~self.marks.links, length, np.nan)
+        length = np.where(self.detected[:, 1:] & self.detected[:, :-1] & ~self.marks.links, length, np.nan)
         known = [column[np.isfinite(column)] for column in length.T]
         return tuple(np.array([f(c) if len(c) else np.nan for c in known]) for f in (np.mean, np.std))
 
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
         mean, deviation = self.link_lengths
-        gap = _longest_gaps(self.seen)
+        gap = _longest_gaps(self.detected)
         found = {
             "schema": 1,
             "status": self.status,
-            "frames": len(self.seen),
+            "frames": len(self.detected),
             "fps": self.fps,
-            "nodes": self.seen.shape[1],
-            "links": self.seen.shape[1] - 1,
-            "bridged": [int(x) for x in (~self.seen).sum(axis=0)],
+            "nodes": self.detected.shape[1],
+            "links": self.detected.shape[1] - 1,
+            "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
             "longest_gap_s": float(gap.max() / self.fps),
             "angle_se_rad": float(np.nanmedian(self.trace.se)),
-            "marker_radius_pixel": self.look.radius,
+            "marker_radius_pixel": self.appearance.radius,
             "link_length_m": [float(x) for x in mean] if self.scaled else None,
             "link_length_deviation": [float(x) for x in deviation / mean],
             "marked": self.marks.spans(self.trace.t),
@@ -155,51 +155,51 @@ def track(
     if start is not None and np.shape(start) != (nodes, 2):
         raise SceneError(f"--start: {len(start)} places; allowed: {nodes}, one x,y per node")
     say(0.0, "looking for markers")
-    look, circles = scan(film, span, nodes, radius, bright, say)
+    appearance, circles = scan(film, span, nodes, radius, bright, say)
     board_plane = None if plane is None else plane_from_board(plane, lens, board, square)
     say(0.75, "finding out which is which")
     try:
         flat = Flat(film.size, lens, board_plane)
-        followed = follow_film(circles, nodes, look.radius, film.fps, flat, first, start)
+        chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
-    _look_again(film, span, look, followed)
-    followed, offset, message = _kept(unblurred(followed), film.fps)
-    marks = find_marks(followed.flat, followed.seen)
-    size = len(followed.seen)
+    _detect_again(film, span, appearance, chain)
+    chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
+    marks = find_marks(chain.flat, chain.detected)
+    size = len(chain.detected)
     if size < FEWEST:
         raise SceneError(f"{film.path.name}: {message or 'only'} {size} frames; allowed: at least {FEWEST}")
-    metres = _metres(followed, scale, distance)
+    metres = _metres(chain, scale, distance)
     if level:
-        metres = _levelled(metres)
+        metres = _level_chain(metres)
     t = (offset + np.arange(size)) / film.fps
-    known = followed.seen[:, 1:] & followed.seen[:, :-1] & ~marks.links
+    known = chain.detected[:, 1:] & chain.detected[:, :-1] & ~marks.links
     level_unknown = 0.0
     if lens is not None and not level:
         planes = [None if plane is None else plane_from_board(plane, other, board, square) for other in lens.others]
-        others = [replace(followed.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
-        level_unknown = level_error(followed.map, others, followed.pixels, followed.seen)
-    trace = to_trace(film.path.stem, t, metres, _errors(followed, ~marks.links, level_unknown), known)
-    trace = replace(trace, warnings=changing_lengths(followed.flat, known))
+        others = [replace(chain.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
+        level_unknown = level_error(chain.map, others, chain.pixels, chain.detected)
+    trace = to_trace(film.path.stem, t, metres, _errors(chain, ~marks.links, level_unknown), known)
+    trace = replace(trace, warnings=changing_lengths(chain.flat, known))
     if not message and end is None and span[0] + len(circles) < COMPLETE * film.announced:
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
-    parameters = followed.map.parameters
+    parameters = chain.map.parameters
     tracked = Tracked(
         trace=trace,
-        pixels=followed.pixels,
+        pixels=chain.pixels,
         metres=metres - metres[0, 0],
-        seen=followed.seen,
-        look=look,
+        detected=chain.detected,
+        appearance=appearance,
         lens=lens,
         scaled=not (plane is None and scale is None and distance is None),
         first_frame=span[0] + offset,
         fps=film.fps,
         status="not_converged" if message else "ok",
         message=message,
-        warnings=_warnings(film, followed, marks, trace.warnings, t, offset),
+        warnings=_warnings(film, chain, marks, trace.warnings, t, offset),
         marks=marks,
         slant=None if parameters is None or board_plane is not None else (float(parameters[0]), float(parameters[1])),
-        exposure=followed.exposure / film.fps,
+        exposure=chain.exposure / film.fps,
     )
     say(1.0, tracked.status)
     return tracked
@@ -213,62 +213,62 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
     return round(begin * film.fps), None if end is None else round(end * film.fps)
 
 
-def _look_again(film: Video, span: tuple[int, int | None], look: Look, followed: Followed) -> None:
+def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerAppearance, chain: TrackedChain) -> None:
     """Look in the frames themselves for markers whose circles were not found at first, half hidden ones above all."""
-    if followed.seen.all():
+    if chain.detected.all():
         return
     frames = enumerate(film.frames(*span))
 
-    def looked(i: int, guesses: np.ndarray) -> Circles:
+    def detect_in_frame(i: int, guesses: np.ndarray) -> Circles:
         image = next(image for number, image in frames if number == i)
-        return detect_at(image, look, guesses)
+        return detect_at(image, appearance, guesses)
 
-    look_again(followed, looked)
+    detect_again(chain, detect_in_frame)
 
 
-def _kept(followed: Followed, fps: float) -> tuple[Followed, int, str]:
+def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
     """The frames from the first to the last that hold a link, the first one's number, and why it ended early, if so."""
-    seen = followed.seen
-    some = np.flatnonzero((seen[:, 1:] & seen[:, :-1]).any(axis=1))
-    first, last = (int(some[0]), len(seen)) if len(some) else (0, 0)
-    until = len(seen) - np.argmax(seen[::-1], axis=0)
-    gone = np.flatnonzero((len(seen) - until > LONGEST_GAP * fps) | ~seen.any(axis=0))
+    detected = chain.detected
+    some = np.flatnonzero((detected[:, 1:] & detected[:, :-1]).any(axis=1))
+    first, last = (int(some[0]), len(detected)) if len(some) else (0, 0)
+    until = len(detected) - np.argmax(detected[::-1], axis=0)
+    lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
     why = ""
-    if len(gone):
-        worst = int(gone[np.argmin(until[gone])])
-        last = int(until[worst]) if seen[:, worst].any() else first
+    if len(lost):
+        worst = int(lost[np.argmin(until[lost])])
+        last = int(until[worst]) if detected[:, worst].any() else first
         why = f"marker {worst} is lost after {last / fps:.3g} s;"
     part = slice(first, max(first, last))
-    arrays = {name: getattr(followed, name)[part] for name in ("flat", "pixels", "error", "seen")}
-    return replace(followed, **arrays), first, why
+    arrays = {name: getattr(chain, name)[part] for name in ("flat", "pixels", "error", "detected")}
+    return replace(chain, **arrays), first, why
 
 
-def _metres(followed: Followed, scale: float | None, distance: float | None) -> np.ndarray:
+def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
     """Places (k, n, 2), right and up, in m where a scale is known and pixels where not."""
-    flat = followed.flat * [1.0, -1.0]
-    if followed.map.plane is not None:
-        scale = followed.map.metres_per_pixel()
+    flat = chain.flat * [1.0, -1.0]
+    if chain.map.plane is not None:
+        scale = chain.map.metres_per_pixel()
     if distance is not None:
         scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
     return flat * (1.0 if scale is None else scale)
 
 
-def _errors(followed: Followed, used: np.ndarray, level: float) -> np.ndarray:
+def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and what `level` and the map to the plane of motion leave open."""
-    found = np.hypot(scatter(followed.flat, followed.error, followed.seen, used), level)
-    flat = followed.map
+    found = np.hypot(scatter(chain.flat, chain.error, chain.detected, used), level)
+    flat = chain.map
     if flat.covariance is None:
         return found
     step = 1e-4
     slopes = []
     for d in step * np.eye(len(flat.parameters)):
-        low, high = (four_quadrant(replace(flat, parameters=flat.parameters + s)(followed.pixels)) for s in (-d, d))
+        low, high = (four_quadrant(replace(flat, parameters=flat.parameters + s)(chain.pixels)) for s in (-d, d))
         slopes.append((high - low) / (2 * step))
     jacobian = np.stack(slopes, axis=-1)
     return np.sqrt(found**2 + np.einsum("kja,ab,kjb->kj", jacobian, flat.covariance, jacobian))
 
 
-def _levelled(metres: np.ndarray) -> np.ndarray:
+def _level_chain(metres: np.ndarray) -> np.ndarray:
     """The places turned so that the mean line from the first to the last node is level."""
     span = np.mean(metres[:, -1] - metres[:, 0], axis=0)
     if not np.hypot(*span) > 0:
@@ -279,30 +279,32 @@ def _levelled(metres: np.ndarray) -> np.ndarray:
     return metres @ np.array([[c, -s], [s, c]])
 
 
-def _longest_gaps(seen: np.ndarray) -> np.ndarray:
+def _longest_gaps(detected: np.ndarray) -> np.ndarray:
     """Longest run of frames in which each node is not seen (n,)."""
-    run = longest = np.zeros(seen.shape[1], int)
-    for row in seen:
+    run = longest = np.zeros(detected.shape[1], int)
+    for row in detected:
         run = np.where(row, 0, run + 1)
         longest = np.maximum(longest, run)
     return longest
 
 
 def _warnings(
-    film: Video, followed: Followed, marks: Marks, depth: tuple[str, ...], t: np.ndarray, offset: int
+    film: Video, chain: TrackedChain, marks: Marks, depth: tuple[str, ...], t: np.ndarray, offset: int
 ) -> tuple[str, ...]:
-    name, seen, found = film.path.name, followed.seen, []
+    name, detected, found = film.path.name, chain.detected, []
     if offset:
         found.append(f"{name}: no link shows before frame {offset}; the trace begins there")
-    if followed.straight:
+    if chain.straight:
         found.append(f"{name}: no joint bends; the nodes are taken in the order in which they lie on a line")
     found += [f"{name}: {line}" for line in depth]
-    gaps = _longest_gaps(seen) / film.fps
-    for node in np.flatnonzero((~seen).any(axis=0)):
+    gaps = _longest_gaps(detected) / film.fps
+    for node in np.flatnonzero((~detected).any(axis=0)):
         long = (
             f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted" if gaps[node] > LONGEST_GAP else ""
         )
-        found.append(f"{name}: marker {node} not seen in {(~seen[:, node]).sum()} frames, bridged and left empty{long}")
+        found.append(
+            f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
+        )
     for span in marks.spans(t):
         nodes, why = ", ".join(map(str, span["nodes"])), " and ".join(WORDS[word] for word in span["why"])
         when = (

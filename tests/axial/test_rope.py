@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax.axial import Elastic, LinkStart, Rope
-from dropper_jax.base.springs import lag, mean_pull, never_more
+from dropper_jax.base.springs import lag, mean_positive_part, never_more
 from dropper_jax.stepping.choose import make_stepper
 
 EA, BA = 2e4, 300.0
@@ -77,9 +77,9 @@ def test_over_a_step_it_never_gives_energy_never_pushes_and_books_what_it_takes(
 
 
 def test_springs_over_a_step():
-    assert float(mean_pull(jnp.array(2.0), jnp.array(4.0))) == 3.0
-    assert float(mean_pull(jnp.array(-1.0), jnp.array(-2.0))) == 0.0
-    assert float(mean_pull(jnp.array(-1.0), jnp.array(3.0))) == pytest.approx(9.0 / 2 / 4)  # int of e over 4
+    assert float(mean_positive_part(jnp.array(2.0), jnp.array(4.0))) == 3.0
+    assert float(mean_positive_part(jnp.array(-1.0), jnp.array(-2.0))) == 0.0
+    assert float(mean_positive_part(jnp.array(-1.0), jnp.array(3.0))) == pytest.approx(9.0 / 2 / 4)  # int of e over 4
     assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(2.5))) == 0.0  # slower than expected
     assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(1.5))) == pytest.approx(0.125)
     assert float(lag(jnp.array(1.0), jnp.array(2.0), jnp.array(-9.0))) == 0.5  # the pull at the end

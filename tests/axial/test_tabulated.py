@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene
 from dropper_jax.axial import LinkStart, Rope, Tabulated
-from dropper_jax.axial.force_table import ForceTable, stacked
+from dropper_jax.axial.force_table import ForceTable, stack_tables
 from dropper_jax.model import state, work_names
 from dropper_jax.run.build import build_model
 from dropper_jax.statics.modes import natural_modes
@@ -25,7 +25,7 @@ TABLE = {"law": "tabulated", "strain": STRAIN, "tension": TENSION}
 
 
 def law(*tables, damping=None):
-    strain, force, slope = (jnp.asarray(x) for x in stacked(tables))
+    strain, force, slope = (jnp.asarray(x) for x in stack_tables(tables))
     return Tabulated(
         EA=jnp.array([t.stiffness for t in tables]), damping=damping, strain=strain, force=force, slope=slope
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax.base import programs
-from dropper_jax.base.programs import Store, kept
+from dropper_jax.base.programs import Store, cached_jit
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def traced():
     """A function compiled through a small store, the shapes it was traced for, and the store."""
     store, shapes = Store(most=3, cleared_after=1000), []
 
-    @kept(static=("power",), store=store)
+    @cached_jit(static=("power",), store=store)
     def raised(x, power=2, shift=0.0):
         shapes.append((x.shape, power))
         return x**power + shift
@@ -69,7 +69,7 @@ def test_kept_programs_outlive_the_caches_of_jax(traced):
 
 def test_caches_of_jax_are_emptied_after_the_number_of_new_programs():
     store = Store(most=3, cleared_after=3)
-    double = kept(store=store)(lambda x: 2.0 * x)
+    double = cached_jit(store=store)(lambda x: 2.0 * x)
     plain = jax.jit(lambda x: x + 1.0)
     plain(jnp.ones(2))
     for size in (1, 2):
@@ -102,7 +102,7 @@ def test_one_compiler_option_that_is_no_longer_known_does_not_drop_the_others(mo
     programs.supported_options.cache_clear()
     try:
         assert programs.supported_options() == known
-        brief = programs.kept(brief=True)(lambda x: 2.0 * x)
+        brief = programs.cached_jit(brief=True)(lambda x: 2.0 * x)
         assert float(brief(3.0)) == 6.0
     finally:
         programs.supported_options.cache_clear()

@@ -31,7 +31,7 @@ def parsed(command, *argv):
 
 def test_names_in_help_texts_are_those_that_there_are():
     assert tuple(INTEGRATORS) == options.SCHEMES
-    assert tuple(QUANTITIES) == sweep.KEPT
+    assert tuple(QUANTITIES) == sweep.DEFAULT_QUANTITIES
     assert tuple(quantities.SIGNALS) == sensitivity.SIGNALS
     assert tuple(quantities.STATISTICS) == sensitivity.STATISTICS
 

@@ -112,7 +112,7 @@ def test_versions_are_those_of_the_installed_packages():
     assert out.splitlines() == [f"{package} {version(package)}" for package in ("dropper-jax", "jax")]
 
 
-OWN = [entry for entry in commands.found() if entry.value.startswith("dropper_jax.")]
+OWN = [entry for entry in commands.find_commands() if entry.value.startswith("dropper_jax.")]
 
 
 @pytest.mark.parametrize("entry", OWN, ids=lambda entry: entry.name)
@@ -127,7 +127,7 @@ def test_help_names_every_command_with_its_line(capsys):
         main(["--help"])
     assert end.value.code == 0
     said = " ".join(capsys.readouterr().out.split())
-    for entry in commands.found():
+    for entry in commands.find_commands():
         assert f" {entry.name} {entry.load().help}" in said
 
 
@@ -144,7 +144,7 @@ def test_only_the_command_that_is_asked_for_is_imported():
 
 def test_a_command_that_cannot_be_imported_is_refused_and_leaves_the_others(capsys, monkeypatch):
     lost = EntryPoint(name="lost", value="no_such_package.cli", group=commands.GROUP)
-    monkeypatch.setattr(commands, "found", lambda: [*OWN, lost])
+    monkeypatch.setattr(commands, "find_commands", lambda: [*OWN, lost])
     assert main(["lost"]) == 2
     assert capsys.readouterr().err == "error: dropper lost: is not available: No module named 'no_such_package'\n"
     assert main(["scenes"]) == 0

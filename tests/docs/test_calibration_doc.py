@@ -1,6 +1,5 @@
 """The pages on calibration agree with the committed results, and their examples name things that exist."""
 
-import importlib.util
 import re
 from pathlib import Path
 
@@ -13,18 +12,6 @@ from fitting.traces.trace import read_trace
 ROOT = Path(__file__).parents[2]
 PAGES = ("calibration.md", "statistics-of-fits.md", "tutorial-lab-dropper.md")
 TEXT = "\n".join((ROOT / "docs" / page).read_text() for page in PAGES)
-
-
-def tables():
-    spec = importlib.util.spec_from_file_location("calibration_tables", ROOT / "benchmarks" / "calibration_tables.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.TABLES
-
-
-@pytest.mark.parametrize("name", tables())
-def test_tables_are_those_of_the_results(name):
-    assert tables()[name]() in TEXT
 
 
 def test_the_example_trace_is_read_as_it_is_described(tmp_path):

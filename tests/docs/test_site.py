@@ -15,7 +15,7 @@ import pytest
 import dropper_jax as dj
 import fitting
 from dropper_jax.base.markdown import prose
-from dropper_jax.cli.commands import found
+from dropper_jax.cli.commands import find_commands
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS
 
@@ -44,7 +44,7 @@ def test_the_stored_page_is_that_of_the_code(name, pages):
 
 def test_everything_public_is_on_its_page(pages):
     commands, effects, python = (pages[f"reference-{part}.md"] for part in ("commands", "effects", "python"))
-    assert [e.name for e in found() if f"\n## dropper {e.name}\n" not in commands] == []
+    assert [e.name for e in find_commands() if f"\n## dropper {e.name}\n" not in commands] == []
     assert [name for name in EFFECTS if f"\n### effects.{name}\n" not in effects] == []
     assert [name for name in INTEGRATORS if f"\n### {name}\n" not in effects] == []
     for package in (dj, fitting):

@@ -69,9 +69,9 @@ def righting(scene, tilt=1e-3):
     """Righting arm over the tilt [m]: GM of a body that floats in its scene, turned about x."""
     model = build_model(dj.load_scene(scene))
     start = np.asarray(equilibrium(scene).state.r)
-    corners = model.ties[0].body_nodes(model).ravel()
+    corners = model.constraints[0].body_nodes(model).ravel()
     centre = np.array(scene["body"][0]["centre_of_mass"])
-    shares = np.append(centre, 1.0) @ np.asarray(model.ties[0].affine[0])
+    shares = np.append(centre, 1.0) @ np.asarray(model.constraints[0].affine[0])
     middle = shares @ start[corners]
 
     def potential(angle):
@@ -97,7 +97,7 @@ def test_metacentric_height_of_a_flat_cylinder(afloat):
     )
     pose = equilibrium(scene)
     model = build_model(dj.load_scene(scene))
-    assert model.ties[0].pose(model, pose.state.r)[0][0, 2] == pytest.approx(-draught, rel=1e-6)
+    assert model.constraints[0].pose(model, pose.state.r)[0][0, 2] == pytest.approx(-draught, rel=1e-6)
     expected = draught / 2 + diameter**2 / (16.0 * draught) - gravity
     assert righting(scene) == pytest.approx(expected, rel=1e-4)
 
@@ -123,7 +123,7 @@ def test_homogeneous_spar_capsizes_and_floats_on_its_side(spar):
     scene = spar(centre=4.5, attitude=[0.0, 0.05, 0.0])
     model = build_model(dj.load_scene(scene))
     pose = equilibrium(scene)
-    axes = np.asarray(model.ties[0].pose(model, pose.state.r)[1][0])
+    axes = np.asarray(model.constraints[0].pose(model, pose.state.r)[1][0])
     assert pose.status == "ok"
     assert abs(axes[2, 2]) < 1e-3  # its axis is level
 

@@ -36,7 +36,7 @@ def test_coupled_surge_heave_and_pitch_of_a_moored_spar(spar):
     }
     pose = equilibrium(scene)
     model = build_model(dj.load_scene(scene))
-    base, axes = model.ties[0].pose(model, pose.state.r)
+    base, axes = model.constraints[0].pose(model, pose.state.r)
     assert pose.status == "ok"
     assert base[0, 2] == pytest.approx(-draught, rel=1e-6)
     # about the base: x of the base, z, pitch

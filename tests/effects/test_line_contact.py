@@ -9,7 +9,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
-from dropper_jax.effects.segments import nearest_places, pushed
+from dropper_jax.effects.segments import contact_force, nearest_points
 from dropper_jax.load.scene import Scene
 from dropper_jax.report.distance import segment_distance
 
@@ -80,7 +80,7 @@ def crossings():
 
         def seen(r, v):
             k = model.kinematics(r, v, jnp.zeros(()))
-            return k.nodes, model.kinetic_energy(k) + model.potential_energy(k) + contact.held(k)
+            return k.nodes, model.kinetic_energy(k) + model.potential_energy(k) + contact.contact_energy(k)
 
         path = (jnp.concatenate([first[None], rest]) for first, rest in ((s.r, way.r), (s.v, way.v)))
         return *jax.vmap(seen)(*path), jnp.sum(way.failed), jnp.sum(way.retried)
@@ -144,13 +144,13 @@ def test_the_nearest_places_are_those_that_a_reports_exact_search_finds():
     p = rng.normal(size=(40, 4, 3))
     p[30:, 3] = p[30:, 2] + p[30:, 1] - p[30:, 0]  # parallel
     reach, spread = 0.3 * np.ones(40), 1e-5 * np.ones(40)
-    near = jax.vmap(nearest_places)(jnp.asarray(p), jnp.asarray(reach), jnp.asarray(spread))
+    near = jax.vmap(nearest_points)(jnp.asarray(p), jnp.asarray(reach), jnp.asarray(spread))
     exact = segment_distance(p[:, 0], p[:, 1], p[:, 2], p[:, 3])
     np.testing.assert_allclose(near.distance, np.sqrt(exact**2 + (1e-2 * reach) ** 2), atol=1e-4)
     # the push is minus the gradient of the energy
-    energy = lambda p: jnp.sum(pushed(nearest_places(p, 3.0, 1e-5).distance, 3.0, 50.0)[0])  # noqa: E731
-    near = nearest_places(jnp.asarray(p), 3.0, 1e-5)
-    force = (pushed(near.distance, 3.0, 50.0)[1][:, None] * near.apart)[:, None] * near.shares[..., None]
+    energy = lambda p: jnp.sum(contact_force(nearest_points(p, 3.0, 1e-5).distance, 3.0, 50.0)[0])  # noqa: E731
+    near = nearest_points(jnp.asarray(p), 3.0, 1e-5)
+    force = (contact_force(near.distance, 3.0, 50.0)[1][:, None] * near.separation)[:, None] * near.shares[..., None]
     np.testing.assert_allclose(force, -jax.grad(energy)(jnp.asarray(p)), rtol=1e-9, atol=1e-9)
     for i, end, axis in ((0, 1, 2), (17, 0, 0), (35, 3, 1)):
         step = np.zeros_like(p)

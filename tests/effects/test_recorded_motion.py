@@ -47,7 +47,7 @@ def test_each_point_follows_its_own_parabola_with_its_rate_and_acceleration():
             step = 1e-4
             rate = (path(t + step, number) - path(t - step, number)) / (2 * step)
             bend = (path(t + step, number) - 2 * path(t, number) + path(t - step, number)) / step**2
-            assert np.allclose(ends.places[number], path(t, number), atol=1e-12)
+            assert np.allclose(ends.positions[number], path(t, number), atol=1e-12)
             assert np.allclose(ends.velocities[number], rate, atol=1e-9)
             assert np.allclose(fast[number], bend, atol=1e-6)
 

@@ -167,7 +167,7 @@ def test_an_attachment_on_an_arm_outside_the_hull_is_a_warning():
     assert "1 attachments are outside its cylinders and spheres, 'base' by 41.5 m" in text
     model, s = dj.build(arm.with_values({"start.kind": "points"}))
     pose = np.asarray(s.r)
-    tie = model.ties[0]
+    tie = model.constraints[0]
     assert float(np.max(np.abs(tie.gap(model, s.r)))) < 1e-9  # the point sits 42 m from the body's axis
     assert pose.shape[1] == 3
 

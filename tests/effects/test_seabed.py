@@ -121,7 +121,7 @@ def test_between_the_places_of_a_grid_the_bed_is_bilinear_and_goes_on_outside(ly
     grid = [float(depth_at(a, b)) for a in x for b in y]
     model, _ = lying([0.0] * 3, bed_x=x.tolist(), bed_y=y.tolist(), bed_depth=grid)
     inside = np.array([[0.4, 0.3, 0.0], [2.2, -0.5, 0.0], [1.0, 2.0, 0.0]])
-    bed = model.effect("seabed").bed
+    bed = model.effect("seabed").bed_height
     np.testing.assert_allclose(bed(jnp.array(inside)), -depth_at(inside[:, 0], inside[:, 1]), rtol=1e-12)
     outside = bed(jnp.array([[9.0, 9.0, 0.0], [-9.0, -9.0, 0.0]]))
     np.testing.assert_allclose(outside, [-depth_at(3.0, 2.0), -depth_at(0.0, -1.0)], rtol=1e-12)
@@ -136,8 +136,8 @@ def test_where_two_slopes_of_a_grid_meet_the_bed_turns_over_a_part_of_the_cells(
     left, right = -0.1, 0.2  # its slopes
     sharp = -10.0 + np.where(places[:, 0] < 0, left, right) * places[:, 0]
     lifted = np.array([0.0, 0.0, 0.25 * width * (right - left), 0.0, 0.0])
-    np.testing.assert_allclose(bed.bed(places), sharp + lifted, rtol=1e-12)
-    np.testing.assert_allclose(bed.bed(places, rounded=0.0), sharp, rtol=1e-12)
+    np.testing.assert_allclose(bed.bed_height(places), sharp + lifted, rtol=1e-12)
+    np.testing.assert_allclose(bed.bed_height(places, rounded=0.0), sharp, rtol=1e-12)
     normal = np.asarray(bed.upward(places))
     slope = np.array([left, left, 0.5 * (left + right), right, right])
     np.testing.assert_allclose(-normal[:, 0] / normal[:, 2], slope, atol=1e-12)

@@ -19,9 +19,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.lock import Lock
 from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.cli import main
-from dropper_jax.run import pieces, rows
+from dropper_jax.run import chunks, row_store
 from dropper_jax.run.recovery import recover
-from dropper_jax.run.rows import OnDisk
+from dropper_jax.run.row_store import OnDisk
 from dropper_jax.run.simulate import load_run
 
 ROOT = Path(dj.__file__).parents[1]
@@ -171,7 +171,7 @@ def test_a_lock_names_its_owner_and_is_free_once_it_is_gone(tmp_path):
 
 
 def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("dropper_jax.run.assembled.BLOCK", 64)
+    monkeypatch.setattr("dropper_jax.run.assembly.BLOCK", 64)
     kept = dj.simulate("conical-pendulum", dt=0.01, duration=3.0, scratch=tmp_path)
     whole = dj.simulate("conical-pendulum", dt=0.01, duration=3.0)
     for name in ("t", "positions", "velocities", "tension", "work", "kinetic", "potential"):
@@ -181,13 +181,13 @@ def test_a_run_kept_on_disk_has_the_numbers_of_one_in_memory(tmp_path, monkeypat
 
 @linux
 def test_rows_on_disk_are_joined_and_looked_at_without_standing_in_memory(tmp_path):
-    kept, part = OnDisk(tmp_path), np.arange(rows.BLOCK * 300.0).reshape(rows.BLOCK, 300)
+    kept, part = OnDisk(tmp_path), np.arange(row_store.BLOCK * 300.0).reshape(row_store.BLOCK, 300)
     for i in range(3):
         kept.append([part + i])
-    (rest,) = kept.joined(kept.count)
+    (rest,) = kept.concatenate(kept.count)
     whole = kept.join(part[0] - 1.0, rest)
     assert resident(tmp_path) < 0.5 * part.nbytes  # of six times as much
-    some = rows.every_so_often(whole, 7)
+    some = row_store.take_every(whole, 7)
     assert resident(tmp_path) < 0.5 * part.nbytes
     np.testing.assert_array_equal(some, np.concatenate([part[:1] - 1.0, part, part + 1, part + 2])[::7])
 
@@ -201,7 +201,7 @@ def resident(folder):
 
 def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
     """The process ends between two pieces, half of the third written; the next start saves what was whole."""
-    monkeypatch.setattr(pieces, "SECONDS", 0.0)
+    monkeypatch.setattr(chunks, "SECONDS", 0.0)
     out = tmp_path / "run.npz"
     machine = files.part_prefix(out).split(".")[3].rsplit("-", 2)[0]
     dead = subprocess.Popen([sys.executable, "-c", ""])
@@ -234,7 +234,7 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
     call = [*RUN, "--duration", "20000", "--out", str(out), "--json"]
     with subprocess.Popen(call, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as run:
         for _ in range(600):
-            if any(rows.whole_rows(folder) for folder in tmp_path.iterdir()):
+            if any(row_store.count_rows(folder) for folder in tmp_path.iterdir()):
                 break
             time.sleep(0.1)
         run.send_signal(signal.SIGTERM)

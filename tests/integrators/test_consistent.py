@@ -117,7 +117,7 @@ def test_a_projection_takes_energy_and_leaves_no_stretching():
     after = k.with_velocity(found)
     np.testing.assert_allclose(jnp.sum(k.links * after.link_velocities, axis=-1), 0.0, atol=1e-14)
     np.testing.assert_allclose(
-        model.own_inertia(found - v), model.pull(impulse, k.links / model.line.length[:, None]), atol=1e-14
+        model.nodal_inertia(found - v), model.tension_force(impulse, k.links / model.line.length[:, None]), atol=1e-14
     )
     assert model.kinetic_energy(after) < model.kinetic_energy(k)
 

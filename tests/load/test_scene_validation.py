@@ -19,7 +19,7 @@ from dropper_jax.base.files import read_lines
 from dropper_jax.cli import before_jax
 from dropper_jax.load.arithmetic import evaluate
 from dropper_jax.load.packaged import DAMPING, scene_names
-from dropper_jax.load.paths import put
+from dropper_jax.load.paths import set_value
 from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build_model, equilibrium
@@ -423,7 +423,7 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path):
 @pytest.mark.parametrize("path", ["name", "line.0.name", "point.1.name", "line.0.from"])
 def test_a_very_long_name_is_refused_in_a_short_line(path):
     scene = load_scene("string").to_dict()
-    put(scene, path, "x" * 100_000)
+    set_value(scene, path, "x" * 100_000)
     with pytest.raises(SceneError, match=f"^{path}") as caught:
         load_scene(scene)
     assert len(str(caught.value)) < 400

@@ -90,7 +90,7 @@ def test_a_parameter_is_a_number_that_varies():
     model = build_model(scene)
     (loop,) = find_parameters(scene, model, ["parameters.loop"], "to")
     assert (loop.value, loop.name) == (6.0, "parameters.loop")
-    moved, built = loop.where.put(model, 6.6), build_model(scene.with_values({"parameters.loop": 6.6}))
+    moved, built = loop.where.set_in(model, 6.6), build_model(scene.with_values({"parameters.loop": 6.6}))
     for a, b in zip(jax.tree.leaves(moved), jax.tree.leaves(built), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9)
     with pytest.raises(SceneError, match="whole number"):

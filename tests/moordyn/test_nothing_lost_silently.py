@@ -15,7 +15,7 @@ import pytest
 from dropper_jax import SceneError, load_scene
 from dropper_jax.load.line_types import LineType
 from dropper_jax.load.scene import SECTIONS, Scene
-from dropper_jax.moordyn.writing.differences import KNOWN, MOTIONS
+from dropper_jax.moordyn.writing.differences import MOTIONS, WRITTEN_FIELDS
 from dropper_jax.moordyn.writing.writer import write_moordyn
 from dropper_jax.run import growth
 from dropper_jax.scene import (
@@ -312,8 +312,8 @@ def test_values_of_effects_that_a_deck_has_are_written_or_listed(tmp_path):
     }
     no_case = {"morison_drag": {"tangents"}, "bending": {"directions"}, "seabed": {"bed_x", "bed_y", "bed_depth"}}
     no_case["weight"] = {"wet_weight"}
-    moved = {name: set(KNOWN[name]) for name in MOTIONS if name in KNOWN}
-    for name, keys in KNOWN.items():
+    moved = {name: set(WRITTEN_FIELDS[name]) for name in MOTIONS if name in WRITTEN_FIELDS}
+    for name, keys in WRITTEN_FIELDS.items():
         assert {*keys} == {*cases.get(name, ())} | no_case.get(name, set()) | moved.get(name, set())
     first = {"effects.seabed_friction": {"kinetic": 0.5}, "line_type.0.EI": 40.0, "effects.bending": {}}
     before = export(first, tmp_path / "before")

@@ -10,7 +10,7 @@ import pytest
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.effects import EFFECTS
-from dropper_jax.moordyn.writing.differences import KNOWN, differences
+from dropper_jax.moordyn.writing.differences import WRITTEN_FIELDS, differences
 from dropper_jax.moordyn.writing.writer import write_moordyn
 
 CHAIN, FLOAT = ((Path(__file__).parent / f"{name}.txt").read_text() for name in ("chain", "float"))
@@ -88,7 +88,7 @@ def test_every_value_of_an_effect_that_a_file_cannot_have_is_listed_as_lost(tmp_
     for name in scene.effects:
         for field in dataclasses.fields(EFFECTS[name]):
             default = field.default
-            if "kind" not in field.metadata or field.name in KNOWN[name]:
+            if "kind" not in field.metadata or field.name in WRITTEN_FIELDS[name]:
                 continue
             other = next((c for c in field.metadata.get("choices") or () if c != default), 0.5)
             changed = {**scene.effects, name: {**scene.effects[name], field.name: other}}

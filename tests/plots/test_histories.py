@@ -17,7 +17,7 @@ from dropper_jax.run.loads import end_tensions, held_points, point_load
 def test_envelope_of_a_long_record_holds_every_sample():
     t = np.linspace(0.0, 3600.0, 50001)
     values = np.sin(t) + 5.0 * np.exp(-((t - 1234.5) ** 2))  # one short peak
-    at, mean, least, largest = series.reduced(t, values)
+    at, mean, least, largest = series.reduce_samples(t, values)
     assert len(at) == series.INTERVALS
     assert (largest.max(), least.min()) == (values.max(), values.min())
     assert np.all((least <= mean) & (mean <= largest))
@@ -27,7 +27,7 @@ def test_envelope_of_a_long_record_holds_every_sample():
 def test_mean_of_a_long_record_has_no_beat_with_its_waves():
     t = np.linspace(0.0, 3600.0, 36001)
     values = 2.0 + np.sin(2 * np.pi * t / 8.33)
-    at, mean, _, _ = series.reduced(t, values)
+    at, mean, _, _ = series.reduce_samples(t, values)
     assert np.ptp(mean) > 0.2  # stretches of 11 s beat with waves of 8.33 s
     assert np.ptp(series._without_beat(at, mean, 8.33)[20:-20]) < 0.05
     slow = np.linspace(0.0, 1.0, 320)

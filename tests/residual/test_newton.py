@@ -22,7 +22,7 @@ def rows(u: Unknowns) -> Unknowns:
 
 
 PROBLEM = SimpleNamespace(
-    residual=rows, evaluated=lambda u: (rows(u), u.x), row_scale=lambda: Unknowns(jnp.ones(2), jnp.ones(1))
+    residual=rows, evaluate=lambda u: (rows(u), u.x), row_scale=lambda: Unknowns(jnp.ones(2), jnp.ones(1))
 )
 
 

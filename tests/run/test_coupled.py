@@ -50,7 +50,7 @@ def test_steps_from_outside_are_the_run_with_the_same_motion(coupled):
     coupled.init(velocities=model.ends(0.0).velocities)
     for t in TIMES[1:]:
         ends, bends = model.ends(t), model.end_acceleration(np.asarray(t))
-        force = coupled.step(ends.places, ends.velocities, 0.1, bends)
+        force = coupled.step(ends.positions, ends.velocities, 0.1, bends)
         i = round(t / 0.01)
         assert coupled.status == "ok"
         np.testing.assert_allclose(coupled.time, t, atol=1e-12)

@@ -81,7 +81,7 @@ def test_a_spectrum_has_the_kc_of_its_variance_and_mean_period():
     model, _ = dj.build(scene)
     times = jnp.linspace(0.0, 4000.0, 4001)
     places = jnp.asarray([[0.0, 0.0, -2.5]])
-    u = jax.vmap(lambda t: model.sea.calm().at(places, t).velocity[0, 0] + _level(model.sea, places, t))(times)
+    u = jax.vmap(lambda t: model.sea.without_waves().at(places, t).velocity[0, 0] + _level(model.sea, places, t))(times)
     waves = model.sea.waves
     tz = 2 * np.pi * np.sqrt(float(jnp.sum(waves.amplitude**2) / jnp.sum((waves.amplitude * waves.omega) ** 2)))
     expected = np.sqrt(2.0) * float(jnp.std(u)) * tz / 0.15

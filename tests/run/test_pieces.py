@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run import pieces
+from dropper_jax.run import chunks
 
 ARRAYS = ("t", "positions", "velocities", "tension", "work", "kinetic")
 
@@ -16,7 +16,7 @@ def run(**settings):
 @pytest.mark.parametrize("save_every", [1, 4])
 def test_pieces_of_any_length_give_the_same_numbers(monkeypatch, save_every):
     whole = run(save_every=save_every)
-    monkeypatch.setattr(pieces, "SECONDS", 0.0)
+    monkeypatch.setattr(chunks, "SECONDS", 0.0)
     told = []
     single = run(save_every=save_every, progress=lambda share, text: told.append(text))
     assert sum(text.startswith("t =") for text in told) == len(whole.t) - 1  # a save at a time
@@ -27,7 +27,7 @@ def test_pieces_of_any_length_give_the_same_numbers(monkeypatch, save_every):
 def test_a_long_run_shows_at_least_so_many_pieces():
     told = []
     run(progress=lambda share, text: told.append(share))
-    assert len(told) > pieces.PIECES
+    assert len(told) > chunks.PIECES
     assert told == sorted(told)
 
 
@@ -44,9 +44,9 @@ def test_a_stop_keeps_what_is_done():
 
 def test_a_piece_keeps_within_its_bytes(monkeypatch):
     model, s = dj.build("conical-pendulum")
-    assert pieces._room(s) == pieces.ROOM
-    monkeypatch.setattr(pieces, "BYTES", 1000)
-    assert 1 <= pieces._room(s) < 20
+    assert chunks._chunk_size(s) == chunks.MOST_STEPS
+    monkeypatch.setattr(chunks, "BYTES", 1000)
+    assert 1 <= chunks._chunk_size(s) < 20
 
 
 def test_steps_that_resist_are_taken_by_the_whole_program(monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.run.resolution import MOST, _fewer, judged, without_push
+from dropper_jax.run.resolution import MOST, _fewer, with_quality_checks, without_push
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_a_peak_within_a_step_is_named_with_its_size_and_time(falling):
 
 
 def changed(solution, **arrays):
-    return judged(dataclasses.replace(solution, warnings=(), **arrays))
+    return with_quality_checks(dataclasses.replace(solution, warnings=(), **arrays))
 
 
 def test_energy_that_is_not_accounted_for_is_a_failure(soft):

@@ -158,7 +158,7 @@ def test_sensitivities_follow_the_month():
     expected = 1300.0 * np.pi / 4 * 2.0 * (0.02 + 2.0 * thick) * 2.0 * rate
 
     def mass(month):
-        return moved.put(model, month).line.mass[:4]
+        return moved.set_in(model, month).line.mass[:4]
 
     # the depths of the links are those of a rope that stretches a little
     assert np.asarray(jax.jacfwd(mass)(6.0)) == pytest.approx(expected, rel=1e-3)

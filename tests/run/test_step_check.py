@@ -9,7 +9,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from dropper_jax.run import pieces, step_check
+from dropper_jax.run import chunks, step_check
 
 
 def warned(run):
@@ -58,13 +58,13 @@ def test_stretches_of_a_long_run_find_the_same(pendulum, monkeypatch, dt):
 
 def test_stretches_take_their_share_of_the_steps(monkeypatch):
     taken = []
-    advance_at_half_step = pieces._EqualSteps.advance_at_half_step
+    advance_at_half_step = chunks._EqualSteps.advance_at_half_step
 
     def counted(self, carry, saves):
         taken.append(2 * saves)
         return advance_at_half_step(self, carry, saves)
 
-    monkeypatch.setattr(pieces._EqualSteps, "advance_at_half_step", counted)
+    monkeypatch.setattr(chunks._EqualSteps, "advance_at_half_step", counted)
     monkeypatch.setattr(step_check, "check_full_run", step_check.check_stretches)
     dj.simulate("conical-pendulum-damped", duration=20.0, step_check=True)
     assert len(taken) == step_check.STRETCHES

@@ -14,7 +14,7 @@ from dropper_jax.model import Graph, Line, Member, Model, Point, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import simulate
-from dropper_jax.scene import held_loads, line_places
+from dropper_jax.scene import held_loads, line_offsets
 from dropper_jax.solvers import SOLVERS
 from dropper_jax.stepping.choose import make_stepper
 
@@ -142,7 +142,7 @@ def test_held_points_are_pulled_along_the_links_that_end_there():
     assert found.keys() == {"a", "b"}
     np.testing.assert_allclose(found["a"], [30.0, 0.0, -40.0])
     np.testing.assert_allclose(found["b"], [0.0, 0.0, -70.0])
-    assert [(row["name"], row["first_node"], row["first_link"]) for row in line_places(scene)] == [
+    assert [(row["name"], row["first_node"], row["first_link"]) for row in line_offsets(scene)] == [
         ("left", 0, 0),
         ("right", 3, 2),
     ]
@@ -165,7 +165,7 @@ def test_points_of_a_vessel_move_together():
     ends = build_model(scene).ends(2.0)
     # a quarter of a period: the full amplitude, at rest
     shift = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [1.0, 0.0, 0.5]])
-    np.testing.assert_allclose(ends.places, np.array(list(places.values())) + shift, atol=1e-12)
+    np.testing.assert_allclose(ends.positions, np.array(list(places.values())) + shift, atol=1e-12)
     np.testing.assert_allclose(ends.velocities, 0.0, atol=1e-12)
     with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a held point"):
         load_scene({**table, "effects": {"weight": {}, "end_motion": {**motion, "also": ["stren"]}}})

@@ -48,7 +48,7 @@ def test_the_buoy_leaves_table_6_as_in_moordyn():
     assert theirs.ok
     # MoorDyn's chain rests without the current until then
     for axis, apart in ((0, 0.10), (2, 0.05)):
-        expected = np.interp(run.t, theirs.t, theirs.places[:, axis])
+        expected = np.interp(run.t, theirs.t, theirs.positions[:, axis])
         np.testing.assert_allclose(run.positions[:, -1, axis], expected, atol=apart * np.ptp(expected))
 
 

@@ -48,7 +48,7 @@ def test_rounds_solve_as_a_dense_matrix_does(graph, transposed):
 
     def run(blocks, rhs):
         factor = eliminate(order, blocks)
-        return solve(factor.transposed() if transposed else factor, rhs)
+        return solve(factor.transpose() if transposed else factor, rhs)
 
     expected = np.linalg.solve(dense.T if transposed else dense, rhs.ravel()).reshape(rhs.shape)
     np.testing.assert_allclose(jax.jit(run)(blocks, rhs), expected, atol=1e-11 * np.abs(expected).max())

@@ -65,8 +65,8 @@ def test_a_report_has_the_extremes_and_deviations_of_the_steps(followed):
 
 def test_pictures_and_summary_have_the_extremes(followed):
     run = readable(followed)
-    assert run.largest.max() == followed.tension_max.max() > run.tension.max()
-    assert run.least.min() == followed.tension_min.min()
+    assert run.max_tension.max() == followed.tension_max.max() > run.tension.max()
+    assert run.min_tension.min() == followed.tension_min.min()
     summary = followed.summary()
     assert summary["tension_n"]["all"]["max"] == followed.tension_max.max()
     assert summary["step_tolerance"] == 0.02
@@ -102,7 +102,7 @@ def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_mod
 ):
     model, start = dj.build(falling(**CASE))
     stepper = dj.make_stepper(model, track_work=False)
-    lengths, number = jax.jit(partial(dj.followed_steps, stepper, intervals=25, most=2000))(
+    lengths, number = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=25, most=2000))(
         model, start, dt=0.02, tolerance=0.02
     )
     number = int(number)

@@ -10,7 +10,7 @@ import pytest
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build, build_model
-from dropper_jax.stepping.adjoint import check_recordable, record, way_back
+from dropper_jax.stepping.adjoint import backward_pass, check_recordable, record
 from dropper_jax.stepping.choose import make_stepper
 from dropper_jax.stepping.integrate import integrate
 
@@ -49,7 +49,7 @@ def way(farm):
     def both_ways(start):
         run = record(stepper, model, start, H, STEPS)
         by_r, by_t = (jnp.moveaxis(a, 0, 1) for a in jax.jacrev(quantities, argnums=(0, 1))(run.r, run.tension))
-        return run, way_back(stepper, model, moving, run, H, by_r, by_t)
+        return run, backward_pass(stepper, model, moving, run, H, by_r, by_t)
 
     # from the midst of a motion: at rest slack links are at the length where they tauten
     start = jax.tree.map(lambda a: a[-1], both_ways(start)[0].before)
@@ -101,8 +101,8 @@ def test_a_way_back_in_two_parts_is_that_of_the_whole(farm, way):
     by_r, by_t = (jnp.moveaxis(a, 0, 1) for a in jax.jacrev(quantities, argnums=(0, 1))(run.r, run.tension))
     first = record(stepper, model, start, H, half)
     second = record(stepper, model, first.last, H, STEPS - half)
-    late, between = way_back(stepper, model, moving, second, H, by_r[half:], by_t[half:])
-    early, begin = way_back(stepper, model, moving, first, H, by_r[:half], by_t[:half], between)
+    late, between = backward_pass(stepper, model, moving, second, H, by_r[half:], by_t[half:])
+    early, begin = backward_pass(stepper, model, moving, first, H, by_r[:half], by_t[:half], between)
     for one, other, whole in zip(late, early, by_leaf, strict=True):
         np.testing.assert_allclose(one + other, whole, rtol=1e-9, atol=1e-11 * np.max(np.abs(whole)))
     np.testing.assert_allclose(begin.r, by_start.r, rtol=1e-9, atol=1e-11 * np.max(np.abs(by_start.r)))

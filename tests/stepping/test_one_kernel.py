@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax.base import tridiagonal
 from dropper_jax.base.one_kernel import FLAG, LIMIT, OPTION, in_force, one_kernel, with_option
-from dropper_jax.base.place import place
+from dropper_jax.base.scatter import scatter_add
 
 PROGRAM = """
 import json, sys
@@ -150,4 +150,4 @@ def test_sums_at_places_are_those_of_a_scatter(where):
     values = np.random.default_rng(1).normal(size=(len(where), 3))
     expected = np.zeros((4, 3))
     np.add.at(expected, np.array(where, int), values)
-    np.testing.assert_allclose(place(np.array(where, int), jnp.asarray(values), 4), expected, rtol=1e-15)
+    np.testing.assert_allclose(scatter_add(np.array(where, int), jnp.asarray(values), 4), expected, rtol=1e-15)

@@ -15,7 +15,7 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
 from dropper_jax.stepping.choose import make_stepper
-from dropper_jax.study.cost import Unused, _Variant, program, proof, without
+from dropper_jax.study.cost import Unused, _Variant, program, proof, without_effects
 from dropper_jax.study.stability.contact_cases import sledge
 
 SCENE = "dropper-release-a"
@@ -72,7 +72,7 @@ def test_the_proof_can_fail() -> None:
 def test_an_effect_that_needs_another_is_left_out_with_it() -> None:
     model, s = build(sledge())
     assert {"seabed", "seabed_friction"} <= {e.name for e in model.effects}
-    bare = without(model, ["seabed"])
+    bare = without_effects(model, ["seabed"])
     assert {"seabed", "seabed_friction"}.isdisjoint(e.name for e in bare.effects)
     make_stepper(bare, "energy_momentum")
     assert np.all(np.isfinite(bare.force(bare.instant(s.r, s.v, s.t))))

@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.spar import rod_types
-from dropper_jax.moordyn.reading.values import columns, number, sizes, whole
+from dropper_jax.moordyn.reading.values import columns, integer, number, sizes
 
 
 def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.nda
     own, across = mass * diameter**2 / 8.0, mass * (diameter**2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
     shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter}
-    shape |= {"slices": max(whole(deck, row, row.words[9], "NumSegs", 0), 1)}
+    shape |= {"slices": max(integer(deck, row, row.words[9], "NumSegs", 0), 1)}
     shape |= {"cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
     return shape, (mass, 0.5 * (a + b), inertia)
 

@@ -8,7 +8,7 @@ from typing import Any
 from dropper_jax.moordyn.reading.bodies import free_body, free_rod
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.spar import spar
-from dropper_jax.moordyn.reading.values import columns, number, whole
+from dropper_jax.moordyn.reading.values import columns, integer, number
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
@@ -92,7 +92,7 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     """A body with its rods, and the points on it that lines end at."""
     connectors = [rod for rod in _on(deck, row) if _is_connector(deck, rod)]
     rods = [rod for rod in _on(deck, row) if rod not in connectors]
-    body = free_body(deck, row, rods, notes) | _pinned(row, row.words[1], f"body {row.words[0]}", notes)
+    body = free_body(deck, row, rods, notes) | _pinned_field(row, row.words[1], f"body {row.words[0]}", notes)
     attached = {}
     for point in deck.rows.get("points", []):
         if point.words[1].lower() == f"body{row.words[0]}" and point.words[0].upper() in used:
@@ -107,7 +107,7 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     found.bodies.append({**body, **({"attachments": attached} if attached else {})})
 
 
-def _pinned(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:
+def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:
     """What `[[body]]` says more of a pinned body or rod."""
     if kind.lower() in PINNED_COUPLED:
         notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned in its place")
@@ -117,7 +117,7 @@ def _pinned(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]
 def _is_connector(deck: Deck, row: Row) -> bool:
     """Whether a rod has a direction and neither length nor mass: `NumSegs 0`."""
     columns(deck, row, 10, "rod")
-    return not whole(deck, row, row.words[9], "NumSegs", 0)
+    return not integer(deck, row, row.words[9], "NumSegs", 0)
 
 
 def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
@@ -172,7 +172,7 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
     return {kind[4:]} if kind.startswith("body") else set()
 
 
-def _on_held(deck: Deck, row: Row, body: Row, place: list[float], notes: list[str]) -> list[float]:
+def _on_held(deck: Deck, row: Row, body: Row, position: list[float], notes: list[str]) -> list[float]:
     """Where a point on a coupled or fixed body is held: the body's own place, and the point's from there."""
     columns(deck, body, 8, "body")
     kind = body.words[1].lower()
@@ -193,7 +193,7 @@ def _on_held(deck: Deck, row: Row, body: Row, place: list[float], notes: list[st
             f"line {row.number}: point {row.words[0]} is on coupled body {body.words[0]}: it is held in its place; "
             "[[vessel]] moves such points together"
         )
-    return [a + b for a, b in zip(origin, place, strict=True)]
+    return [a + b for a, b in zip(origin, position, strict=True)]
 
 
 def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
@@ -213,18 +213,18 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
     """A free rod, a held one, or a spar buoy and its point; returns its body."""
     key, holder = row.words[0], row.words[2]
     if holder.lower() in ("free", *PINNED, *PINNED_COUPLED):
-        body = free_rod(deck, row) | _pinned(row, holder, f"rod {key}", notes)
+        body = free_rod(deck, row) | _pinned_field(row, holder, f"rod {key}", notes)
         found.bodies.append({**body, "attachments": _rod_ends(row, body["cylinders"][0], found, used)})
         return ""
     if holder.lower() in (*COUPLED, *FIXED):
         columns(deck, row, 10, "rod")
         a, b = ([number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]] for first in (3, 6))
         connector = _is_connector(deck, row)
-        for end, place, sign in (("A", a, -1.0), ("B", a if connector else b, 1.0)):
+        for end, position, sign in (("A", a, -1.0), ("B", a if connector else b, 1.0)):
             word = f"R{key}{end}"
             if word in used:
                 found.names[word] = f"point-{word}"
-                found.points.append({"name": f"point-{word}", "position": place})
+                found.points.append({"name": f"point-{word}", "position": position})
                 found.leaving[f"point-{word}"] = [sign * (y - x) for x, y in zip(a, b, strict=True)]
         if connector:
             note = "has no length; a line with EI is clamped along it (MoorDyn 2.7.2 lets it turn)"

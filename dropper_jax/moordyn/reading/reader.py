@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
-from dropper_jax.base.references import referenced
+from dropper_jax.base.references import find_referenced
 from dropper_jax.base.toml_read import parsed_toml
 from dropper_jax.moordyn.reading.options import Options, read_options
 from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends
 from dropper_jax.moordyn.reading.sections import Deck, split_file
 from dropper_jax.moordyn.reading.types import read_seafloor, read_types
-from dropper_jax.moordyn.reading.values import columns, number, whole
+from dropper_jax.moordyn.reading.values import columns, integer, number
 from dropper_jax.moordyn.reading.water import read_current, read_waves
 
 #: Where the file says nothing: its driver does.
@@ -94,7 +94,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
             notes.append(f"line {deck.first[section]}: section {section.upper()} is not represented")
     if options.left:
         notes.append(f"options without a counterpart: {', '.join(options.left)}")
-    _given(deck, scene)
+    _apply_free_text(deck, scene)
     if "duration" not in scene["run"]:
         scene["run"]["duration"] = max(DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are taken")
@@ -139,7 +139,7 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
     found: list[dict[str, Any]] = []
     taken: set[str] = set()
     by_upper = {key.upper(): name for key, name in names.items()}
-    for row in deck.need("lines"):
+    for row in deck.require("lines"):
         columns(deck, row, 6, "line")
         if first_version(deck):
             length, links, start, end = row.words[2:6]
@@ -162,7 +162,7 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
                 "to": by_upper[end.upper()],
                 "type": row.words[1],
                 "length": number(deck, row, length, "UnstrLen", 0.0, open_low=True),
-                "links": whole(deck, row, links, "NumSegs"),
+                "links": integer(deck, row, links, "NumSegs"),
             }
         )
     return found
@@ -256,7 +256,7 @@ def _seafloor(options: Options, folder: Path) -> Path:
     """The file of the bed: next to the deck or, as MoorDyn has it, from the working folder."""
     text = options.texts["seafloorfile"]
     own = None if not (folder / text).exists() and Path(text).exists() else folder
-    return referenced(text, "SeafloorFile", own)
+    return find_referenced(text, "SeafloorFile", own)
 
 
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
@@ -289,7 +289,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     return {"sea": sea}
 
 
-def _given(deck: Deck, scene: dict[str, Any]) -> None:
+def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
     """Names, run settings and lines that are in pieces, from the free text."""
     for key, text in deck.given.items():
         if key not in ("name", "description", "notes", "pieces", "law") and not key.startswith("run."):

@@ -92,7 +92,7 @@ class Deck:
         """Raise the error of a line of this file."""
         raise SceneError(f"{self.path}:{number}: {text}")
 
-    def need(self, section: str) -> list[Row]:
+    def require(self, section: str) -> list[Row]:
         """Rows of a section that must be there."""
         if not self.rows.get(section):
             at = self.first.get(section, 1)
@@ -109,8 +109,8 @@ def header(line: str) -> str | None:
 def _name(words: str) -> str | None:
     """The section that a header begins: some files add words to it, as MoorDyn, which looks for its own in the line."""
     words = " ".join(re.split(r"[(:,]", words)[0].split())
-    begun = [known for known in HEADERS if f"{words} ".startswith(f"{known} ")]
-    return HEADERS[max(begun, key=len)] if begun else None
+    matching = [known for known in HEADERS if f"{words} ".startswith(f"{known} ")]
+    return HEADERS[max(matching, key=len)] if matching else None
 
 
 def looks_like_moordyn(text: str) -> bool:

@@ -31,7 +31,7 @@ def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
         deck.refuse(rod.number, f"rod type {rod.words[1]!r} is not in the file")
     kind = types[rod.words[1]]
     columns(deck, kind, 7, "rod type")
-    place = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
+    position = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
     turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
     inertia = min(sizes(deck, body, body.words[10], "I"))
     loads = [x for i in (11, 12) for x in sizes(deck, body, body.words[i], "Volume, CdA")]
@@ -43,7 +43,7 @@ def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
     if not (free and upright and mass == 0.0 and inertia >= UPRIGHT and not any(turned) and not any(loads)):
         return None
     return {
-        "position": place,
+        "position": position,
         "name": name,
         "mass": number(deck, body, body.words[8], "Mass", 0.0, open_low=True),
         "diameter": diameter,

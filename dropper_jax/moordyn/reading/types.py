@@ -8,7 +8,7 @@ from typing import Any
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
-from dropper_jax.base.references import referenced
+from dropper_jax.base.references import find_referenced
 from dropper_jax.moordyn.reading.sections import Deck, Row
 from dropper_jax.moordyn.reading.values import columns, number
 
@@ -23,7 +23,7 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
     Version 1 has nine columns, version 2 ten or more, with EI in the sixth.
     """
     found: dict[str, dict[str, Any]] = {}
-    for row in deck.need("line types"):
+    for row in deck.require("line types"):
         columns(deck, row, 9, "line type")
         name = row.words[0]
         if name in found:
@@ -90,7 +90,7 @@ def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
 
 def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
     """Strain and tension [N] of a file with three header lines; `force_table` joins its rows smoothly."""
-    file = referenced(text, f"{deck.path.name}:{row.number}: EA", deck.path.parent)
+    file = find_referenced(text, f"{deck.path.name}:{row.number}: EA", deck.path.parent)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
         rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
@@ -123,8 +123,8 @@ def read_seafloor(path: Path) -> dict[str, list[float]]:
     lines = [line.split() for line in read_lines(path) if line.strip()]
     try:
         x, y = sorted(float(w) for w in lines[1]), sorted(float(w) for w in lines[2])
-        places = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
-        depths = [places[a, b] for a in x for b in y]
+        positions = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
+        depths = [positions[a, b] for a in x for b in y]
     except (ValueError, IndexError):
         raise SceneError(f"{path}: is no seafloor file: sizes, all x, all y, then rows of x y depth") from None
     except KeyError as error:

@@ -21,7 +21,7 @@ def number(deck: Deck, row: Row, text: str, what: str, low: float | None = None,
     return value
 
 
-def whole(deck: Deck, row: Row, text: str, what: str, low: int = 1) -> int:
+def integer(deck: Deck, row: Row, text: str, what: str, low: int = 1) -> int:
     """A whole number, at least `low`."""
     value = number(deck, row, text, what, low)
     if value > MOST:

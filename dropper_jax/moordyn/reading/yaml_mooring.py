@@ -51,18 +51,18 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
     mooring, site = table, {}
     if "mooring" in table:
         mooring, site = _table(path, table["mooring"], "mooring"), _table(path, table.get("site") or {}, "site")
-        _ignored(notes, "", table, ("mooring", "site"))
-        _ignored(notes, "site.", site, ("water_depth", "rho_water", "g"))
+        _note_ignored(notes, "", table, ("mooring", "site"))
+        _note_ignored(notes, "site.", site, ("water_depth", "rho_water", "g"))
     if mooring.get("file"):
         return read_moordyn(path.parent / str(mooring["file"]), depth)
     known = ("water_depth", "rho", "water_density", "points", "lines", "line_types")
-    _ignored(notes, "mooring." if mooring is not table else "", mooring, known)
+    _note_ignored(notes, "mooring." if mooring is not table else "", mooring, known)
     deep = _depth(path, mooring, site, depth)
     density = _first(path, (mooring, "rho"), (mooring, "water_density"), (site, "rho_water"), default=SEA_WATER)
     gravity = _first(path, (site, "g"), default=GRAVITY)
-    types = _named(path, mooring, "line_types", lambda row, at: _type(path, row, at, notes))
-    points = _named(path, mooring, "points", lambda row, at: _point(path, row, at, notes))
-    lines = _named(path, mooring, "lines", lambda row, at: _line(path, row, at, types, points, notes))
+    types = _entries_by_name(path, mooring, "line_types", lambda row, at: _type(path, row, at, notes))
+    points = _entries_by_name(path, mooring, "points", lambda row, at: _point(path, row, at, notes))
+    lines = _entries_by_name(path, mooring, "lines", lambda row, at: _line(path, row, at, types, points, notes))
     ends = {line[key] for line in lines.values() for key in ("from", "to")}
     notes += [f"point {name!r} is not represented: no line ends there" for name in points if name not in ends]
     notes.append(f"the file has no links, time step or duration: {LINKS} links a line, {STEP:g} s, {DURATION:g} s")
@@ -106,7 +106,7 @@ def _table(path: Path, value: Plain, at: str) -> dict[str, Any]:
     return value
 
 
-def _named(
+def _entries_by_name(
     path: Path, mooring: dict[str, Any], key: str, read: Callable[[dict[str, Any], str], dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """Entries of a list by their names."""
@@ -125,7 +125,7 @@ def _named(
 
 
 def _type(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[str, Any]:
-    _ignored(notes, f"{at}.", row, ("name", *(theirs for _, theirs, _ in TYPE)))
+    _note_ignored(notes, f"{at}.", row, ("name", *(theirs for _, theirs, _ in TYPE)))
     found = {}
     for ours, theirs, needed in TYPE:
         if theirs in row:
@@ -142,11 +142,11 @@ def _type(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[st
 
 
 def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[str, Any]:
-    _ignored(notes, f"{at}.", row, ("name", "type", "location", "mass", "volume"))
-    place = row.get("location")
-    if not isinstance(place, list) or len(place) != 3:
-        raise SceneError(f"{path}: {at}.location: {place!r} is no place; allowed: [x, y, z] in m")
-    found: dict[str, Any] = {"position": [_number(path, x, f"{at}.location") for x in place]}
+    _note_ignored(notes, f"{at}.", row, ("name", "type", "location", "mass", "volume"))
+    position = row.get("location")
+    if not isinstance(position, list) or len(position) != 3:
+        raise SceneError(f"{path}: {at}.location: {position!r} is no place; allowed: [x, y, z] in m")
+    found: dict[str, Any] = {"position": [_number(path, x, f"{at}.location") for x in position]}
     kind = str(row.get("type", "")).lower()
     if any(word in kind for word in HELD):
         return found
@@ -165,7 +165,7 @@ def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[s
 def _line(
     path: Path, row: dict[str, Any], at: str, types: Iterable[str], points: Iterable[str], notes: list[str]
 ) -> dict[str, Any]:
-    _ignored(notes, f"{at}.", row, ("name", "type", "length", "endA", "endB"))
+    _note_ignored(notes, f"{at}.", row, ("name", "type", "length", "endA", "endB"))
     found = {}
     for ours, theirs, known in (("type", "type", types), ("from", "endA", points), ("to", "endB", points)):
         name = str(row.get(theirs))
@@ -189,9 +189,9 @@ def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low:
     return found
 
 
-def _first(path: Path, *places: tuple[dict[str, Any], str], default: float) -> float:
+def _first(path: Path, *tables: tuple[dict[str, Any], str], default: float) -> float:
     """The first of these that is there."""
-    return next((_number(path, table[key], key, 0.0, True) for table, key in places if key in table), default)
+    return next((_number(path, table[key], key, 0.0, True) for table, key in tables if key in table), default)
 
 
 def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: float | None) -> float:
@@ -205,8 +205,8 @@ def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: flo
     return _number(path, depth, "--depth", 0.0, True)
 
 
-def _ignored(notes: list[str], before: str, table: dict[str, Any], known: tuple[str, ...]) -> None:
+def _note_ignored(notes: list[str], before: str, table: dict[str, Any], read_keys: tuple[str, ...]) -> None:
     """Name the keys of a table that nothing here reads."""
-    keys = [f"{before}{key}" for key in table if key not in known]
+    keys = [f"{before}{key}" for key in table if key not in read_keys]
     if keys:
         notes.append(f"not read: {', '.join(keys)}")

@@ -14,7 +14,7 @@ from dropper_jax.moordyn.writing.pieces import detachment
 from dropper_jax.scene import BodySpec
 
 #: Values of effects that a file has, or that have a sentence of their own below; any other that is given is listed.
-KNOWN: dict[str, tuple[str, ...]] = {
+WRITTEN_FIELDS: dict[str, tuple[str, ...]] = {
     "weight": ("gravity", "wet_weight"),
     "buoyancy": (),
     "morison_drag": ("cdn", "cdt", "tangents"),  # how directions enter a step is no matter of physics
@@ -39,10 +39,10 @@ def _effects(scene: Scene) -> Iterator[str]:
         if name in MOTIONS:
             for point in _named_points(effects[name], MOTIONS[name]):
                 yield f"effects.{name}: point {point!r} is Coupled; its motion is not in the file"
-        elif name not in KNOWN:
+        elif name not in WRITTEN_FIELDS:
             yield f"effects.{name}: not represented"
         for key in _given_values(EFFECTS[name], effects[name]):
-            if key not in KNOWN.get(name, (key,)):
+            if key not in WRITTEN_FIELDS.get(name, (key,)):
                 yield f"effects.{name}.{key}: not represented"
     if "weight" not in effects:
         yield "effects.weight: missing here, but MoorDyn's lines have weight"

@@ -61,7 +61,7 @@ def numbers_of(path: str | Path) -> Numbers | None:
         return None
     deck = split_file(path, text)
     points = {int(key): name for key, name in read_ends(deck, []).names.items() if key.isdecimal()}
-    lines = {int(row.words[0]): row.name or f"line-{row.words[0]}" for row in deck.need("lines")}
+    lines = {int(row.words[0]): row.name or f"line-{row.words[0]}" for row in deck.require("lines")}
     return Numbers(points, lines)
 
 
@@ -129,7 +129,7 @@ def channel_values(solution: Solution, channel: str, numbers: Numbers | None = N
     if found := _LINE.match(name):
         return _node(solution, channel, _line(solution, channel, found["line"], numbers), found["node"], found["what"])
     if found := _POINT.match(name):
-        name = _numbered(channel, "points", found["point"], numbers.points)
+        name = _name_of_number(channel, "points", found["point"], numbers.points)
         node = point_nodes(solution.scene)[name]
         return _axis(solution, node, found["what"])
     raise _refuse(channel, "is not among what a run has")
@@ -139,14 +139,14 @@ def _refuse(channel: str, reason: str) -> SceneError:
     return SceneError(f"output {channel!r}: {reason}; allowed: {ALLOWED}")
 
 
-def _numbered(channel: str, what: str, number: str, names: Mapping[int, str]) -> str:
+def _name_of_number(channel: str, what: str, number: str, names: Mapping[int, str]) -> str:
     if int(number) not in names:
         raise _refuse(channel, f"there are the {what} {', '.join(map(str, names))}")
     return names[int(number)]
 
 
 def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> LineSlice:
-    name = _numbered(channel, "lines", number, numbers.lines)
+    name = _name_of_number(channel, "lines", number, numbers.lines)
     for line in solution.lines:
         if line.name == name:
             return line
@@ -172,8 +172,8 @@ def _node(solution: Solution, channel: str, where: LineSlice, text: str, what: s
         return _axis(solution, where.nodes.start + node, what)
     if node in (0, links):
         return _end_tension(solution, where, node == links), "(N)"
-    places = solution.positions[:, where.nodes.start + node - 1 : where.nodes.start + node + 2]
-    along = np.diff(places, axis=1)
+    positions = solution.positions[:, where.nodes.start + node - 1 : where.nodes.start + node + 2]
+    along = np.diff(positions, axis=1)
     along = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
     pulls = solution.tension[:, where.links.start + node - 1 : where.links.start + node + 1, None] * along
     return np.linalg.norm(np.mean(pulls, axis=1), axis=1), "(N)"

@@ -102,12 +102,12 @@ def _front(scene: Scene) -> Iterator[str]:
         yield f"! run.{key} = {json.dumps(value)}"
     if any(line.axial_law == "damped_rope" for line in scene.lines):
         yield '! law = "damped_rope"'  # what MoorDyn's lines are, where ours are ropes unless told otherwise
-    whole = _whole(scene)
+    whole = _lines_in_pieces(scene)
     if whole:
         yield f"! pieces = {json.dumps(whole)}"
 
 
-def _whole(scene: Scene) -> list[list[str]]:
+def _lines_in_pieces(scene: Scene) -> list[list[str]]:
     """Lines that the file has in pieces: the name of each, then those of its pieces."""
     found: dict[str, list[str]] = {}
     for i, line in enumerate(scene.lines):
@@ -140,12 +140,12 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
             continue
         words[point.name] = str(len(rows) + 1)
         kind = "Free" if point.kind == "free" else "Coupled" if point.name in moved else "Fixed"
-        place = point.position
+        position = point.position
         if point.on in bodies:
             kind = f"Body{bodies[point.on]}"
-            place = next(body.attachments[point.name] for body in scene.bodies if body.name == point.on)
+            position = next(body.attachments[point.name] for body in scene.bodies if body.name == point.on)
         body = [point.mass, point.volume, point.drag_area, point.added_mass]
-        rows.append(_point(len(rows) + 1, kind, place, body, point.name))
+        rows.append(_point(len(rows) + 1, kind, position, body, point.name))
     lines = []
     first: dict[str, int] = {}
     for line, part in zip(scene.lines, parts, strict=True):
@@ -181,17 +181,17 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
     """Lines that come off a point at a time or a tension; `first` numbers the first stretch of each line."""
     rows = []
     for failure in scene.failures:
-        place = detachment(scene, failure)
-        if place is None:
+        position = detachment(scene, failure)
+        if position is None:
             continue
         i, line = next((i, line) for i, line in enumerate(scene.lines) if line.name == failure.line)
         ends = [line.start, *_joints(line, parts[i]), line.end]
-        point = words[ends[place.stretch + (not place.first)]]
+        point = words[ends[position.stretch + (not position.first)]]
         load = failure.load
         if load is None and failure.time is None:
             load = float(line.breaking_load[failure.link - 1])
         times = f"{_value(failure.time or 0.0)} {_value(load or 0.0)}"
-        rows.append(f"{len(rows) + 1} {point} {first[line.name] + place.stretch} {times}")
+        rows.append(f"{len(rows) + 1} {point} {first[line.name] + position.stretch} {times}")
     if rows:
         yield _rule("FAILURE")
         yield "ID Point Lines FailTime FailTen"
@@ -270,7 +270,7 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
     found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
     for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
-            rows = [f"{_value(e)} {_value(pull)}" for e, pull in table]
+            rows = [f"{_value(e)} {_value(tension)}" for e, tension in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
             found[_table_file(path, name)] = "\n".join([*head, *rows])  # MoorDyn takes an empty last line for a bad row
     if sea is not None and sea.waves is not None:

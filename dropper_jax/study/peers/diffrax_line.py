@@ -29,7 +29,7 @@ from dropper_jax.base.tridiagonal import one_kernel_of
 from dropper_jax.integrators.reduced import moving
 from dropper_jax.model import Model, State
 from dropper_jax.study.errors import link_vectors
-from dropper_jax.study.peers.rows import peer_row, timed
+from dropper_jax.study.peers.rows import peer_row, time_runs
 from dropper_jax.study.reference import Reference
 
 NAME = "diffrax"
@@ -69,7 +69,7 @@ def derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tu
     tension = tridiagonal_solve(jnp.concatenate([none, off]), near + far, jnp.concatenate([off, none]), rhs[:, None])[
         :, 0
     ]
-    return v, free + model.pull(tension, unit) * inverse[:, None]
+    return v, free + model.tension_force(tension, unit) * inverse[:, None]
 
 
 def with_ours(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
@@ -153,5 +153,5 @@ def _solve(kind: str, solver: str, model: Model, s: State, t: jax.Array, toleran
 def _row(model: Model, s: State, target: Reference, kind: str, solver: str, tolerance: float) -> dict[str, Any]:
     run = lambda: jax.block_until_ready(_solve(kind, solver, model, s, jnp.asarray(target.t), tolerance))  # noqa: E731
     run()
-    (r, steps, fine), wall = timed(run)
+    (r, steps, fine), wall = time_runs(run)
     return peer_row(model, f"diffrax {kind} {solver}", kind, np.asarray(r), int(steps), wall, target, bool(fine))

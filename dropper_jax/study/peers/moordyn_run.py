@@ -28,11 +28,11 @@ class Path3(NamedTuple):
     """Places (k, 3) [m] of a point at times t (k,) [s], the start with them, and whether the run went to its end."""
 
     t: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     ok: bool
 
 
-def installed() -> bool:
+def is_installed() -> bool:
     """Whether the package `moordyn` is there (extra `peers`)."""
     try:
         import moordyn  # noqa: F401
@@ -72,27 +72,31 @@ def _march(moordyn: Any, system: Any, scene: Scene, point: str, dt: float, steps
     motion = scene.effects.get("end_motion")
     moved = [] if motion is None else [scene.point(name).position for name in (motion["point"], *motion["also"])]
 
-    def held(t: float) -> np.ndarray:
-        return np.concatenate([place + drive(t) for place in moved]) if moved else np.zeros(0)
+    def moved_positions(t: float) -> np.ndarray:
+        return np.concatenate([position + drive(t) for position in moved]) if moved else np.zeros(0)
 
-    where = _place(moordyn, system, scene, point)
-    places, ok = [], True
+    where = _position_getter(moordyn, system, scene, point)
+    positions, ok = [], True
     try:
-        moordyn.Init(system, held(0.0).tolist(), ((held(1e-6) - held(0.0)) / 1e-6).tolist())
-        places.append(where())
+        moordyn.Init(
+            system, moved_positions(0.0).tolist(), ((moved_positions(1e-6) - moved_positions(0.0)) / 1e-6).tolist()
+        )
+        positions.append(where())
         for i in range(steps):
-            speed = (held((i + 1) * dt) - held(i * dt)) / dt
-            moordyn.Step(system, held(i * dt).tolist(), speed.tolist(), i * dt, dt)
-            places.append(where())
-            if not np.all(np.abs(places[-1]) < FAR):
+            speed = (moved_positions((i + 1) * dt) - moved_positions(i * dt)) / dt
+            moordyn.Step(system, moved_positions(i * dt).tolist(), speed.tolist(), i * dt, dt)
+            positions.append(where())
+            if not np.all(np.abs(positions[-1]) < FAR):
                 ok = False
                 break
     except RuntimeError:
         ok = False
-    return Path3(dt * np.arange(len(places)), np.array(places, float).reshape(-1, 3), ok and len(places) == steps + 1)
+    return Path3(
+        dt * np.arange(len(positions)), np.array(positions, float).reshape(-1, 3), ok and len(positions) == steps + 1
+    )
 
 
-def _place(moordyn: Any, system: Any, scene: Scene, point: str) -> Callable[[], Any]:
+def _position_getter(moordyn: Any, system: Any, scene: Scene, point: str) -> Callable[[], Any]:
     """What gives the place of a point: its own, or the end of a line on the base of its buoy."""
     buoys = {buoy.point for buoy in scene.buoys}
     if point not in buoys:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dropper_jax.model import Model, State
 from dropper_jax.study.errors import link_vectors
-from dropper_jax.study.peers.rows import peer_row, timed
+from dropper_jax.study.peers.rows import peer_row, time_runs
 from dropper_jax.study.reference import Reference
 
 NAME = "mujoco"
@@ -49,7 +49,7 @@ def _row(model: Model, s: State, target: Reference, integrator: str, hard: bool,
 
     dt = target.grid / every
     engine = mujoco.MjModel.from_xml_string(xml(model, integrator, dt, hard))
-    places = [engine.site(f"node{i}").id for i in range(model.free_nodes)]
+    sites = [engine.site(f"node{i}").id for i in range(model.free_nodes)]
     pose = _quaternions(link_vectors(model, np.asarray(s.r)[None], np.zeros(1))[0])
 
     def run() -> tuple[np.ndarray, bool]:
@@ -60,12 +60,12 @@ def _row(model: Model, s: State, target: Reference, integrator: str, hard: bool,
         for k in range(len(target.t)):
             mujoco.mj_step(engine, data, every)
             mujoco.mj_kinematics(engine, data)  # sites lag a step behind otherwise
-            seen[k] = data.site_xpos[places]
+            seen[k] = data.site_xpos[sites]
         calm = not any(w.number for w in data.warning)  # a bad state resets the simulation and counts a warning
         return seen, calm
 
     run()
-    (r, calm), wall = timed(run)
+    (r, calm), wall = time_runs(run)
     label = f"mujoco {integrator}" + ("" if hard else " default")
     return peer_row(model, label, "Newton", r, every * len(target.t), wall, target, calm)
 
@@ -80,10 +80,10 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
     start = np.asarray(model.points[model.geometry.members[0].start].position)
     body = ""
     for i in reversed(range(len(lengths))):
-        place = f"{lengths[i - 1]:.17g} 0 0" if i else " ".join(f"{x:.17g}" for x in start)
+        position = f"{lengths[i - 1]:.17g} 0 0" if i else " ".join(f"{x:.17g}" for x in start)
         spin = SPIN * masses[i] * lengths[i] ** 2
         body = (
-            f'<body name="link{i}" pos="{place}"><joint type="ball"/>'
+            f'<body name="link{i}" pos="{position}"><joint type="ball"/>'
             f'<inertial pos="{lengths[i]:.17g} 0 0" mass="{masses[i]:.17g}" diaginertia="{spin:g} {spin:g} {spin:g}"/>'
             f'<site name="node{i}" pos="{lengths[i]:.17g} 0 0"/>{body}</body>'
         )

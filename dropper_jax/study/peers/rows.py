@@ -16,13 +16,13 @@ from dropper_jax.study.reference import Reference
 REPEATS = 7
 
 
-def timed(run: Callable[[], Any], repeats: int = REPEATS) -> tuple[Any, float]:
+def time_runs(run: Callable[[], Any], repeats: int = REPEATS) -> tuple[Any, float]:
     """Last result and least wall time [s] of `run`, which has been called once before."""
     times, result = [], None
     for _ in range(repeats):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         result = run()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - started)
     return result, min(times)
 
 

@@ -29,37 +29,37 @@ STEEP = float(np.arctan(SLOPE))
 FIRM, DULL = 1e6, 1e4
 
 
-def dropped() -> Scene:
+def dropped_weight() -> Scene:
     """A weight that falls onto a bed without damping."""
     bed = {"seabed": {"depth": BED, "stiffness": HARD / AREA, "damping": 0.0}}
     return weight_on_thread("bed-impact", {"mass": MASS}, [0.0, 0.0, FALL - BED], bed)
 
 
-def _deepest(t: np.ndarray, places: np.ndarray) -> float:
+def _deepest(t: np.ndarray, positions: np.ndarray) -> float:
     """`p = m g/k + sqrt((m g/k)^2 + m v^2/k)`."""
     rest = MASS * G / HARD
     peak = rest + np.sqrt(rest**2 + MASS * SPEED**2 / HARD)
-    return abs(float(-BED - np.min(places[:, 2])) / peak - 1.0)
+    return abs(float(-BED - np.min(positions[:, 2])) / peak - 1.0)
 
 
-def _rebound(t: np.ndarray, places: np.ndarray) -> float:
-    back = np.max(places[np.argmin(places[:, 2]) :, 2])
+def _rebound(t: np.ndarray, positions: np.ndarray) -> float:
+    back = np.max(positions[np.argmin(positions[:, 2]) :, 2])
     return abs(float(back + BED) / FALL - 1.0)
 
 
-def _gain(t: np.ndarray, places: np.ndarray) -> float:
+def _gain(t: np.ndarray, positions: np.ndarray) -> float:
     """How far a weight comes above where it was let go [m]."""
-    return float(np.max(places[:, 2]) - places[0, 2])
+    return float(np.max(positions[:, 2]) - positions[0, 2])
 
 
 def _impact(dt: float, duration: float, measure: Any) -> Any:
-    return lambda short: Watched(dropped(), dt, duration, "weight", measure)
+    return lambda short: Watched(dropped_weight(), dt, duration, "weight", measure)
 
 
 @cache
 def sloping(friction: float | None) -> Scene:
     """A weight on a slope, let go."""
-    place = (2.0 * DOWN + np.array([0.0, 0.0, -BED])).tolist()
+    position = (2.0 * DOWN + np.array([0.0, 0.0, -BED])).tolist()
     bed: dict[str, Any] = {
         "seabed": {
             **{"stiffness": FIRM / AREA, "damping": DULL / AREA, "bed_x": [0.0, 100.0], "bed_y": [-5.0, 5.0]},
@@ -68,22 +68,22 @@ def sloping(friction: float | None) -> Scene:
     }
     if friction is not None:
         bed["seabed_friction"] = {"kinetic": friction}
-    return weight_on_thread("slope", {"mass": MASS}, place, bed)
+    return weight_on_thread("slope", {"mass": MASS}, position, bed)
 
 
 def _slid(friction: float | None, dt: float, duration: float) -> Any:
     """Error of the distance after the run, `g (sin - mu cos) t^2/2`, relative."""
-    pull = G * (np.sin(STEEP) - (friction or 0.0) * np.cos(STEEP))
+    force = G * (np.sin(STEEP) - (friction or 0.0) * np.cos(STEEP))
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        return abs(float((places[-1] - places[0]) @ DOWN) / (0.5 * pull * t[-1] ** 2) - 1.0)
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        return abs(float((positions[-1] - positions[0]) @ DOWN) / (0.5 * force * t[-1] ** 2) - 1.0)
 
     return lambda short: Watched(sloping(friction), dt, duration, "weight", measure)
 
 
-def _moved(t: np.ndarray, places: np.ndarray) -> float:
+def _late_motion(t: np.ndarray, positions: np.ndarray) -> float:
     """After the first second, in which the weight sinks into the bed."""
-    late = places[t >= 1.0]
+    late = positions[t >= 1.0]
     return float(np.max(np.linalg.norm(late - late[0], axis=1)))
 
 
@@ -114,12 +114,12 @@ def _sledge_path(t: np.ndarray) -> np.ndarray:
     """
     w = np.sqrt(SPRING / MASS)
     slip = 2 * (np.pi - np.arctan(HALF * w / PULLED)) / w
-    found, place, begin = np.zeros_like(t), 0.0, STRETCH / PULLED
+    found, position, begin = np.zeros_like(t), 0.0, STRETCH / PULLED
     while begin < t[-1]:
         s = np.clip(t - begin, 0.0, slip)
         way = PULLED * (s - np.sin(w * s) / w) + HALF * (1.0 - np.cos(w * s))
-        found = np.where(t > begin, place + way, found)
-        place += PULLED * slip + 2 * HALF
+        found = np.where(t > begin, position + way, found)
+        position += PULLED * slip + 2 * HALF
         begin += slip + 2 * HALF / PULLED
     return found
 
@@ -127,8 +127,8 @@ def _sledge_path(t: np.ndarray) -> np.ndarray:
 def _stick_slip(short: bool) -> Watched:
     """Ends while the sledge waits, after four slips or after eight."""
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        return abs(float((places[-1, 0] - places[0, 0]) / _sledge_path(t)[-1]) - 1.0)
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        return abs(float((positions[-1, 0] - positions[0, 0]) / _sledge_path(t)[-1]) - 1.0)
 
     drive = lambda t: np.array([PULLED * t, 0.0, 0.0])  # noqa: E731
     return Watched(sledge(), 0.002, 4.8 if short else 9.6, "weight", measure, drive)
@@ -147,7 +147,7 @@ CASES = [
     watch("slope-lets-go", "the same with 0.99 of the friction that would hold it, 6 s at dt 0.01 s", 0.01, "relative",
           _slid(0.99 * SLOPE, 0.01, 6.0)),
     watch("slope-holds", "the same with 1.01 of the friction that holds it, 15 s at dt 0.05 s: movement after the "
-          "first second", 1e-9, "m", lambda short: Watched(sloping(1.01 * SLOPE), 0.05, 15.0, "weight", _moved)),
+          "first second", 1e-9, "m", lambda short: Watched(sloping(1.01 * SLOPE), 0.05, 15.0, "weight", _late_motion)),
     watch("stick-slip", "a weight on the bed pulled by a spring sticks and slips eight times in 9.6 s, dt 0.002 s: "
           "error of the way", 0.01, "relative", _stick_slip),
 ]  # fmt: skip

@@ -8,19 +8,19 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.load.scene import Scene
 from dropper_jax.study.stability import scenes
 from dropper_jax.study.stability.case import Case, Outcome
-from dropper_jax.study.stability.runner import Ran, run_case
+from dropper_jax.study.stability.runner import CaseRun, run_case
 
 G = GRAVITY
 
 
-def overdamped() -> Scene:
+def overdamped_pendulum() -> Scene:
     """A pendulum of 1 m and 1 kg at 1 rad; critical is b = 2 m sqrt(g/L)."""
     heavy = {"weight": {}, "linear_damping": {"b_l": 1000 * 2 * float(np.sqrt(G))}}
     return scenes.chain("heavy-damping", [1.0], effects=heavy)
 
 
-def _creeping(short: bool) -> Ran:
-    return run_case(overdamped(), 0.1, 40.0 if short else 400.0)
+def _creeping(short: bool) -> CaseRun:
+    return run_case(overdamped_pendulum(), 0.1, 40.0 if short else 400.0)
 
 
 def _creep_position(short: bool) -> Outcome:
@@ -33,7 +33,7 @@ def _creep_position(short: bool) -> Outcome:
     theta = 2 * np.arctan(np.tan(0.5) * np.exp(-rate * ran.t))
     exact = np.stack([np.sin(theta), 0 * theta, -np.cos(theta)], axis=-1)
     worst = np.max(np.linalg.norm(ran.run.r[:, 0] - exact, axis=-1))
-    return Outcome(float(worst), ran.status, (overdamped(), 0.1, 40.0))
+    return Outcome(float(worst), ran.status, (overdamped_pendulum(), 0.1, 40.0))
 
 
 def _creep_energy(short: bool) -> Outcome:

@@ -12,7 +12,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.load.source import load_scene
 from dropper_jax.study.stability import scenes
 from dropper_jax.study.stability.case import Case, Outcome
-from dropper_jax.study.stability.runner import Ran, run_case
+from dropper_jax.study.stability.runner import CaseRun, run_case
 
 #: Drift of the energy balance over the energy scale that still counts as rounding: steps are solved to 1e-11, and this
 #: is what that allows over 1000s of steps (measured: 1e-15 where Newton converges to rounding, 3e-9 in taut lines).
@@ -33,7 +33,7 @@ def _energy(name: str, claim: str, make: Callable[[], Scene], dt: float, duratio
 
 
 @cache
-def _ten_minutes(short: bool) -> Ran:
+def _ten_minutes(short: bool) -> CaseRun:
     return run_case(load_scene("dropper-release-a-undamped"), 0.02, 20.0 if short else 600.0)
 
 
@@ -51,13 +51,13 @@ def mass_ratio() -> Scene:
     """A node of 10 kg between nodes of 1 g, which whip at 200 Hz once the line is tight."""
     masses = [0.001] * scenes.LINKS
     masses[3] = 10.0
-    return scenes.lifted("mass-ratio", 0.3, 50.0, mass=masses)
+    return scenes.lifted_loop("mass-ratio", 0.3, 50.0, mass=masses)
 
 
 def short_link() -> Scene:
     lengths = [1.0] * scenes.LINKS
     lengths[3] = 0.001
-    return scenes.lifted("short-link", 3.0, force=20.0, length=lengths, mass=1.0)
+    return scenes.lifted_loop("short-link", 3.0, force=20.0, length=lengths, mass=1.0)
 
 
 def large_release() -> Scene:
@@ -82,13 +82,13 @@ CASES = [
     Case("ten-minutes-closure", "undamped dropper, 10 minutes at dt 0.02 s, error of the links' lengths", 1e-10, "m",
          _ten_minutes_closure),
     _energy("ends-at-the-same-point", "a loop with both ends at one point, let go",
-            lambda: scenes.lifted("same-point", 0.0), 0.01, 20, 2),
+            lambda: scenes.lifted_loop("same-point", 0.0), 0.01, 20, 2),
     _energy("taut-plucked", "a loop with ends 0.999 of its length apart, plucked",
-            lambda: scenes.lifted("taut", 0.999 * 0.7, 2.0), 0.002, 5, 0.5),
+            lambda: scenes.lifted_loop("taut", 0.999 * 0.7, 2.0), 0.002, 5, 0.5),
     _energy("mass-ratio", "neighbouring masses 1 g and 10 kg",
             mass_ratio, 0.001, 5, 0.5),
     _energy("short-link", "one link of 1 mm among links of 1 m", short_link, 0.01, 20, 2),
-    _energy("thousand-links", "1000 links, 100 m, let go from the side", scenes.many, 0.01, 3, 0.4),
+    _energy("thousand-links", "1000 links, 100 m, let go from the side", scenes.thousand_links, 0.01, 3, 0.4),
     _energy("large-release", "let go from a pull of 200 times the weight", large_release, 0.005, 10, 1),
     _energy("driven-at-resonance", "an end driven at the loop's own period, work of the end counted",
             scenes.driven, 0.01, 60, 4),

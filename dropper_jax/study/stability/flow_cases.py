@@ -19,7 +19,7 @@ ROUGH, HEIGHT = 1.05, 0.002
 #: Peak [m/s] and period [s] of a tide that turns.
 PEAK, CYCLE, DRAG = 2.0, 40.0, 1.2
 #: Droppers behind each other: how many, how far apart [m], in which current [m/s].
-ROWS, APART, SLOW = 40, 2.0, 0.3
+ROWS, SPACING, SLOW = 40, 2.0, 0.3
 
 
 def rough() -> Scene:
@@ -31,8 +31,8 @@ def rough() -> Scene:
 
 def _rough(short: bool) -> Outcome:
     """At its end half of the link's drag across it carries the weight."""
-    pull = 0.25 * RHO * ROUGH * WIDE * ROPE * CURRENT**2
-    sine = brentq(lambda s: pull * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
+    force = 0.25 * RHO * ROUGH * WIDE * ROPE * CURRENT**2
+    sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
     ran = simulate(rough(), dt=0.1, duration=60.0)
     x, _, z = ran.point_path("weight")[-1]
     return Outcome(abs(float(np.arctan2(x, -(z + 5.0)) - np.arcsin(sine))), ran.status)
@@ -56,8 +56,8 @@ def _turns(short: bool) -> Outcome:
         return [y[1], force / (moving * ROPE)]
 
     ran = simulate(turning(), dt=0.02, duration=10.0 if short else 2 * CYCLE)
-    places = ran.point_path("weight")
-    angle = np.arctan2(places[:, 0], -(places[:, 2] + 5.0))
+    positions = ran.point_path("weight")
+    angle = np.arctan2(positions[:, 0], -(positions[:, 2] + 5.0))
     exact = solve_ivp(swing, (0.0, ran.t[-1]), [angle[0], 0.0], t_eval=ran.t, rtol=1e-9, atol=1e-9, max_step=0.05).y[0]
     return Outcome(float(np.max(np.abs(angle - exact))), ran.status)
 
@@ -66,7 +66,7 @@ def row_of_droppers(count: int) -> Scene:
     """Droppers exactly behind each other in a slow current, each in the wakes of all before it."""
     points, lines = [], []
     for i in range(count):
-        x = APART * i
+        x = SPACING * i
         points += [
             {"name": f"top-{i}", "position": [x, 0.0, -1.0]},
             {"name": f"end-{i}", "kind": "free", "position": [x, 0.0, -9.0], "mass": 200.0},

@@ -30,14 +30,14 @@ def _objective(stepper: Stepper, share: jax.Array, model: Model, s: State, steps
     """A fixed mix of the last places over the link length [-], with masses, speeds and strengths changed by a share."""
     line = model.lines[0]
     tilt = 1 + share * jnp.linspace(0.5, 1.5, line.links)
-    effects = tuple(_scaled(effect, 1 + share) for effect in model.effects)
+    effects = tuple(_scale_effect(effect, 1 + share) for effect in model.effects)
     changed = replace(model, lines=(replace(line, mass=line.mass * tilt),), effects=effects)
     last, _ = integrate(stepper, changed, replace(s, v=s.v * (1 + share)), dt, steps, steps)
     mix = jnp.sin(jnp.arange(1.0, 1.0 + last.r.size)).reshape(last.r.shape)
     return jnp.mean(mix * last.r) / jnp.mean(line.length)
 
 
-def _scaled(effect: Effect, factor: jax.Array) -> Effect:
+def _scale_effect(effect: Effect, factor: jax.Array) -> Effect:
     """The effect with its strength scaled: gravity or a damping coefficient; others as they are."""
     for name in ("gravity", "b_l", "b_q"):
         if hasattr(effect, name):
@@ -71,12 +71,12 @@ def _at_rest(short: bool) -> Outcome:
     model, s = build(scenes.loop("at-rest", 0.3, effects=drag))
     stepper = make_stepper(model)
 
-    def place(share: jax.Array) -> jax.Array:
+    def sum_of_positions(share: jax.Array) -> jax.Array:
         line = model.lines[0]
         changed = replace(model, lines=(replace(line, mass=line.mass * (1 + share)),))
         return jnp.sum(integrate(stepper, changed, s, 0.01, STEPS, STEPS)[0].r)
 
-    slope = float(jax.jit(jax.grad(place))(jnp.zeros(())))
+    slope = float(jax.jit(jax.grad(sum_of_positions))(jnp.zeros(())))
     return Outcome(abs(slope) if np.isfinite(slope) else float("inf"), "ok" if np.isfinite(slope) else "non_finite")
 
 
@@ -91,14 +91,14 @@ CASES = [
     _gradient("hanging-kicked", scenes.kicked_string, 0.005),
     _gradient("vertical-and-horizontal", energy_cases.turning, 0.005),
     _gradient("undamped-dropper", lambda: load_scene("dropper-release-a-undamped"), 0.01),
-    _gradient("ends-at-the-same-point", lambda: scenes.lifted("same-point", 0.0), 0.01),
-    _gradient("taut-plucked", lambda: scenes.lifted("taut", 0.999 * 0.7, 2.0), 0.002),
+    _gradient("ends-at-the-same-point", lambda: scenes.lifted_loop("same-point", 0.0), 0.01),
+    _gradient("taut-plucked", lambda: scenes.lifted_loop("taut", 0.999 * 0.7, 2.0), 0.002),
     _gradient("mass-ratio", energy_cases.mass_ratio, 0.0002),
     _gradient("short-link", energy_cases.short_link, 0.01),
     _gradient("large-release", energy_cases.large_release, 0.002),
     _gradient("driven-at-resonance", scenes.driven, 0.01),
     _gradient("whirling-loop", scenes.whirling, 0.002),
-    _gradient("heavy-damping", damping_cases.overdamped, 0.1),
+    _gradient("heavy-damping", damping_cases.overdamped_pendulum, 0.1),
     _gradient("quadratic-damping-fast", damping_cases.fast, 0.002),
     Case("gradient-at-rest", "a loop at rest: derivative by the masses, which move nothing", 1e-9, "m", _at_rest),
     Case("gradient-dry-friction", "dry friction: derivative is finite (0) or not (1)", 0.0, "-", _sticking),

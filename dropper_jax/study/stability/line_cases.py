@@ -21,7 +21,7 @@ def falling_rope() -> Scene:
     """A weight in the middle of a slack rope falls 1 m onto a taut rope below, across it."""
     rope = {"name": "rope", "mass": 0.5, "diameter": 2 * RADIUS, "EA": 5000.0}
     ends = {"a": [-1.0, 0.0, 0.0], "b": [1.0, 0.0, 0.0], "c": [0.1, -1.0, 1.0], "d": [0.1, 1.0, 1.0]}
-    points: list[dict[str, Any]] = [{"name": name, "position": place} for name, place in ends.items()]
+    points: list[dict[str, Any]] = [{"name": name, "position": position} for name, position in ends.items()]
     points.append({"name": "weight", "kind": "free", "position": [0.1, 0.0, 1.0], "mass": 5.0})
     half = {"type": "rope", "length": 1.8, "links": 4}
     return load_scene(
@@ -49,7 +49,7 @@ def _fallen(short: bool) -> Solution:
     return simulate(falling_rope(), duration=0.8 if short else 4.0)
 
 
-def _passed(short: bool) -> Outcome:
+def _crossing_outcome(short: bool) -> Outcome:
     """1 where the ropes are above each other in two rows of the run and have changed sides in between.
 
     The weight bounces off sideways, round the end of the lower rope: that it is below that rope later is no passage.
@@ -76,7 +76,7 @@ def _above(high: np.ndarray, low: np.ndarray) -> np.ndarray:
     return height[there]
 
 
-def _gained(short: bool) -> Outcome:
+def _energy_gain(short: bool) -> Outcome:
     ran = _fallen(short)
     return Outcome(max(float(np.max(np.diff(ran.balance))), 0.0) / ran.energy_scale, ran.status)
 
@@ -116,9 +116,9 @@ def _twist(short: bool) -> Outcome:
 
 CASES = [
     Case("rope-on-rope", "5 kg in a slack rope fall 1 m onto a rope across, by three radii per step of 0.02 s: passes "
-         "it (1) or not (0)", 0.0, "-", _passed),
+         "it (1) or not (0)", 0.0, "-", _crossing_outcome),
     Case("rope-on-rope-energy", "the same, undamped: energy gained in any step beyond what "
-         "weights do", 1e-9, "of the scale", _gained),
+         "weights do", 1e-9, "of the scale", _energy_gain),
     Case("twisted-rod", "a moment put on the end of a rod at once, 5 periods of twist at dt 0.002 s: error of the "
          "first shape", 0.01, "of the largest", _twist),
 ]  # fmt: skip

@@ -33,10 +33,10 @@ def _at_speed(short: bool) -> Watched:
     """Forced swing: `z = a w^2/(w^2 - W^2) (sin W t - W/w sin w t)`."""
     omega = 2 * np.pi / SLOW
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
         share = HEAVE * OMEGA**2 / (OMEGA**2 - omega**2)
         exact = share * (np.sin(omega * t) - omega / OMEGA * np.sin(OMEGA * t))
-        return float(np.max(np.abs(places[:, 2] - places[0, 2] - exact))) / HEAVE
+        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - exact))) / HEAVE
 
     scene = on_moving_top({"amplitude": [0.0, 0.0, HEAVE], "period": SLOW})
     drive = lambda t: np.array([0.0, 0.0, HEAVE * np.sin(omega * t)])  # noqa: E731
@@ -48,16 +48,16 @@ LIFT, STEP = 0.1, 0.005
 BEGIN, END = 0.1 + 0.3 * STEP, 0.42 + 0.3 * STEP
 
 
-def _kinked(short: bool) -> Watched:
+def _kinked_path(short: bool) -> Watched:
     """Each kink starts a swing: `z = V (s - sin w s/w)` from the first one on, less the same from the second on."""
 
     def swing(s: np.ndarray) -> np.ndarray:
         s = np.maximum(s, 0.0)
         return LIFT * (s - np.sin(OMEGA * s) / OMEGA)
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
         exact = swing(t - BEGIN) - swing(t - END)
-        return float(np.max(np.abs(places[:, 2] - places[0, 2] - exact))) / (LIFT / OMEGA)
+        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - exact))) / (LIFT / OMEGA)
 
     rows = [[0.0] * 3, [0.0, 0.0, LIFT * (END - BEGIN)]]
     scene = on_moving_top({"time": [BEGIN, END], "displacement": rows})
@@ -110,7 +110,7 @@ CASES = [
     watch("end-starts-at-speed", "the top of a rope heaves from the first instant at its full speed, 2 s at dt "
           "0.005 s: distance of the weight from the closed form over the heave", 0.02, "relative", _at_speed),
     watch("end-kinks-rope", "the top of a rope moves off and stops at 0.3 of a step: distance of the weight from the "
-          "closed form over its swing", 0.02, "relative", _kinked),
+          "closed form over its swing", 0.02, "relative", _kinked_path),
     Case("end-kinks-rod", "the point of a pendulum moves off sideways and stops at 0.3 of a step: error of the tension "
          "after it, against SciPy", 0.01, "of the weight", _rates_jump),
 ]  # fmt: skip

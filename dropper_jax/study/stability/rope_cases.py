@@ -32,38 +32,38 @@ def _stretch(fall: float, period: float) -> float:
 
 
 def _peak(fall: float, period: float) -> Callable[[np.ndarray, np.ndarray], float]:
-    return lambda t, places: abs(float(-LENGTH - np.min(places[:, 2])) / _stretch(fall, period) - 1.0)
+    return lambda t, positions: abs(float(-LENGTH - np.min(positions[:, 2])) / _stretch(fall, period) - 1.0)
 
 
 def _return(fall: float) -> Callable[[np.ndarray, np.ndarray], float]:
     """What is missing of the height that the weight fell from, or beyond it, when it comes up the first time."""
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        z = places[:, 2]
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        z = positions[:, 2]
         return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / fall
 
     return measure
 
 
-def _gain(t: np.ndarray, places: np.ndarray) -> float:
-    return float(np.max(places[:, 2]) - places[0, 2])
+def _gain(t: np.ndarray, positions: np.ndarray) -> float:
+    return float(np.max(positions[:, 2]) - positions[0, 2])
 
 
 @cache
-def _snapped() -> Solution:
+def _snap_rope() -> Solution:
     """A fall of 10 m/s into a rope that is taut for 4 ms, saved every 20 ms."""
     return simulate(falling(1.9, 0.008), dt=0.02, duration=1.3, step_tolerance=0.05)
 
 
 def _snap_peak(short: bool) -> Outcome:
     """Of the largest tension within the saved intervals, `m g + sqrt((m g)^2 + k m v^2)`."""
-    run = _snapped()
+    run = _snap_rope()
     exact = MASS * (2 * np.pi / 0.008) ** 2 * _stretch(1.9, 0.008)
     return Outcome(abs(float(np.max(run.tension_max)) / exact - 1.0), run.status)
 
 
 def _snap_return(short: bool) -> Outcome:
-    run = _snapped()
+    run = _snap_rope()
     watched = Watched(run.scene, 0.02, 1.3, "weight", _return(1.9))
     return outcome(run, watched)
 
@@ -106,8 +106,8 @@ def _rope_by_scipy(t: np.ndarray) -> np.ndarray:
     def fall(_: float, y: np.ndarray) -> np.ndarray:
         z, v = y[:LINKS], y[LINKS:]
         d = np.diff(np.concatenate([[0.0], z]))
-        pull = SPRING * np.maximum(np.abs(d) - each, 0.0) * np.sign(d)
-        return np.concatenate([v, -G - (pull - np.append(pull[1:], 0.0)) / mass])
+        force = SPRING * np.maximum(np.abs(d) - each, 0.0) * np.sign(d)
+        return np.concatenate([v, -G - (force - np.append(force[1:], 0.0)) / mass])
 
     start = np.concatenate([-0.9 * each * np.arange(1, LINKS + 1), np.zeros(LINKS)])
     found = solve_ivp(fall, (0.0, t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-10, max_step=2e-4)
@@ -115,8 +115,8 @@ def _rope_by_scipy(t: np.ndarray) -> np.ndarray:
 
 
 def _snapping_rope(short: bool) -> Watched:
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        return float(np.max(np.abs(places[:, 2] - _rope_by_scipy(t)))) / (0.1 * LENGTH)
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        return float(np.max(np.abs(positions[:, 2] - _rope_by_scipy(t)))) / (0.1 * LENGTH)
 
     return Watched(slack_rope(), 0.002, 0.3, "weight", measure)
 
@@ -162,8 +162,8 @@ def _modes(t: np.ndarray) -> np.ndarray:
 
 
 def _ratio(short: bool) -> Watched:
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        return float(np.max(np.abs(places[:, 2] - places[0, 2] - _modes(t) - SWING))) / SWING
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        return float(np.max(np.abs(positions[:, 2] - positions[0, 2] - _modes(t) - SWING))) / SWING
 
     return Watched(stiffness_ratio(), 0.005, 5.0, "weight", measure)
 

@@ -36,7 +36,7 @@ WRONG = 0.1
 
 
 @dataclass(frozen=True)
-class Ran:
+class CaseRun:
     """A run of a case at `SAVES` times t [s]."""
 
     model: Model
@@ -71,7 +71,7 @@ class Ran:
         return float(np.max(np.abs(sizes - np.asarray(self.model.line.length))))
 
 
-def run_case(scene: Scene, dt: float, duration: float, scheme: Scheme | None = None, **settings: Any) -> Ran:
+def run_case(scene: Scene, dt: float, duration: float, scheme: Scheme | None = None, **settings: Any) -> CaseRun:
     """Simulate a scene for `duration` [s] (rounded to whole steps between `SAVES` saved times)."""
     scheme = scheme or Scheme("energy_momentum")
     model, s = build(scene, scheme.dtype)
@@ -80,7 +80,7 @@ def run_case(scene: Scene, dt: float, duration: float, scheme: Scheme | None = N
     run = grid_run(stepper, model, s, every * dt, every, SAVES)
     if scheme.dtype != "float64":
         model, s, run = (jax.tree.map(_wide, x) for x in (model, s, run))
-    return Ran(model, s, run, status_of(run, stepper), every * dt * np.arange(1, SAVES + 1))
+    return CaseRun(model, s, run, status_of(run, stepper), every * dt * np.arange(1, SAVES + 1))
 
 
 def _wide(x: ArrayLike) -> ArrayLike:

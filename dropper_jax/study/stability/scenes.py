@@ -59,14 +59,14 @@ def chain(
     )
 
 
-def moved(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> Scene:
+def with_motion(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> Scene:
     """The scene started from all nodes' positions and velocities, each (n + 1, 3) [m], [m/s]."""
     table = scene.to_dict()
     table["start"] = {"kind": "positions", "positions": positions.tolist(), "velocities": velocities.tolist()}
     return Scene.from_dict(table)
 
 
-def lifted(name: str, width: float, force: float = 0.5, **more: Any) -> Scene:
+def lifted_loop(name: str, width: float, force: float = 0.5, **more: Any) -> Scene:
     """A loop let go from a pose in which its third node is lifted and pulled aside by `force` [N]."""
     return loop(name, width, release_nodes=[3], release_force=[[0.1 * force, 0.1 * force, force]], **more)
 
@@ -74,18 +74,18 @@ def lifted(name: str, width: float, force: float = 0.5, **more: Any) -> Scene:
 def kicked_string(nodes: int = LINKS) -> Scene:
     """A string that hangs straight down, its tip kicked to 2 m/s out of the plane."""
     scene = chain("hanging-kicked", [0.0] * nodes, 0.1)
-    places = np.zeros((nodes + 1, 3))
-    places[:, 2] = -0.1 * np.arange(nodes + 1)
+    positions = np.zeros((nodes + 1, 3))
+    positions[:, 2] = -0.1 * np.arange(nodes + 1)
     speeds = np.zeros((nodes + 1, 3))
     speeds[-1] = [0.0, 2.0, 0.0]
-    return moved(scene, places, speeds)
+    return with_motion(scene, positions, speeds)
 
 
 def whirling(rate: float = 30.0) -> Scene:
     """A loop that turns as a whole about the line through its ends at `rate` [rad/s]."""
     scene = loop("whirling-loop", 0.3)
-    places = equilibrium(scene).positions
-    return moved(scene, places, np.cross(np.array([rate, 0.0, 0.0]), places))
+    positions = equilibrium(scene).positions
+    return with_motion(scene, positions, np.cross(np.array([rate, 0.0, 0.0]), positions))
 
 
 def driven() -> Scene:
@@ -100,7 +100,7 @@ def driven() -> Scene:
     return loop("driven-at-resonance", 0.3, effects={"end_motion": motion})
 
 
-def many(links: int = 1000) -> Scene:
+def thousand_links(links: int = 1000) -> Scene:
     """A loop of 100 m, pulled aside in its middle and let go."""
     table = loop("thousand-links", 0.3).to_dict()
     table["point"][1]["position"] = [60.0, 0.0, 0.0]

@@ -50,8 +50,8 @@ def _ball_by_scipy(t: np.ndarray) -> np.ndarray:
 
 
 def _crossing(short: bool) -> Watched:
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        return float(np.max(np.abs(places[:, 2] - _ball_by_scipy(t)))) / DROP
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        return float(np.max(np.abs(positions[:, 2] - _ball_by_scipy(t)))) / DROP
 
     scene = weight_on_thread("dry-wet", BALL, [0.0, 0.0, DROP], {}, sea={"depth": 30.0, "density": RHO})
     return Watched(scene, 0.01, 4.0 if short else 10.0, "weight", measure)
@@ -81,8 +81,8 @@ def _spar_by_scipy(t: np.ndarray) -> np.ndarray:
 
 
 def _under(short: bool) -> Watched:
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        return float(np.max(np.abs(places[:, 2] - _spar_by_scipy(t)))) / (ABOVE + SPAR["height"])
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        return float(np.max(np.abs(positions[:, 2] - _spar_by_scipy(t)))) / (ABOVE + SPAR["height"])
 
     return Watched(dropped_spar(), 0.01, 4.0 if short else 10.0, "weight", measure)
 
@@ -113,11 +113,11 @@ def streaming() -> Scene:
 
 def _streams(short: bool) -> Watched:
     """At its end half of the link's drag `c cos^2 a` across it carries the weight, `m g sin a`."""
-    pull = 0.25 * RHO * DRAG * WIDE * ROPE * CURRENT**2
-    sine = brentq(lambda s: pull * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
+    force = 0.25 * RHO * DRAG * WIDE * ROPE * CURRENT**2
+    sine = brentq(lambda s: force * (1.0 - s * s) - HEAVY * G * s, 0.0, 1.0)
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        x, z = places[-1, 0], places[-1, 2] + 5.0
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        x, z = positions[-1, 0], positions[-1, 2] + 5.0
         return abs(float(np.arctan2(x, -z) - np.arcsin(sine)))
 
     return Watched(streaming(), 0.1, 60.0, "weight", measure)
@@ -177,8 +177,8 @@ def _drifts(body: dict[str, float], height: float, duration: float) -> Callable[
     amplitude = _amplitude()
     path = _drifter_by_scipy(body, lambda x, z, t: _airy(x, z, t, amplitude))
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        miss = places[:, [0, 2]] - path(t, places[0, [0, 2]])
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        miss = positions[:, [0, 2]] - path(t, positions[0, [0, 2]])
         return float(np.max(np.linalg.norm(miss, axis=1))) / _amplitude()
 
     waves = {"kind": "regular", "amplitude": _amplitude(), "period": PERIOD}
@@ -214,8 +214,8 @@ def _steep(short: bool) -> Outcome:
     sea = {"depth": DEPTH, "density": RHO, "waves": waves}
     scene = weight_on_thread("steep-wave", DRIFTER, [0.0, 0.0, 0.0], {}, sea=sea)
     run = simulate(scene, dt=0.01, duration=4.0 if short else 12.0)
-    places = run.point_path("weight")[:, [0, 2]]
-    miss = places - _drifter_by_scipy(DRIFTER, _steep_field())(run.t, places[0])
+    positions = run.point_path("weight")[:, [0, 2]]
+    miss = positions - _drifter_by_scipy(DRIFTER, _steep_field())(run.t, positions[0])
     return Outcome(float(np.max(np.linalg.norm(miss, axis=1))) / HIGH, run.status)
 
 
@@ -258,9 +258,9 @@ def _pendulum_by_scipy(t: np.ndarray) -> np.ndarray:
 
     def swing(t: float, y: np.ndarray) -> list[float]:
         along, across = np.array([np.sin(y[0]), -np.cos(y[0])]), np.array([np.cos(y[0]), np.sin(y[0])])
-        place = np.array([0.0, UP]) + ROD * along
-        eta, u, change = _airy(*place, t, SWELL)
-        wet = _wet(eta - place[1], ROUND + ROD * abs(along[1]))
+        position = np.array([0.0, UP]) + ROD * along
+        eta, u, change = _airy(*position, t, SWELL)
+        wet = _wet(eta - position[1], ROUND + ROD * abs(along[1]))
         w = u @ across - ROD * y[1]
         force = (RHO * volume * wet - BOB) * G * across[1] + 0.5 * RHO * ACROSS * ROUND * ROD * wet * abs(w) * w
         force = force + (1 + ADDED) * RHO * volume * wet * (change @ across)
@@ -278,19 +278,19 @@ def _swings(short: bool) -> Outcome:
 
 #: Floats in a row, tied to one another and to an anchor at either end: their number, distance [m], stiffness [N] and
 #: damping [N s] of the ropes between them, and the amplitude of the wave they ride [m].
-FLOATS, APART, TIE, LOSS = 24, 4.0, 1e5, 1200.0
+FLOATS, SPACING, TETHER, LOSS = 24, 4.0, 1e5, 1200.0
 RIDDEN = 0.6
 
 
 def row_of_floats() -> Scene:
     """Floats let go at the surface, their ropes just taut."""
-    places = [[APART * i, 0.0, 0.0 if 0 < i <= FLOATS else -3.0] for i in range(FLOATS + 2)]
+    positions = [[SPACING * i, 0.0, 0.0 if 0 < i <= FLOATS else -3.0] for i in range(FLOATS + 2)]
     points: list[dict[str, Any]] = [
-        {"name": f"float-{i}", "kind": "free", "position": place, **DRIFTER} for i, place in enumerate(places)
+        {"name": f"float-{i}", "kind": "free", "position": position, **DRIFTER} for i, position in enumerate(positions)
     ]
-    points[0] = {"name": "float-0", "position": places[0]}
-    points[-1] = {"name": f"float-{FLOATS + 1}", "position": places[-1]}
-    sizes = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    points[0] = {"name": "float-0", "position": positions[0]}
+    points[-1] = {"name": f"float-{FLOATS + 1}", "position": positions[-1]}
+    sizes = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     lines = [
         {"name": f"tie-{i}", "from": f"float-{i}", "to": f"float-{i + 1}", "type": "tie", "length": size, "links": 1}
         for i, size in enumerate(sizes.tolist())
@@ -300,7 +300,7 @@ def row_of_floats() -> Scene:
         {
             "name": "many-floats",
             "run": {"dt": 0.02, "duration": 4.0},
-            "line_type": [{"name": "tie", "mass": 1e-6, "diameter": 1e-4, "EA": TIE, "damping": LOSS}],
+            "line_type": [{"name": "tie", "mass": 1e-6, "diameter": 1e-4, "EA": TETHER, "damping": LOSS}],
             "point": points,
             "line": lines,
             "sea": {"depth": DEPTH, "density": RHO, "waves": waves},
@@ -313,8 +313,8 @@ def row_of_floats() -> Scene:
 def _row_by_scipy(t: np.ndarray) -> np.ndarray:
     """Places (k, floats, 2) of the floats: bodies of Morison's law on damped springs that do not push."""
     mass, volume, area, added = (DRIFTER[key] for key in ("mass", "volume", "drag_area", "added_mass"))
-    ends = np.array([[0.0, -3.0], [APART * (FLOATS + 1), -3.0]])
-    start = np.stack([APART * np.arange(1, FLOATS + 1), np.zeros(FLOATS)], axis=1)
+    ends = np.array([[0.0, -3.0], [SPACING * (FLOATS + 1), -3.0]])
+    start = np.stack([SPACING * np.arange(1, FLOATS + 1), np.zeros(FLOATS)], axis=1)
     lengths = np.linalg.norm(np.diff(np.concatenate([ends[:1], start, ends[1:]]), axis=0), axis=1)
 
     def move(t: float, y: np.ndarray) -> np.ndarray:
@@ -323,13 +323,13 @@ def _row_by_scipy(t: np.ndarray) -> np.ndarray:
         wet = _wet(eta - r[:, 1], _diameter(volume))[:, None]
         d = np.diff(np.concatenate([ends[:1], r, ends[1:]]), axis=0)
         size = np.linalg.norm(d, axis=1)
-        spring = TIE / lengths * np.maximum(size - lengths, 0.0)
+        spring = TETHER / lengths * np.maximum(size - lengths, 0.0)
         rates = np.diff(np.concatenate([rest, v, rest]), axis=0)
         damper = LOSS / lengths * np.sum(d * rates, axis=1) / size
-        pull = ((spring + np.clip(damper, -spring, spring)) / size)[:, None] * d
+        link_force = ((spring + np.clip(damper, -spring, spring)) / size)[:, None] * d
         w, displaced = u - v, RHO * volume * wet
         force = 0.5 * RHO * area * wet * np.linalg.norm(w, axis=1)[:, None] * w + (1 + added) * displaced * change
-        force = force + (displaced - mass) * [0.0, G] + pull[1:] - pull[:-1]
+        force = force + (displaced - mass) * [0.0, G] + link_force[1:] - link_force[:-1]
         return np.concatenate([v.ravel(), (force / (mass + added * displaced)).ravel()])
 
     rest = np.zeros((1, 2))
@@ -341,8 +341,8 @@ def _row_by_scipy(t: np.ndarray) -> np.ndarray:
 def _row(short: bool) -> Watched:
     watched = FLOATS // 2
 
-    def measure(t: np.ndarray, places: np.ndarray) -> float:
-        miss = places[:, [0, 2]] - _row_by_scipy(t)[:, watched - 1]
+    def measure(t: np.ndarray, positions: np.ndarray) -> float:
+        miss = positions[:, [0, 2]] - _row_by_scipy(t)[:, watched - 1]
         return float(np.max(np.linalg.norm(miss, axis=1))) / RIDDEN
 
     return Watched(row_of_floats(), 0.02, 1.0 if short else 4.0, f"float-{watched}", measure)

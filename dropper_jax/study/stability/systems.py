@@ -49,7 +49,7 @@ def weight_on_rope(
 
 
 def weight_on_thread(
-    name: str, body: dict[str, Any], place: list[float], effects: dict[str, Any], **more: Any
+    name: str, body: dict[str, Any], position: list[float], effects: dict[str, Any], **more: Any
 ) -> Scene:
     """A body at a free point that a slack thread without weight of its own ties to a place above."""
     return load_scene(
@@ -58,8 +58,8 @@ def weight_on_thread(
             "run": {"dt": 0.01, "duration": 1.0},
             "line_type": [{"name": "thread", "mass": 1e-6, "diameter": THIN if "sea" in more else THICK, "EA": 1e3}],
             "point": [
-                {"name": "tied", "position": [place[0], 0.0, 0.0]},
-                {"name": "weight", "kind": "free", "position": place, **body},
+                {"name": "tied", "position": [position[0], 0.0, 0.0]},
+                {"name": "weight", "kind": "free", "position": position, **body},
             ],
             "line": [
                 {"name": "thread", "from": "tied", "to": "weight", "type": "thread", "length": THREAD, "links": 1}

@@ -31,7 +31,7 @@ def outcome(run: Solution, watched: Watched) -> Outcome:
 
 @cache
 def moordyn_there() -> bool:
-    return moordyn_run.installed()
+    return moordyn_run.is_installed()
 
 
 def peers(watched: Watched, limit: float) -> dict[str, Any]:
@@ -44,5 +44,5 @@ def _peer(watched: Watched, limit: float, scheme: str | None) -> dict[str, Any]:
     run = moordyn_run.run_point(*given)
     if not run.ok:
         return {"status": "unstable", "failed_at_s": float(watched.dt * len(run.t)), "holds": False}
-    measured = float(watched.measure(run.t, run.places))
+    measured = float(watched.measure(run.t, run.positions))
     return {"status": "ok", "measured": measured, "holds": measured <= limit}

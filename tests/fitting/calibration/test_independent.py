@@ -9,10 +9,10 @@ import pytest
 
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.comparison import Law, compare, with_bic
-from fitting.calibration.energy import energy_check, look_at_energy
+from fitting.calibration.energy import check_energy, energy_check
 from fitting.calibration.fit import estimate, fit, summarise
 from fitting.calibration.one_run import PARTED, one_run
-from fitting.estimate.evaluation import trusted
+from fitting.estimate.evaluation import drop_wild
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import ARRIVED, GradientDescent, Spectrum
 from fitting.estimate.profile import profile
@@ -90,10 +90,10 @@ def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path)
     apart = (found.simulated[good[: len(found.t)]] - turned + np.pi) % (2 * np.pi) - np.pi
     assert good.sum() > 30
     assert np.sqrt(np.mean(apart**2, axis=1)).max() < PARTED
-    assert found.followed >= found.trusted
+    assert found.diverged_at >= found.trusted
     assert "of the trace for" in found.text
     wrong = replace(ten[0], solution=replace(ten[0].solution, values=2 * ten[0].values))
-    assert one_run(wrong, 0).followed < found.followed
+    assert one_run(wrong, 0).diverged_at < found.diverged_at
     assert one_run_picture(found, "rods", tmp_path / "run.png").stat().st_size > 10_000
 
 
@@ -124,8 +124,8 @@ def test_the_energy_that_a_motion_loses_confirms_the_law_and_contradicts_a_wrong
     weaker = two.swing([1.2, 0.6], quadratic=0.85 * two.QUADRATIC)[1]
     trace = ten[0].traces[0]
     held = replace(ten[0], traces=[replace(trace, theta=np.pi / 2 - weaker)], warnings=[])
-    assert look_at_energy(held).slope < 0.93
-    assert look_at_energy(held).off < -3
+    assert check_energy(held).slope < 0.93
+    assert check_energy(held).off < -3
     assert held.warnings == [held.energy.warning]
 
 
@@ -349,14 +349,14 @@ def test_one_window_without_a_derivative_does_not_hold_the_parameters(two, ready
     sound = simulator(best.values, best.starts, windows)
     broken = sound._replace(jacobian=sound.jacobian.copy())
     broken.jacobian[3, 5:] *= 1e18
-    found = trusted(broken)
+    found = drop_wild(broken)
     assert not found.jacobian[3].any()
     assert not found.end_jacobian[3].any()
     assert found.failed.tolist() == [k == 3 for k in range(windows.count)]
     np.testing.assert_array_equal(found.jacobian[:3], sound.jacobian[:3])
-    assert trusted(sound) is sound
+    assert drop_wild(sound) is sound
     few = sound._replace(jacobian=np.where(np.arange(windows.count)[:, None, None, None] < 2, sound.jacobian, 0.0))
-    assert trusted(few) is few  # most windows without samples
+    assert drop_wild(few) is few  # most windows without samples
 
 
 class Rough:

@@ -189,7 +189,7 @@ def test_a_part_is_excluded_where_its_upper_limit_takes_less_than_a_tenth(deviat
     information = np.diag([1e6, deviation**-2])
     gradient = information @ [0.0, 0.05]
     none = Prior(0.0, np.zeros(2), np.zeros((2, 2)))
-    problem = SimpleNamespace(held=np.zeros(2, bool), memory=1.0, prior=lambda values: none)
+    problem = SimpleNamespace(held_mask=np.zeros(2, bool), memory=1.0, prior=lambda values: none)
     solution = SimpleNamespace(problem=problem, values=np.array([1.0, 0.0]), information=information, gradient=gradient)
     assert ("quadratic" in unseen(solution, ("linear", "quadratic"), np.array([3.0, 2.0]))) == left_open
 

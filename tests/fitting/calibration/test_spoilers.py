@@ -110,12 +110,12 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
 def test_what_spoils_a_trace_is_named_first(two, ready, motion, everything, spoil, name):
     prepared = ready(spoil(two.seen(motion, 6)))
     found = advise(prepared, estimate(prepared, "windows"), everything(prepared))
-    assert all(candidate.told for candidate in found)
+    assert all(candidate.identifiable for candidate in found)
     if name is None:
-        assert not any(candidate.named for candidate in found)
+        assert not any(candidate.worth_naming for candidate in found)
         return
     assert found[0].name == name
-    assert found[0].named
+    assert found[0].worth_naming
     if name.startswith("rate"):  # angles of a chain that hangs freely hold no length and no force
         assert found[0].alike == ("scale of the rig", "gravity")
     if name.startswith("marker"):

@@ -284,8 +284,8 @@ def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
 def installed(monkeypatch):
     """The commands, where the package was installed before they were there."""
     own = [EntryPoint(name, f"fitting.cli.{name}", commands.GROUP) for name in ("cases", "season")]
-    before = [entry for entry in commands.found() if entry.name not in ("cases", "season")]
-    monkeypatch.setattr(commands, "found", lambda: sorted([*before, *own], key=lambda entry: entry.name))
+    before = [entry for entry in commands.find_commands() if entry.name not in ("cases", "season")]
+    monkeypatch.setattr(commands, "find_commands", lambda: sorted([*before, *own], key=lambda entry: entry.name))
 
 
 SITE_TOML = """

@@ -14,8 +14,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli import main
 from fitting.channels.fit import fit_channels, growth
-from fitting.channels.free import placed
-from fitting.channels.motion import differentiated, moved, watched
+from fitting.channels.free import setup_with_directions
+from fitting.channels.motion import differentiate_channels, observe_channels, shift_setup
 from fitting.channels.pixel import projection
 from fitting.channels.pose import pose
 from fitting.estimate.scene_fit import Intervals
@@ -98,17 +98,17 @@ def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
 @pytest.mark.check
 def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
     problem, values = found.solution.problem, found.values
-    at = placed(problem.scenes[0], problem.data, problem.plain[0], values)
+    at = setup_with_directions(problem.scenes[0], problem.data, problem.plain[0], values)
     dt, near = jnp.asarray(problem.dt), problem.near[0]
     times = tuple(jnp.asarray(t) for t in problem.data.runs[0].t)
     plan = problem.plan(0)
-    _, slopes, _, _ = differentiated(plan, at.setup, at.tangents, near, dt, times)
+    _, slopes, _, _ = differentiate_channels(plan, at.setup, at.tangents, near, dt, times)
     plan = replace(plan, stepper=replace(plan.stepper, reverse=True))
     size = np.array([p.scale for p in problem.parameters])
 
     @jax.jit
     def total(e):
-        shown = watched(plan, moved(at.setup, at.tangents, e), near, dt, times)[0]
+        shown = observe_channels(plan, shift_setup(at.setup, at.tangents, e), near, dt, times)[0]
         return jnp.stack([jnp.sum(y * jnp.cos(jnp.arange(y.shape[0]))[:, None]) for y in shown])
 
     weights = [np.cos(np.arange(len(t)))[:, None, None] for t in problem.data.runs[0].t]

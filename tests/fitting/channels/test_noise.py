@@ -5,7 +5,7 @@ import pytest
 
 from fitting.channels.angle import Angle
 from fitting.channels.data import Data, Run, Sensor
-from fitting.channels.noise import Evaluation, Noise, first_noise, lag_one, rows_of, told
+from fitting.channels.noise import Evaluation, Noise, estimate_noise, first_noise, lag_one, rows_of
 from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT
 
 N = 4000
@@ -28,7 +28,7 @@ def told_of(noise, loss=LEAST_SQUARES):
     at = Noise(np.array([1.0]), np.full(1, np.inf))
     for _ in range(40):
         rows = rows_of(data, e, at, ones)
-        at = told(data, e, at, ones, rows.jacobian.T @ rows.jacobian, np.array([1e-9]), loss)
+        at = estimate_noise(data, e, at, ones, rows.jacobian.T @ rows.jacobian, np.array([1e-9]), loss)
     return at, rows_of(data, e, at, ones)
 
 
@@ -50,7 +50,7 @@ def test_degrees_of_freedom_that_a_fit_takes_are_counted():
         e = Evaluation(((np.zeros((8, 1)),),), ((x[:, None, :],),), ())
         one = Noise(np.ones(1), np.full(1, np.inf))
         rows = rows_of(data, e, one, ((np.ones((8, 1)),),))
-        found = told(data, e, one, ((np.ones((8, 1)),),), rows.jacobian.T @ rows.jacobian, np.array([1e-9]))
+        found = estimate_noise(data, e, one, ((np.ones((8, 1)),),), rows.jacobian.T @ rows.jacobian, np.array([1e-9]))
         sizes.append(found.size[0] ** 2)
     # mean of chi-square over its degrees of freedom, 4: 1 +- 0.04
     assert np.mean(sizes) == pytest.approx(1.0, abs=0.12)
@@ -71,7 +71,7 @@ def test_memory_is_told_and_taken_out():
     for i in range(1, N):
         r[i] = 0.9 * r[i - 1] + np.sqrt(1 - 0.81) * rng.normal()
     at, rows = told_of(0.05 * r)
-    assert at.kept(np.array([0.1]))[0] == pytest.approx(0.9, abs=0.02)
+    assert at.lag_correlation(np.array([0.1]))[0] == pytest.approx(0.9, abs=0.02)
     assert at.size[0] == pytest.approx(0.05, rel=0.15)
     assert abs(lag_one(rows, 0, rows.residual)[0]) < 0.06
     # whitened derivatives of an offset tell as little as so few independent samples: (1 - phi)/(1 + phi) of them

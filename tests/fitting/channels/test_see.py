@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.channels.angle import Angle
-from fitting.channels.channel import Seen
+from fitting.channels.channel import SavedMotion
 from fitting.channels.motion import at_times
 from fitting.channels.pixel import Pixel, projection
 from fitting.channels.place import Node
@@ -12,7 +12,7 @@ from fitting.channels.position import Depth, Position
 from fitting.channels.tension import Tension
 
 NODES = jnp.array([[[0.0, 0.0, 0.0], [1.0, 1.0, -2.0], [4.0, 5.0, -2.0]]] * 2)
-SEEN = Seen(NODES, NODES[1:], jnp.array([[3.0, 5.0]]))
+SEEN = SavedMotion(NODES, NODES[1:], jnp.array([[3.0, 5.0]]))
 COMMON = {"name": "a", "columns": ("c",), "unit": "-"}
 
 
@@ -26,7 +26,7 @@ def test_angles_by_their_zero():
 def test_angles_go_on_beyond_a_full_turn():
     turn = jnp.linspace(0, 4 * np.pi, 50)
     nodes = jnp.stack([jnp.zeros((50, 3)), jnp.stack([jnp.sin(turn), 0 * turn, -jnp.cos(turn)], 1)], axis=1)
-    shown = Angle(**COMMON, zero="down").see(Seen(nodes, nodes[1:], jnp.zeros((49, 1))))[:, 0]
+    shown = Angle(**COMMON, zero="down").see(SavedMotion(nodes, nodes[1:], jnp.zeros((49, 1))))[:, 0]
     assert np.allclose(shown, turn, atol=1e-12)
 
 
@@ -48,7 +48,7 @@ def test_a_camera_sees_right_to_the_right_and_up_above_by_the_focal_length_over_
     """From (0, -10, 0) towards +y: x is right, z is up; 1 m at 10 m is a tenth of the focal length."""
     matrix = projection(np.array([0.0, -10.0, 0.0]), np.zeros(3), 1000.0, np.array([320.0, 240.0]))
     nodes = jnp.array([[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 10.0, -2.0]]])
-    seen = Seen(nodes, nodes, jnp.zeros((1, 1)))
+    seen = SavedMotion(nodes, nodes, jnp.zeros((1, 1)))
     show = lambda j: Pixel(**COMMON, node=Node(j, j, 0.0), matrix=tuple(map(tuple, matrix))).see(seen)[0]  # noqa: E731
     assert np.allclose(show(0), [420, 240])
     assert np.allclose(show(1), [320, 140])

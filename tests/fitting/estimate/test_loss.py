@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT, begun_with, loss_of
+from fitting.estimate.loss import LEAST_SQUARES, Huber, StudentT, initial_loss, loss_of
 from fitting.estimate.uncertainty import robust_variance
 
 RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])
@@ -64,5 +64,5 @@ def test_spread_is_the_mean_square_of_the_slope_over_normal_noise():
 
 
 def test_a_loss_of_several_minima_begins_with_one_of_a_single_minimum():
-    assert begun_with(StudentT()) == Huber(3.0)
-    assert begun_with(LEAST_SQUARES) is LEAST_SQUARES
+    assert initial_loss(StudentT()) == Huber(3.0)
+    assert initial_loss(LEAST_SQUARES) is LEAST_SQUARES

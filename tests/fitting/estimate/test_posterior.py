@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.fit import fit
-from fitting.estimate.pareto import pareto, smoothed
+from fitting.estimate.pareto import pareto, smooth_weights
 from fitting.estimate.posterior import Posterior, importance
 from fitting.traces.synthetic import Camera, synthetic_traces
 
@@ -24,7 +24,7 @@ def test_the_shape_of_a_tail(shape):
 def test_weights_of_a_wide_proposal_are_good_and_of_a_narrow_one_are_told():
     random = np.random.default_rng(1)
     wide = student.rvs(5, size=2000, random_state=random)
-    weight, shape = smoothed(norm.logpdf(wide) - student.logpdf(wide, 5))
+    weight, shape = smooth_weights(norm.logpdf(wide) - student.logpdf(wide, 5))
     assert shape < 0.5
     found = Posterior(("x",), wide[:, None], weight, shape)
     np.testing.assert_allclose(found.mean, 0.0, atol=0.08)
@@ -32,13 +32,13 @@ def test_weights_of_a_wide_proposal_are_good_and_of_a_narrow_one_are_told():
     np.testing.assert_allclose(found.quantile(0.95), norm.ppf(0.95), atol=0.12)
     assert not found.warnings
     narrow = 0.3 * random.standard_normal(2000)
-    weight, shape = smoothed(student.logpdf(narrow, 2) - norm.logpdf(narrow, scale=0.3))
+    weight, shape = smooth_weights(student.logpdf(narrow, 2) - norm.logpdf(narrow, scale=0.3))
     assert shape > 0.7
     assert "not to be trusted" in Posterior(("x",), narrow[:, None], weight, shape).warnings[0]
 
 
 def test_no_weight_at_all_is_told():
-    weight, shape = smoothed(np.full(100, -np.inf))
+    weight, shape = smooth_weights(np.full(100, -np.inf))
     assert not weight.any()
     assert np.isinf(shape)
 
@@ -86,7 +86,7 @@ def test_the_density_of_starts_and_parameters_and_its_slope(pendulum):
 
     target = Density(pendulum.solution, np.arange(2))
     both = jax.jit(jax.value_and_grad(target.function()))
-    size = len(target.place)
+    size = len(target.to_moves)
     best, flat = both(jnp.zeros(size))
     assert np.abs(flat).max() < 0.05
     y = 0.7 * np.random.default_rng(2).standard_normal(size)

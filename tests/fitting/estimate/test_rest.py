@@ -64,11 +64,11 @@ def test_a_rest_weighs_its_mean_by_its_frames_and_what_the_noise_remembers(simul
     theta = still + 0.004 * rng.standard_normal((100, 4))
     theta[7, 2] += 0.5  # one frame is far off
     rest = rests([Trace("film", t, theta)], [np.full(4, 0.004)], [(0.0, 2.0)])
-    prior = rest.weighed(None, simulator, values).prior(simulator, values)
+    prior = rest.with_noise(None, simulator, values).prior(simulator, values)
     assert prior.curvature[6, 6] == pytest.approx(4 * 100 / 0.004**2, rel=1e-9)
     assert prior.cost < 8  # half the chi-square of four means
     kept = Noise(np.full((1, 4), 2.0), np.full((1, 4), -50 * np.log(0.8)), np.zeros(1))
-    less = rest.weighed(kept, simulator, values).prior(simulator, values)
+    less = rest.with_noise(kept, simulator, values).prior(simulator, values)
     assert less.cost / prior.cost == pytest.approx(0.2 / 1.8 / 4, rel=1e-9)
     moved = [rest.prior(simulator, values + side * 1e-6 * np.eye(8)[2]).cost for side in (1, -1)]
     assert prior.gradient[2] == pytest.approx((moved[0] - moved[1]) / 2e-6, rel=1e-4)
@@ -87,7 +87,7 @@ def test_a_dry_joint_leaves_a_pendulum_at_rest_anywhere_in_its_band(chain):
     simulator = Simulator(model, resolve(model, ["effects.joint_friction.dry"]))
     theta = np.full((40, 1), np.pi / 2)
     rest = rests([Trace("film", np.arange(40) / 50, theta)], [np.array([1e-9])], [(0.0, 1.0)])
-    found = rest.weighed(None, simulator, np.array([2e-3])).precision[0, 0] ** -0.5
+    found = rest.with_noise(None, simulator, np.array([2e-3])).precision[0, 0] ** -0.5
     assert found == pytest.approx(2e-3 / np.sqrt(3) / (0.1 * 9.81 * 0.3), rel=1e-6)
 
 

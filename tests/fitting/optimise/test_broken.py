@@ -6,8 +6,8 @@ import pytest
 from dropper_jax.load.source import load_scene
 from dropper_jax.run.build import build
 from dropper_jax.statics.rest_problem import unbalanced
-from fitting.optimise.broken import link_of, masked
-from fitting.optimise.run import checked, read_problem
+from fitting.optimise.broken import link_of, with_link_mask
+from fitting.optimise.run import check_derivatives, read_problem
 from fitting.site import read_site
 
 SITE = {
@@ -35,7 +35,7 @@ def test_a_link_that_is_gone_pulls_nothing_and_the_others_as_before():
     link = link_of(model, site.states[1])
     assert link == 5  # the sixth of the first line's ten
     plain, whole, gone = (
-        unbalanced(m, start, 0 * start.r)[1] for m in (model, masked(model, None), masked(model, link))
+        unbalanced(m, start, 0 * start.r)[1] for m in (model, with_link_mask(model, None), with_link_mask(model, link))
     )
     assert plain[link] > 0.0
     np.testing.assert_array_equal(whole, plain)
@@ -44,4 +44,4 @@ def test_a_link_that_is_gone_pulls_nothing_and_the_others_as_before():
 
 @pytest.mark.check
 def test_windows_with_a_broken_leg_have_the_derivatives_of_differences():
-    assert checked(read_problem(read_site(SITE))) < 1e-4
+    assert check_derivatives(read_problem(read_site(SITE))) < 1e-4

@@ -126,7 +126,7 @@ def test_models_and_poses_follow_the_variables_as_differences_say(site):
 
 def test_capacities_that_are_the_scene_s_follow_the_design(site):
     design = read_problem(changed(part=[{"name": "legs", "lines": "*-leg"}], unchecked=["loop-*", "backbone"]))
-    value, slope = design.told(design.start)
+    value, slope = design.scene_constraints(design.start)
     # 1.1e8 d^2: twice the relative change of the diameter
     np.testing.assert_allclose([value[1], slope[1, 1] * design.start[1], slope[1, 0]], [1.0, 2.0, 0.0], atol=1e-6)
     legs = 2 * 500.0 * 0.04**2 * 60.0

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.optimise.abreast import abreast
-from fitting.optimise.run import told
-from fitting.optimise.search import RESIDUAL, Search, measure, run_round, sought
+from fitting.optimise.parallel_runs import run_parallel
+from fitting.optimise.run import design_warnings
+from fitting.optimise.search import RESIDUAL, Search, measure, run_round, run_search
 from fitting.optimise.values import Values
 
 
@@ -18,7 +18,9 @@ def values(*constraints):
 
 
 def test_the_residual_is_that_of_windows_before_they_are_renewed():
-    design = SimpleNamespace(renewed=lambda x, say: ((), []), measured=lambda x, full: values(0.90, 0.50))
+    design = SimpleNamespace(
+        renew_windows=lambda x, say: ((), []), measure_full_runs=lambda x, full: values(0.90, 0.50)
+    )
     search = Search(np.zeros(1), 0.1)
     measure(search, design, None)
     assert search.residual is None
@@ -31,10 +33,10 @@ def test_the_residual_is_that_of_windows_before_they_are_renewed():
 
 
 def test_large_residuals_and_designs_that_are_no_optimum_are_told():
-    assert told(RESIDUAL, 0.95) == []
-    assert told(float("nan"), 1.0) == []
-    assert "differed by 3.0% of a limit" in told(0.03, 1.0)[0]
-    assert "hold 40% of the objective's slope" in told(0.0, 0.4)[0]
+    assert design_warnings(RESIDUAL, 0.95) == []
+    assert design_warnings(float("nan"), 1.0) == []
+    assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0)[0]
+    assert "hold 40% of the objective's slope" in design_warnings(0.0, 0.4)[0]
 
 
 def test_runs_abreast_keep_their_order_and_the_first_is_alone():
@@ -44,11 +46,11 @@ def test_runs_abreast_keep_their_order_and_the_first_is_alone():
         alone.append(threading.current_thread() is threading.main_thread())
         return i * i
 
-    assert abreast(one, list(range(6)), seen.append, workers=3) == [i * i for i in range(6)]
+    assert run_parallel(one, list(range(6)), seen.append, workers=3) == [i * i for i in range(6)]
     assert alone[0]
     assert not any(alone[1:])
     assert seen == [1, 2, 3, 4, 5, 6]
-    assert abreast(one, [], seen.append) == []
+    assert run_parallel(one, [], seen.append) == []
 
 
 def test_what_a_run_abreast_raises_is_raised():
@@ -58,7 +60,7 @@ def test_what_a_run_abreast_raises_is_raised():
         return i
 
     with pytest.raises(ValueError, match="two"):
-        abreast(one, list(range(5)), lambda _: None, workers=2)
+        run_parallel(one, list(range(5)), lambda _: None, workers=2)
 
 
 def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
@@ -117,11 +119,11 @@ def test_sizes_of_a_catalogue_are_taken_though_all_rounds_were_used(rounds):
         settings=SimpleNamespace(margin=1e-3, renew=3, enough=1e-3, reach=0.1, rounds=rounds),
         variables=[halves, any_size],
         values=looked,
-        renewed=lambda x, say: ((), []),
-        measured=looked,
+        renew_windows=lambda x, say: ((), []),
+        measure_full_runs=looked,
     )
     search = Search(np.array([0.3, 0.6]), 0.1)
-    sought(search, design, lambda: None, lambda *_: None)
+    run_search(search, design, lambda: None, lambda *_: None)
     assert search.done
     assert search.best[0] in sizes
     assert search.best @ search.best / 2 <= 1.0 + 1e-9

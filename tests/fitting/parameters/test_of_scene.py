@@ -11,7 +11,7 @@ from dropper_jax import SceneError, load_scene
 from dropper_jax.run.build import build_model
 from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import apply, resolve
-from fitting.parameters.place import Direction
+from fitting.parameters.target import Direction
 from fitting.sensitivity import Study, ranges
 from fitting.sensitivity.quantities import quantity
 

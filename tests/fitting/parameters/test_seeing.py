@@ -8,7 +8,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from fitting.parameters.parameter import apply, resolve
-from fitting.parameters.seeing import seen
+from fitting.parameters.seeing import camera_angles
 
 LENGTH = np.array([0.3, 0.2, 0.25, 0.3])
 THETA = np.array([1.2, 0.4, -0.5, -1.1])
@@ -33,7 +33,7 @@ def test_markers_beside_their_nodes_are_seen_where_geometry_puts_them(model):
     marker[4] += [0.006, 0.0]
     d = np.diff(marker, axis=0)
     expected = np.arctan2(-d[:, 1], d[:, 0]) + 0.02 + np.array([0, 0, -0.01, 0])
-    see = lambda v: seen(model, parameters, v, jnp.asarray(THETA))  # noqa: E731
+    see = lambda v: camera_angles(model, parameters, v, jnp.asarray(THETA))  # noqa: E731
     np.testing.assert_allclose(see(jnp.asarray(values)), expected, atol=1e-12)
     slope = jax.jacfwd(see)(jnp.asarray(values))
     np.testing.assert_allclose(slope, jax.jacrev(see)(jnp.asarray(values)), atol=1e-12)

@@ -47,10 +47,10 @@ def check_names(found, pixels, turned=False):
     """Every circle that was taken and is not marked is the right node's; returns which were taken."""
     truth = pixels[:, ::-1] if turned else pixels
     off = np.linalg.norm(found.pixels - truth, axis=-1)
-    marks = find_marks(found.flat, found.seen)
+    marks = find_marks(found.flat, found.detected)
     assert marks.frames.mean() <= 0.02
-    assert off[found.seen & ~marks.frames[:, None]].max() < 8 * NOISE
-    return found.seen
+    assert off[found.detected & ~marks.frames[:, None]].max() < 8 * NOISE
+    return found.detected
 
 
 @pytest.mark.parametrize("node", [1, 2, 3, 4])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fitting.tracking.angles import angle_errors, four_quadrant
-from fitting.tracking.detection import Circles, Look, detect, learn_look
+from fitting.tracking.detection import Circles, MarkerAppearance, detect, learn_appearance
 from fitting.tracking.identity import Follower
 from fitting.tracking.ordering import Chain, follow_unnamed, order
 
@@ -63,7 +63,7 @@ CENTRES = np.array([[40.3, 40.7], [90.55, 80.2], [150.1, 60.9]])
 @pytest.mark.parametrize("radius", [4.0, 8.0, 16.0])
 def test_circles_are_found_to_a_twentieth_of_a_pixel_whatever_their_size(radius):
     image = disc_picture(CENTRES, radius)
-    look = learn_look(image, 3)
+    look = learn_appearance(image, 3)
     found = detect(image, look)
     assert look.bright
     assert look.radius == pytest.approx(radius, rel=0.1)
@@ -73,13 +73,13 @@ def test_circles_are_found_to_a_twentieth_of_a_pixel_whatever_their_size(radius)
 
 
 def test_dark_circles_are_found_too():
-    look = learn_look(255 - disc_picture(CENTRES, 7.0), 3)
+    look = learn_appearance(255 - disc_picture(CENTRES, 7.0), 3)
     assert not look.bright
     assert len(detect(255 - disc_picture(CENTRES, 7.0), look)) == 3
 
 
 def test_a_circle_cut_off_by_a_fifth_keeps_its_centre():
-    look = learn_look(disc_picture(CENTRES, 8.0), 3)
+    look = learn_appearance(disc_picture(CENTRES, 8.0), 3)
     # 8 pixels of radius, cut 5 pixels right of the middle disc's centre
     found = detect(disc_picture(CENTRES[:2], 8.0, cut=96), look)
     nearest = np.linalg.norm(found.centre - CENTRES[1], axis=1).min()
@@ -110,11 +110,11 @@ def test_the_chain_is_found_from_which_distances_stay():
         more = [[300.0, 20.0]] + ([[10.0 + i, 250.0]] if i % 3 == 0 else [])
         frames.append(rng.permutation(np.concatenate([nodes, more])))
     found = order(follow_unnamed(frames, 0), 5, radius=6.0)
-    np.testing.assert_allclose(found.places, chain[0], atol=1e-9)
+    np.testing.assert_allclose(found.positions, chain[0], atol=1e-9)
     np.testing.assert_allclose(found.length, 50.0, atol=0.3)
     # read from the right it is the same chain backwards
     backwards = order(follow_unnamed(frames, 0), 5, radius=6.0, first="right")
-    np.testing.assert_allclose(backwards.places, chain[0, ::-1], atol=1e-9)
+    np.testing.assert_allclose(backwards.positions, chain[0, ::-1], atol=1e-9)
 
 
 def circles(centres):
@@ -152,5 +152,5 @@ def test_a_bridged_node_stays_on_its_links():
 
 
 def test_a_look_without_markers_has_no_answer():
-    assert learn_look(np.full((100, 100), 80, np.uint8), 3).answer == 0.0
-    assert len(detect(np.full((100, 100), 80, np.uint8), Look(5.0, True, 50.0))) == 0
+    assert learn_appearance(np.full((100, 100), 80, np.uint8), 3).answer == 0.0
+    assert len(detect(np.full((100, 100), 80, np.uint8), MarkerAppearance(5.0, True, 50.0))) == 0

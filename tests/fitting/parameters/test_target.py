@@ -7,7 +7,7 @@ import pytest
 
 from dropper_jax import build
 from fitting.parameters.parameter import Parameter, apply, resolve
-from fitting.parameters.place import Direction
+from fitting.parameters.target import Direction
 
 
 @pytest.fixture(scope="module")

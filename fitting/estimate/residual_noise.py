@@ -36,12 +36,12 @@ WORTH = 6.0
 #: Deviations by which the links' common motion along their rates stands out before it is taken for a delay.
 STANDS_OUT = 5.0
 #: Largest memory of a sample's noise believed.
-MOST_KEPT = 0.995
+MAX_CORRELATION = 0.995
 #: Fewest samples left to tell the noise of a channel by.
 FEWEST_LEFT = 10
 
 
-class Told:
+class ResidualNoiseModel:
     """The residuals of a solution, in units of the claimed noise, and what they say of noises.
 
     Args:
@@ -64,17 +64,17 @@ class Told:
 
     def at(self, noise: Noise) -> Solution:
         """The solution in units of this noise, its normal equations anew."""
-        windows = noise.put(self.claimed, self.traces)
+        windows = noise.apply_to(self.claimed, self.traces)
         ratio = np.where(
             windows.weight > 0, windows.weight / np.where(windows.weight > 0, self.claimed.weight, 1.0), 0.0
         )
         e = self.raw._replace(residual=self.raw.residual * ratio, jacobian=self.raw.jacobian * ratio[..., None])
         problem = replace(self.solution.problem, windows=windows, noise=noise)
         if problem.rest is not None:
-            problem = replace(problem, rest=problem.rest.weighed(noise, problem.simulator, self.solution.values))
-        return posed(self.solution, problem, whitened(windows, e))
+            problem = replace(problem, rest=problem.rest.with_noise(noise, problem.simulator, self.solution.values))
+        return pose_again(self.solution, problem, whitened(windows, e))
 
-    def settled(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
+    def fixed_point(self, noise: Noise, rounds: int = 3) -> tuple[Noise, Solution]:
         """The noise with its sizes at their fixed point, or near it."""
         for _ in range(rounds):
             point = self.at(noise)
@@ -102,7 +102,7 @@ class Told:
     def estimate(self, noise: Noise) -> tuple[Noise, Solution]:
         """The noise that these residuals tell, beginning from another one."""
         white = replace(noise, decay=np.full_like(noise.decay, np.inf), delay=np.zeros_like(noise.delay))
-        white, point = self.settled(white)
+        white, point = self.fixed_point(white)
         best, found = minus_two_log(point), (white, point)
         for tried in (self._with_memory(white, point), self._with_delay(white, point)):
             if tried is not None and minus_two_log(tried[1]) < best - 2 * WORTH:
@@ -115,20 +115,22 @@ class Told:
         if not correlates(kept, sure):
             return None
         interval = np.array([trace.interval for trace in self.traces])[:, None]
-        decay = lambda rho: -np.log(np.clip(rho, 1e-6, MOST_KEPT)) / interval  # noqa: E731
+        decay = lambda rho: -np.log(np.clip(rho, 1e-6, MAX_CORRELATION)) / interval  # noqa: E731
         # fitted starts take some of the memory away, never add to it
         if not -WHITE < self._innovations(replace(white, decay=decay(kept))) < 2 * WHITE:
             return None
         shape = np.ones_like(white.factor)
-        cost = lambda rho: minus_two_log(self.settled(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
-        rho = float(minimize_scalar(cost, bounds=(0.02, MOST_KEPT), method="bounded", options={"xatol": 4e-3}).x)
-        each = np.clip(rho + np.where(np.abs(kept - kept.mean()) > 3 * sure, kept - kept.mean(), 0.0), 0.02, MOST_KEPT)
-        noise, point = self.settled(replace(white, decay=decay(each)))
+        cost = lambda rho: minus_two_log(self.fixed_point(replace(white, decay=decay(rho * shape)), 2)[1])  # noqa: E731
+        rho = float(minimize_scalar(cost, bounds=(0.02, MAX_CORRELATION), method="bounded", options={"xatol": 4e-3}).x)
+        each = np.clip(
+            rho + np.where(np.abs(kept - kept.mean()) > 3 * sure, kept - kept.mean(), 0.0), 0.02, MAX_CORRELATION
+        )
+        noise, point = self.fixed_point(replace(white, decay=decay(each)))
         return (noise, point) if abs(self._innovations(noise)) < WHITE else None
 
     def _innovations(self, noise: Noise) -> float:
         """Correlation of neighbours that noise with memory leaves in the residuals."""
-        windows = noise.put(self.claimed, self.traces)
+        windows = noise.apply_to(self.claimed, self.traces)
         known = windows.weight > 0
         ratio = np.where(known, windows.weight / np.where(known, self.claimed.weight, 1.0), 0.0)
         nothing = np.zeros((*ratio.shape, 0))
@@ -159,12 +161,12 @@ class Told:
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:
             return None
-        cost = lambda x: minus_two_log(self.settled(replace(white, delay=delay * np.exp(x)), 2)[1])  # noqa: E731
+        cost = lambda x: minus_two_log(self.fixed_point(replace(white, delay=delay * np.exp(x)), 2)[1])  # noqa: E731
         size = minimize_scalar(cost, bounds=(-1.5, 1.5), method="bounded", options={"xatol": 0.02}).x
-        return self.settled(replace(white, delay=delay * np.exp(size)))
+        return self.fixed_point(replace(white, delay=delay * np.exp(size)))
 
 
-def posed(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:
+def pose_again(solution: Solution, problem: Problem, evaluation: Evaluation) -> Solution:
     """The same point as the solution of another problem of the same motion: cost and normal equations anew."""
     level = level_of(problem, solution.gap_weight)
     nowhere = np.zeros(len(solution.values))
@@ -187,11 +189,11 @@ def minus_two_log(point: Solution) -> float:
     """Minus twice the restricted log likelihood of the noise in a solution's problem, less constants."""
     level = level_of(point.problem, point.gap_weight)
     k = len(point.values)
-    wide = np.where(point.problem.held, 0.0, np.inf)
+    wide = np.where(point.problem.held_mask, 0.0, np.inf)
     step = level.solve(level.system(point.evaluation, point.values), point.values, 0.0, -wide, wide)
     if step is None:
         return np.inf
-    free = np.flatnonzero(~point.problem.held)
+    free = np.flatnonzero(~point.problem.held_mask)
     _, starts = start_covariances(point)
     shared = float(np.linalg.slogdet(step.information[np.ix_(free, free)])[1]) if k and len(free) else 0.0
     return 2 * (point.cost - step.predicted) + starts + shared + log_volume(point.windows)
@@ -210,7 +212,7 @@ def memory_of(point: Solution) -> float:
 ROUNDS, SAME = 3, 0.05
 
 
-def with_own_noise(
+def with_residual_noise(
     solution: Solution,
     claimed: Windows,
     traces: Sequence[Trace],
@@ -222,15 +224,15 @@ def with_own_noise(
     Args:
         solution: a converged fit.
         claimed: its windows with the noise that the traces claim.
-        floor: as of `Told`.
+        floor: as of `ResidualNoiseModel`.
         again: continues from a solution whose noise has changed.
     """
 
     def estimate_noise(point: Solution) -> tuple[Solution, float]:
-        before = point.problem.noise or Noise.claimed(*floor.shape)
-        noise, point = Told(point, claimed, traces, floor).estimate(before)
+        before = point.problem.noise or Noise.as_claimed(*floor.shape)
+        noise, point = ResidualNoiseModel(point, claimed, traces, floor).estimate(before)
         point.problem = replace(point.problem, memory=memory_of(point))
-        return point, noise.apart(before)
+        return point, noise.max_relative_difference(before)
 
     return fit_with_noise(solution, estimate_noise, again)
 

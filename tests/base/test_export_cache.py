@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.base import kept_traces
+from dropper_jax.base import export_cache
 from dropper_jax.base.compile_cache import Entries
 from dropper_jax.base.components import dot, inverse_rows
-from dropper_jax.base.kept_traces import PREFIX, Constants, Traces
-from dropper_jax.base.plain_form import NoPlainForm, read, tree_read, tree_written, written
+from dropper_jax.base.export_cache import PREFIX, Constants, Traces
+from dropper_jax.base.plain_form import NoPlainForm, read, to_plain, tree_read, tree_written
 from dropper_jax.run.build import build_model
 from dropper_jax.stepping.integrate import advance_some, begin
 
@@ -23,7 +23,7 @@ MATRICES = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3, 3)) + 3.0 * n
 @pytest.fixture(autouse=True)
 def sources(monkeypatch):
     """Sources that stay as they are, whoever edits them while these tests run."""
-    monkeypatch.setattr(kept_traces, "_sources_digest", lambda: "as they are")
+    monkeypatch.setattr(export_cache, "_sources_digest", lambda: "as they are")
 
 
 class Counted:
@@ -39,7 +39,7 @@ class Counted:
 
 def answer(folder, one, function=inverse_rows, settings=None, values=(MATRICES,)):
     """What a process that starts now computes: a new store over the same folder."""
-    lowered = Traces(Entries(folder)).lowered(function, settings or {}, values, one) or jax.jit(one).lower(*values)
+    lowered = Traces(Entries(folder)).lower(function, settings or {}, values, one) or jax.jit(one).lower(*values)
     return lowered.compile()(*values)
 
 
@@ -62,10 +62,10 @@ def test_a_run_goes_on_from_a_trace_to_the_same_bits(tmp_path):
     scene = dj.load_scene("conical-pendulum")
     model, s = dj.build(scene)
     stepper = dj.make_stepper(model).plain
-    settings = {"stepper": stepper, "room": 8, "save_every": 2}
+    settings = {"stepper": stepper, "capacity": 8, "save_every": 2}
     values = model, begin(stepper, model, s), jnp.asarray(0.01), jnp.asarray(5, jnp.int32)
     run = lambda model, progress, dt, count: advance_some(  # noqa: E731
-        stepper, model, progress, dt, count, room=8, save_every=2
+        stepper, model, progress, dt, count, capacity=8, save_every=2
     )
     first, second = Counted(run), Counted(run)
     a, b = (answer(tmp_path, one, advance_some, settings, values) for one in (first, second))
@@ -83,12 +83,12 @@ OTHERS = [
     pytest.param(lambda patch: {"values": (MATRICES[:2],)}, id="shape"),
     pytest.param(lambda patch: {"values": (MATRICES.astype(jnp.float32),)}, id="precision"),
     pytest.param(lambda patch: {"values": ([MATRICES],)}, id="tree"),
-    pytest.param(lambda patch: {"settings": {"room": 3}}, id="static argument"),
-    pytest.param(lambda patch: {"settings": {"room": 3.0}}, id="kind of static argument"),
+    pytest.param(lambda patch: {"settings": {"capacity": 3}}, id="static argument"),
+    pytest.param(lambda patch: {"settings": {"capacity": 3.0}}, id="kind of static argument"),
     pytest.param(lambda patch: {"function": dot}, id="function"),
     pytest.param(lambda patch: patch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false"), id="flags"),
     pytest.param(lambda patch: patch.setattr(jax, "__version__", "9.9.9"), id="JAX"),
-    pytest.param(lambda patch: patch.setattr(kept_traces, "_sources_digest", lambda: "0"), id="sources"),
+    pytest.param(lambda patch: patch.setattr(export_cache, "_sources_digest", lambda: "0"), id="sources"),
 ]
 
 
@@ -142,7 +142,7 @@ def test_a_head_that_says_something_else_is_made_again(tmp_path):
     said = json.loads(head)
     other = json.dumps(said | {"tree": ["node", "os:system", None]}).encode()
     for broken, beside in ((b"{}", module), (b"\xff", module), (other, module), (head, b"no module"), (head, b"")):
-        entries.put(name, broken + b"\n" + beside)
+        entries.store(name, broken + b"\n" + beside)
         one = Counted(inverse_rows)
         np.testing.assert_array_equal(answer(tmp_path, one), expected)
         assert one.traced == 1
@@ -151,7 +151,7 @@ def test_a_head_that_says_something_else_is_made_again(tmp_path):
 
 def test_sources_that_change_as_a_process_runs_leave_no_trace(tmp_path, monkeypatch):
     digests = iter(["before", "after"])
-    monkeypatch.setattr(kept_traces, "_sources_digest", lambda: next(digests))
+    monkeypatch.setattr(export_cache, "_sources_digest", lambda: next(digests))
     answer(tmp_path, inverse_rows)
     assert files(tmp_path) == []
 
@@ -164,9 +164,9 @@ class Foreign:
 @pytest.mark.parametrize("value", [lambda x: x, Foreign(), np.array(["a"]), object(), Foreign, print, 1j])
 def test_what_another_process_may_take_for_something_else_is_refused(tmp_path, value):
     with pytest.raises(NoPlainForm):
-        written(value)
+        to_plain(value)
     one = Counted(inverse_rows)
-    answer(tmp_path, one, settings={"room": value})
+    answer(tmp_path, one, settings={"capacity": value})
     assert one.traced == 1  # as ever
     assert files(tmp_path) == []
 
@@ -196,7 +196,7 @@ def test_models_and_steppers_are_read_as_they_were_written(name):
     model = build_model(scene)
     tree, stepper = jax.tree.structure((model, {"a": [1, None]})), dj.make_stepper(model)
     assert tree_read(json.loads(json.dumps(tree_written(tree)))) == tree
-    assert read(json.loads(json.dumps(written(stepper)))) == stepper
+    assert read(json.loads(json.dumps(to_plain(stepper)))) == stepper
     assert tree_written(tree) != tree_written(jax.tree.structure((model, {"b": [1, None]})))
 
 
@@ -205,7 +205,7 @@ def test_the_digest_of_the_sources_is_that_of_all_files(tmp_path, monkeypatch):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x = 1\n")
     monkeypatch.undo()  # the fixture's
-    digest = lambda: kept_traces._sources_digest(tmp_path)  # noqa: E731
+    digest = lambda: export_cache._sources_digest(tmp_path)  # noqa: E731
     first = digest()
     (tmp_path / "other/e.py").write_text("x = 2\n")
     assert digest() == first
@@ -220,7 +220,7 @@ def test_the_digest_of_the_sources_is_that_of_all_files(tmp_path, monkeypatch):
 
 def test_arrays_among_settings_are_read_as_they_were_written():
     array = np.linspace(0.0, 1.0, 6).reshape(2, 3)
-    again = read(json.loads(json.dumps(written(array))))
+    again = read(json.loads(json.dumps(to_plain(array))))
     np.testing.assert_array_equal(again, array)
     assert again.dtype == array.dtype
-    assert written(array) != written(array.T)
+    assert to_plain(array) != to_plain(array.T)

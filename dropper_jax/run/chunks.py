@@ -14,11 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import allowed_error
-from dropper_jax.run.rows import InMemory
+from dropper_jax.run.row_store import InMemory
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
@@ -30,7 +30,7 @@ PIECES = 32
 #: Wanted time of a piece [s], and how many times longer than the one before it may be.
 SECONDS, LONGER = 1.0, 8
 #: Most saves and most bytes of a piece.
-ROOM, BYTES = 1024, 16_000_000
+MOST_STEPS, BYTES = 1024, 16_000_000
 #: Saves of a piece of steps that differ in length: one of these, so that runs of other lengths share the program.
 SAVES = (1, 2, 16, 128, 1024)
 
@@ -45,21 +45,21 @@ Beside = Within | jax.Array | None
 GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
-_advance = kept(static=("stepper", "room", "save_every"))(advance_some)
-_advance_briefly = kept(static=("stepper", "room", "save_every"), brief=True)(advance_some)
-_advance_adaptively = kept(static=("stepper", "saves"))(advance_adaptively)
-_advance_controlled = kept(static=("stepper", "saves"))(advance_controlled)
-_start_controlled = kept(static=("stepper",))(start_controlled)
+_advance = cached_jit(static=("stepper", "capacity", "save_every"))(advance_some)
+_advance_briefly = cached_jit(static=("stepper", "capacity", "save_every"), brief=True)(advance_some)
+_advance_adaptively = cached_jit(static=("stepper", "saves"))(advance_adaptively)
+_advance_controlled = cached_jit(static=("stepper", "saves"))(advance_controlled)
+_start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
-class Pieces(NamedTuple):
+class ChunkedRun(NamedTuple):
     """What goes on from a carry, and the first carry."""
 
     go_on: GoOn
     carry: Carry
 
 
-class Gone(NamedTuple):
+class RunOutcome(NamedTuple):
     """A run that was gone through: what was saved, its last carry, time [s] of it and of compiling meanwhile, whether
     the user stopped it, why the disk did, and carries that it passed with the saves behind each."""
 
@@ -84,7 +84,7 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
 
 
-def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0) -> Pieces:
+def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0) -> ChunkedRun:
     """The compiled program of a run from a carry.
 
     Args:
@@ -93,7 +93,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in SAVES if size == 1 or size * PIECES <= run.saves)
     if isinstance(carry, Progress):
-        return Pieces(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
+        return ChunkedRun(_EqualSteps(stepper, model, carry, run, max(run.steps, before)), carry)
     if isinstance(carry, Controlled):
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several = _advance_controlled
@@ -106,7 +106,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, befo
         after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32))
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
-    return Pieces(go_on, carry)
+    return ChunkedRun(go_on, carry)
 
 
 class _EqualSteps:
@@ -118,7 +118,7 @@ class _EqualSteps:
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int) -> None:
         self.stepper, self.model, self.dt = stepper, model, run.dt
-        self.settings = {"room": _room(progress.state), "save_every": run.save_every}
+        self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // PIECES)
         self.count = 1
         self.late_s = 0.0  # what compiling took once the run had begun
@@ -132,16 +132,16 @@ class _EqualSteps:
         return self.advance.program(stepper, self.model, progress, dt, jnp.zeros((), jnp.int32), **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
-        count = min(self.count, self.longest, left, self.settings["room"])
-        begun = time.perf_counter()
+        count = min(self.count, self.longest, left, self.settings["capacity"])
+        started = time.perf_counter()
         after, rows = self._take(carry, count)
         if self.plain and int(after.first_bad) >= 0 and self.stepper != self.stepper.plain:
             now = time.perf_counter()
             self.plain, self.program = False, self._program(self.stepper, carry)
-            begun = time.perf_counter()
-            self.late_s += begun - now
+            started = time.perf_counter()
+            self.late_s += started - now
             after, rows = self._take(carry, count)
-        share = SECONDS / max(time.perf_counter() - begun, 1e-9)
+        share = SECONDS / max(time.perf_counter() - started, 1e-9)
         self.count = max(1, int(count * min(share, LONGER)))
         return after, (rows, None)
 
@@ -154,7 +154,7 @@ class _EqualSteps:
         """The next `saves` again as twice as many of half the step, by the program of the run; None if a step fails."""
         done, rows = 0, []
         while done < 2 * saves:
-            carry, piece = self._take(carry, min(2 * saves - done, self.settings["room"]), 2)
+            carry, piece = self._take(carry, min(2 * saves - done, self.settings["capacity"]), 2)
             done += len(piece.r)
             rows.append(piece)
             if int(carry.first_bad) >= 0:
@@ -162,12 +162,14 @@ class _EqualSteps:
         return carry, jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
 
 
-def _room(s: State) -> int:
+def _chunk_size(s: State) -> int:
     size = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.r, s.v, s.tension, s.work, s.parted, s.own)))
-    return max(1, min(ROOM, 2 ** int(np.log2(max(BYTES / max(size, 1), 1.0)))))
+    return max(1, min(MOST_STEPS, 2 ** int(np.log2(max(BYTES / max(size, 1), 1.0)))))
 
 
-def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None) -> Gone:
+def run_chunks(
+    run: ChunkedRun, saves: int, say: Callable[[float, str], None], rows: InMemory | None = None
+) -> RunOutcome:
     """Pieces until the end, a failure or an interruption; a disk that takes no more is one too.
 
     Args:
@@ -176,7 +178,7 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
     passed: list[tuple[int, Carry]] = []
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
-    begun, interrupted, refused = time.perf_counter(), False, ""
+    started, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
             passed = [*(passed if len(passed) < 2 * PIECES else passed[::2]), (done, carry)]
@@ -184,7 +186,7 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
             rows.append(jax.tree.map(np.asarray, piece))
             at = carry, done + len(piece[0].r)
             done = at[1]
-            t, failed = _reached(carry)
+            t, failed = _reached_time(carry)
             say(min(done / saves, 1.0), f"t = {t:.3g} s")
             if failed:
                 break
@@ -194,13 +196,13 @@ def go_through(run: Pieces, saves: int, say: Callable[[float, str], None], rows:
             raise
         refused = "" if isinstance(error, KeyboardInterrupt) else f"stopped: {error.strerror or error}"
     late_s = getattr(run.go_on, "late_s", 0.0)
-    run_s = time.perf_counter() - begun - late_s
+    run_s = time.perf_counter() - started - late_s
     carry, done = at
-    joined, beside = rows.joined(done)
-    return Gone(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))
+    joined, beside = rows.concatenate(done)
+    return RunOutcome(joined, beside, carry, run_s, late_s, interrupted, refused, tuple(passed))
 
 
-def _reached(carry: Carry) -> tuple[float, bool]:
+def _reached_time(carry: Carry) -> tuple[float, bool]:
     """The time [s] that a run has come to, and whether it has failed."""
     if isinstance(carry, Controlled):
         return float(carry.now.t), bool(carry.bad)

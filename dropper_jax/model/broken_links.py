@@ -35,6 +35,6 @@ def as_parted(model: Model, parted: Parted | None) -> Model:
     if parted is None:
         return model
     line = model.line
-    gone = jnp.any(parted.link[:, None] == jnp.arange(line.links), axis=0)
-    axial = line.axial.parted(1.0 - gone.astype(model.dtype))
+    broken = jnp.any(parted.link[:, None] == jnp.arange(line.links), axis=0)
+    axial = line.axial.with_broken_links(1.0 - broken.astype(model.dtype))
     return dataclasses.replace(model, lines=(dataclasses.replace(line, axial=axial),))

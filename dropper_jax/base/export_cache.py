@@ -29,7 +29,7 @@ from jax.sharding import SingleDeviceSharding
 from jax.tree_util import PyTreeDef
 
 from dropper_jax.base.compile_cache import Entries
-from dropper_jax.base.plain_form import OWN, NoPlainForm, Plain, name_of, tree_read, tree_written, written
+from dropper_jax.base.plain_form import PROJECT, NoPlainForm, Plain, name_of, to_plain, tree_read, tree_written
 
 #: Where the packages of this project lie.
 ROOT = Path(__file__).parents[2]
@@ -73,7 +73,7 @@ class Traces:
         self._entries = entries
         self._sources = _sources_digest()
 
-    def lowered(
+    def lower(
         self,
         function: Callable[..., object],
         settings: Mapping[str, object],
@@ -89,16 +89,16 @@ class Traces:
         """
         try:
             name, key = name_of(function), self._key(function, settings, values)
-            trace = self._found(key)
+            trace = self._load(key)
             if trace is not None:
                 with suppress(*UNREADABLE):
-                    return _lowered(name, trace, values)
+                    return _lower_program(name, trace, values)
                 self._entries.remove(PREFIX + key)
-            trace = _traced(one, values)
+            trace = _trace_program(one, values)
             if self._sources != _sources_digest():  # somebody has edited them since this process began
                 return None
             self._keep(key, trace)
-            return _lowered(name, trace, values)
+            return _lower_program(name, trace, values)
         except UNKEPT:
             return None
 
@@ -117,7 +117,7 @@ class Traces:
         }
         return hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
-    def _found(self, key: str) -> Trace | None:
+    def _load(self, key: str) -> Trace | None:
         """The trace of that key; None where there is none, or one that cannot be read, which is removed."""
         whole = self._entries.get(PREFIX + key)
         if whole is None:
@@ -136,17 +136,17 @@ class Traces:
         if tree_read(json.loads(json.dumps(tree))) != trace.tree:
             raise NoPlainForm("the tree of the results is read back as another")
         said = {"key": key, "takes": trace.takes, "results": trace.results, "tree": tree}
-        self._entries.put(PREFIX + key, json.dumps(said).encode() + b"\n" + trace.module)
+        self._entries.store(PREFIX + key, json.dumps(said).encode() + b"\n" + trace.module)
 
 
-def open_traces(place: Path | None) -> Traces | None:
+def open_traces(folder: Path | None) -> Traces | None:
     """Begin to keep traces in a folder, where the command line asks for it and there is one.
 
     Elsewhere a process may replace parts of this project as it runs, which no digest of its sources tells.
     """
-    if place is None or os.environ.get(VARIABLE) != ON or not Path(__file__).is_file():
+    if folder is None or os.environ.get(VARIABLE) != ON or not Path(__file__).is_file():
         return None
-    return Traces(Entries(place))
+    return Traces(Entries(folder))
 
 
 def _kind(leaf: object) -> Plain:
@@ -155,11 +155,11 @@ def _kind(leaf: object) -> Plain:
     Raises:
         NoPlainForm: it lies elsewhere.
     """
-    place = getattr(leaf, "sharding", None)
+    sharding = getattr(leaf, "sharding", None)
     first = jax.devices()[0]
-    if first.platform != "cpu" or not (place is None or isinstance(place, SingleDeviceSharding)):
+    if first.platform != "cpu" or not (sharding is None or isinstance(sharding, SingleDeviceSharding)):
         raise NoPlainForm("an argument that does not lie on one processor")
-    if place is not None and (place.device_set != {first} or place.memory_kind not in (None, _memory(first))):
+    if sharding is not None and (sharding.device_set != {first} or sharding.memory_kind not in (None, _memory(first))):
         raise NoPlainForm("an argument that does not lie on the first processor")
     kind = jax.typeof(leaf)
     return [list(kind.shape), str(kind.dtype), bool(kind.weak_type)]
@@ -168,7 +168,7 @@ def _kind(leaf: object) -> Plain:
 def _setting(value: object) -> Plain:
     """A static argument, or the digests of arrays."""
     if not isinstance(value, Constants):
-        return written(value)
+        return to_plain(value)
     leaves, tree = jax.tree.flatten(value.tree)
     arrays = [np.asarray(leaf) for leaf in leaves]
     digests = [[str(a.dtype), list(a.shape), hashlib.sha256(a.tobytes()).hexdigest()] for a in arrays]
@@ -205,14 +205,14 @@ def _member(value: object) -> str:
 def _sources_digest(root: Path = ROOT) -> str:
     """Of all sources of the packages of this project that are there."""
     digest = hashlib.sha256()
-    for package in OWN:
+    for package in PROJECT:
         for file in sorted((root / package).rglob("*.py")):
             digest.update(f"{file.relative_to(root)}\n{file.stat().st_size}\n".encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def _traced(one: Callable[..., object], values: Sequence[object]) -> Trace:
+def _trace_program(one: Callable[..., object], values: Sequence[object]) -> Trace:
     """The program of a function of trees, flat: arrays of no weak type, since that is not written."""
     leaves, tree = jax.tree.flatten(tuple(values))
     seen: list[PyTreeDef] = []
@@ -229,7 +229,7 @@ def _traced(one: Callable[..., object], values: Sequence[object]) -> Trace:
     return Trace(made.mlir_module_serialized, tuple(made.module_kept_var_idx), results, seen[0])
 
 
-def _lowered(name: str, trace: Trace, values: Sequence[object]) -> jax.stages.Lowered:
+def _lower_program(name: str, trace: Trace, values: Sequence[object]) -> jax.stages.Lowered:
     """A traced program, lowered for values like these."""
 
     def mould(*leaves: jax.Array) -> tuple[jax.Array, ...]:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.programs import kept
+from dropper_jax.base.programs import cached_jit
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.bodies import body_warnings
@@ -22,11 +22,11 @@ from dropper_jax.model.slots import Force
 from dropper_jax.residual import Implicit, node_blocks
 from dropper_jax.run.bodies import body_motion
 from dropper_jax.run.build import allowed_error
-from dropper_jax.run.carry import Last, done
+from dropper_jax.run.carry import Last, steps_done
 from dropper_jax.run.failures import breaks, words
 from dropper_jax.run.remarks import pose_remarks
 from dropper_jax.run.resolution import without_push
-from dropper_jax.run.rows import BLOCK, InMemory, let_go
+from dropper_jax.run.row_store import BLOCK, InMemory, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.twists import twist_remarks
 from dropper_jax.run.versions import versions
@@ -46,33 +46,33 @@ HELD = 0.6
 COUPLED = 2.0
 
 
-class Since(NamedTuple):
+class TimeOrigin(NamedTuple):
     """What saved times count from: t [s] and saved times behind the first one."""
 
     origin: float = 0.0
     saves: int = 0
 
 
-@kept(brief=True)
+@cached_jit(brief=True)
 def _observe(
-    model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, own: dict[str, Frozen]
+    model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
-    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, own)
+    return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
 
 
-def assembled(
+def build_solution(
     kind: type[Kind],
     scene: Scene,
     stepper: Stepper,
     model: Model,
     first: Last,
-    since: Since,
+    since: TimeOrigin,
     run: Trajectory,
     extra: dict[str, Any],
     rows: InMemory,
 ) -> Kind:
     dt, every = scene.run.dt, scene.run.save_every
-    start, before = first.row, done(first.carry)
+    start, before = first.row, steps_done(first.carry)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
@@ -80,7 +80,9 @@ def assembled(
     t = since.origin + (since.saves + np.arange(good + 1)) * (every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
-    seen = _seen(model, (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own), rows)
+    seen = _observe_states(
+        model, (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own), rows
+    )
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     names = work_names(model) if stepper.track_work else ()
@@ -125,7 +127,7 @@ def assembled(
         max_closure_error=float(np.max(seen.each.closure)),
         versions=versions(),
         broken=broken,
-        own=_named(own),
+        own=_name_leaves(own),
         continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
         **seen.bodies,
         warnings=(
@@ -141,18 +143,18 @@ def assembled(
     )
     if found.torque is None:
         return found
-    told = twist_remarks(scene, found.positions, found.tension, found.torque)
-    return replace(found, warnings=(*found.warnings, *told))
+    notes = twist_remarks(scene, found.positions, found.tension, found.torque)
+    return replace(found, warnings=(*found.warnings, *notes))
 
 
-class _Seen(NamedTuple):
+class _Observed(NamedTuple):
     """What is reported of all saved times: of the lines, and of the bodies by name."""
 
     each: Observed
     bodies: dict[str, np.ndarray]
 
 
-def _seen(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Seen:
+def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Observed:
     """What is reported of states (k, ...): places, velocities, times, what parted, effects' own.
 
     Many go by blocks of one length, so that they share a program and never stand in memory together.
@@ -160,21 +162,21 @@ def _seen(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Seen:
     count = len(states[2])
     if count <= BLOCK:
         states = jax.tree.map(jnp.asarray, states)
-        return _Seen(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
+        return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
     found = None
     for first in range(0, count, BLOCK):
         at = np.arange(first, first + BLOCK).clip(max=count - 1)
         block = jax.tree.map(lambda a, at=at: jnp.asarray(a[at]), states)
-        seen = _Seen(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
+        seen = _Observed(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
         if found is None:
             found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
         for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(seen), strict=True):
             whole[first : first + BLOCK] = part[: count - first]
-        let_go(jax.tree.leaves((states, found)))
+        release_pages(jax.tree.leaves((states, found)))
     return found
 
 
-def followed(solution: Kind, within: Within, refused: int) -> Kind:
+def with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
     """The solution of steps that follow the snaps: what is known between saved times, steps taken and refused."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
@@ -192,7 +194,7 @@ def followed(solution: Kind, within: Within, refused: int) -> Kind:
     )
 
 
-def controlled(
+def with_controlled_steps(
     solution: Kind,
     stepper: Stepper,
     model: Model,
@@ -205,14 +207,14 @@ def controlled(
     good = len(solution.t) - 1
     taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
     taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
-    told = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
+    notes = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
     bad = solution.first_bad
     if bad is not None:
         why = "places or velocities are infinite or undefined" if int(carry.bad) == 2 else "its error is not small"
         reason = f"{why} however short the step"
         bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan, "reason": reason}
         solution = replace(solution, status="non_finite" if int(carry.bad) == 2 else "not_converged")
-    settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *told)
+    settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *notes)
     return replace(solution, settings=settings, warnings=warnings, first_bad=bad, max_residual=0.0)
 
 
@@ -260,10 +262,10 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     return "retry_exhausted", f"{what} after halving {stepper.halvings} times"
 
 
-def _named(own: dict[str, Frozen]) -> dict[str, np.ndarray]:
+def _name_leaves(internal: dict[str, Frozen]) -> dict[str, np.ndarray]:
     """Leaves of what is effects' own by the effect's name, numbered where there are several."""
     found = {}
-    for name, tree in own.items():
+    for name, tree in internal.items():
         leaves = jax.tree.leaves(tree)
         found |= {name if len(leaves) == 1 else f"{name}.{i}": np.asarray(leaf) for i, leaf in enumerate(leaves)}
     return found
@@ -286,7 +288,7 @@ def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array)
     return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
 
 
-_rates = kept(brief=True)(damping_rates)
+_rates = cached_jit(brief=True)(damping_rates)
 
 
 def stiffness_remarks(

@@ -23,7 +23,7 @@ BESIDE = 600_000_000
 SHARE = 0.9
 
 
-def check_room(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
+def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
     """Refuse a run whose saved states have no room.
 
     Raises:

@@ -19,7 +19,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def abreast(
+def run_parallel(
     one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None
 ) -> list[B]:
     """`one` of each item, in their order.

@@ -15,7 +15,7 @@ from dropper_jax.plots.series import Curve, Panel, history
 MOST = 4
 
 
-@style.styled
+@style.with_style
 def motion_history(run: Run, path: str | Path) -> Path:
     """x, y and z [m] of buoys, else of free points or nodes, against time, and the surface over the first of them.
 
@@ -25,7 +25,7 @@ def motion_history(run: Run, path: str | Path) -> Path:
     tracked = tracked_nodes(run)
     paths = {name: run.positions[:, node] for name, node in tracked.items()}
     alone = len(paths) == 1
-    least = moving.WAY * max(view.size(run.positions[:1]), 1e-300)
+    least = moving.TRAVEL * max(view.size(run.positions[:1]), 1e-300)
     panels = []
     for axis, letter in enumerate("xyz"):
         curves = [
@@ -43,7 +43,7 @@ def motion_history(run: Run, path: str | Path) -> Path:
 
 def tracked_nodes(run: Run) -> dict[str, int]:
     """Nodes to follow, by name: the most moved buoys, else free points; of a single line its end and liveliest node."""
-    way = moving.way(run)
+    way = moving.travel(run)
     if run.scene is None:
         last, lively = run.positions.shape[1] - 1, int(np.argmax(way))
         found = {f"node {lively}": lively}
@@ -62,16 +62,16 @@ def tracked_nodes(run: Run) -> dict[str, int]:
 
 def _surface(run: Run, path: np.ndarray, name: str) -> Panel | None:
     """Elevation [m] over the mean place of a path (k, 3); None without waves."""
-    place = path.mean(axis=0)
+    position = path.mean(axis=0)
     title = f"surface over the mean place of {name}"
     if run.scene is None:
         if run.surface is None:
             return None
-        eta = run.surface(place[None], run.t)[:, 0]
+        eta = run.surface(position[None], run.t)[:, 0]
     elif run.scene.sea is None or run.scene.sea.waves is None:
         return None
     else:
-        eta = surface_over(run.scene, np.broadcast_to(place, (len(run.t), 1, 3)), run.t)[:, 0]
+        eta = surface_over(run.scene, np.broadcast_to(position, (len(run.t), 1, 3)), run.t)[:, 0]
     if np.ptp(eta) == 0:
         return None
     return Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)

@@ -12,7 +12,7 @@ DATA = 65_536
 OFTEN = 16_000_000
 
 
-class Held:
+class DeferredErrorFile:
     """An open file that takes whatever it is given; once the disk has refused, what is small goes to memory.
 
     Args:
@@ -22,12 +22,12 @@ class Held:
         refused: the error of the disk; None where it took all.
     """
 
-    def __init__(self, file: BinaryIO, told: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, file: BinaryIO, on_error: Callable[[], None] = lambda: None) -> None:
         file.flush()
         self._file = file.fileno()
         self._at, self._size = 0, 0
-        self._told, self._since = told, 0
-        self._kept: list[tuple[int, bytes]] = []
+        self._on_error, self._since = on_error, 0
+        self._pending: list[tuple[int, bytes]] = []
         self.refused: OSError | None = None
 
     def write(self, data: bytes) -> int:
@@ -40,12 +40,12 @@ class Held:
         except OSError as error:
             self.refused = error
         if left and len(left) <= DATA:
-            self._kept.append((at, bytes(left)))
+            self._pending.append((at, bytes(left)))
         self._at += size
         self._size = max(self._size, self._at)
         self._since += size
         if self._since > OFTEN:
-            self._told()
+            self._on_error()
             self._since = 0
         return size
 
@@ -54,7 +54,7 @@ class Held:
         found = bytearray(max(min(size, self._size - self._at), 0))
         there = os.pread(self._file, len(found), self._at)
         found[: len(there)] = there
-        for at, data in self._kept:
+        for at, data in self._pending:
             first, last = max(at, self._at), min(at + len(data), self._at + len(found))
             if first < last:
                 found[first - self._at : last - self._at] = data[first - at : last - at]

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.renamed import old_names
 
 
-def place(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
+def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
     """`zeros(size, ...)` with `values` (k, ...) added at the rows `where` (k,)."""
     where = np.asarray(where)
     counts = np.bincount(where, minlength=size)
@@ -36,11 +36,11 @@ def place(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.A
 FEW = 8
 
 
-def summed(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
-    """`place`, by a scatter where many values meet at one row, as in contact of each link with each."""
+def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
+    """`scatter_add`, by a scatter where many values meet at one row, as in contact of each link with each."""
     where = np.asarray(where)
     if not len(where) or np.bincount(where, minlength=size).max() <= FEW:
-        return place(where, values, size)
+        return scatter_add(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)
 
 

@@ -32,7 +32,7 @@ class ModelPlace:
     field: str
     entry: int | None = None
 
-    def put(self, model: Model, value: jax.Array) -> Model:
+    def set_in(self, model: Model, value: jax.Array) -> Model:
         """The model with the value in place; differentiable."""
         items = list(getattr(model, self.section))
         old = getattr(items[self.index], self.field)
@@ -57,7 +57,7 @@ class Direction:
     linear: bool
     field: ClassVar[str] = ""
 
-    def put(self, model: Model, value: jax.Array) -> Model:
+    def set_in(self, model: Model, value: jax.Array) -> Model:
         """The model moved to the value; differentiable."""
         leaves, tree = jax.tree.flatten(model)
         for leaf, slope in self.slopes.items():
@@ -65,7 +65,7 @@ class Direction:
         return jax.tree.unflatten(tree, leaves)
 
 
-def scaled(model: Model) -> Direction:
+def scale_direction(model: Model) -> Direction:
     """All lengths, places of points and centres of mass larger by one share, moments of inertia by its square."""
 
     def grown(share: jax.Array) -> Model:
@@ -137,4 +137,4 @@ class ReleasePlace:
     entry: int | None = None
 
 
-Place = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace
+Target = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace

@@ -26,7 +26,7 @@ BLOCK = 4096
 ROWS = 50
 
 
-def let_go(arrays: Iterable[Any]) -> None:
+def release_pages(arrays: Iterable[Any]) -> None:
     """Let the pages of arrays that are mapped from files go; they come back as they are asked for."""
     for array in arrays:
         mapped = getattr(array, "_mmap", None)
@@ -34,12 +34,12 @@ def let_go(arrays: Iterable[Any]) -> None:
             mapped.madvise(mmap.MADV_DONTNEED)
 
 
-def every_so_often(array: np.ndarray, every: int) -> np.ndarray:
+def take_every(array: np.ndarray, every: int) -> np.ndarray:
     """Every so many rows, in memory: of a mapped file the system maps whole stretches around each row."""
     found = np.empty_like(array[::every], subok=False)
     for begin in range(0, len(found), ROWS):
         found[begin : begin + ROWS] = array[begin * every : (begin + ROWS) * every : every]
-        let_go([array])
+        release_pages([array])
     return found
 
 
@@ -55,7 +55,7 @@ class InMemory:
         self.pieces.append(piece)
         self.count += len(jax.tree.leaves(piece)[0])
 
-    def joined(self, most: int) -> Any:
+    def concatenate(self, most: int) -> Any:
         """The first rows, at most `most`."""
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:most], *self.pieces)
 
@@ -77,14 +77,14 @@ class OnDisk(InMemory):
         self._numbers, self._about = itertools.count(), about or {}
 
     @classmethod
-    def left(cls, folder: Path, tree: Any) -> OnDisk:
+    def reopen(cls, folder: Path, tree: Any) -> OnDisk:
         """What a killed run left there.
 
         Args:
             tree: of the arrays, whatever its leaves.
         """
         found = cls(folder, json.loads((folder / ABOUT).read_text(encoding="utf-8")))
-        found._tree, found.count = jax.tree.structure(tree), whole_rows(folder)
+        found._tree, found.count = jax.tree.structure(tree), count_rows(folder)
         found._kinds = [(tuple(shape), np.dtype(kind)) for shape, kind in found._about["kinds"]]
         return found
 
@@ -101,7 +101,7 @@ class OnDisk(InMemory):
         self.count += len(leaves[0])
         (self.folder / COUNT).write_bytes(struct.pack("<q", self.count))
 
-    def joined(self, most: int) -> Any:
+    def concatenate(self, most: int) -> Any:
         count = min(self.count, most)
         found = [self._row(i, count, *kind) for i, kind in enumerate(self._kinds)]
         return jax.tree.unflatten(self._tree, found)
@@ -117,7 +117,7 @@ class OnDisk(InMemory):
         found[0] = first
         for begin in range(0, len(rest), BLOCK):
             found[begin + 1 : begin + 1 + BLOCK] = rest[begin : begin + BLOCK]
-            let_go((found, rest))  # else both stand in memory whole
+            release_pages((found, rest))  # else both stand in memory whole
         return found
 
     def empty(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
@@ -139,7 +139,7 @@ def _write(file: BinaryIO, data: bytes) -> None:
         left = left[file.write(left) :]
 
 
-def whole_rows(folder: Path) -> int:
+def count_rows(folder: Path) -> int:
     """How many states a folder has whole."""
     try:
         return struct.unpack("<q", (folder / COUNT).read_bytes())[0]

@@ -97,12 +97,12 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
         return []
     largest = np.argsort(-(size / scale)[window, slot, link])[:NAMED_SAMPLES]
     times = windows.times()
-    places = [
+    positions = [
         f"{prepared.traces[windows.run[window[i]]].name} link {link[i]} at {times[window[i], slot[i]]:.3f} s"
         for i in largest
     ]
-    more = f" and {len(window) - len(places)} more" if len(window) > len(places) else ""
+    more = f" and {len(window) - len(positions)} more" if len(window) > len(positions) else ""
     advice = "" if isinstance(solution.problem.loss, StudentT) else "; --student lets them pull less"
     return [
-        f"{len(window)} samples stand out by more than {STANDS_OUT:g} deviations: {', '.join(places)}{more}{advice}"
+        f"{len(window)} samples stand out by more than {STANDS_OUT:g} deviations: {', '.join(positions)}{more}{advice}"
     ]

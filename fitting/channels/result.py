@@ -57,6 +57,7 @@ class ChannelFit(SceneFit):
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, root mean square of the residuals, noise told, correlation left."""
         point, found = self.solution, []
+        noise = point.problem.noise
         for c, sensor in enumerate(point.problem.data.sensors):
             runs = zip(point.problem.data.runs, point.evaluation.shown, strict=True)
             off = np.concatenate([(shown[c] - run.values[c]).ravel() for run, shown in runs])
@@ -71,7 +72,7 @@ class ChannelFit(SceneFit):
                     "unit": sensor.channel.measures,
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
-                    "noise": float(point.problem.noise.size[c]),
+                    "noise": float(noise.size[c]),
                     "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
                     "kept": float(

@@ -126,7 +126,7 @@ class BodyMoves:
         size = arms(self.model)
         return generalised_forces(self.model, s, loads, x / size) / size
 
-    def moved(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+    def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         where, (constraint,) = Coordinates.of(self.model), self.model.constraints
         r = where.positions_of(constraint, s.r, x / arms(self.model))
         return balanced(self.model, state(self.model, r, t=s.t), loads)

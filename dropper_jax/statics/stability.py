@@ -27,7 +27,7 @@ TURNING = 1e-8
 def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
     """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
     moves, loads = moves_of(model), jnp.zeros_like(s.r)
-    motions = jax.jacfwd(lambda x: moves.moved(s, loads, x).r)(moves.none)
+    motions = jax.jacfwd(lambda x: moves.move_pose(s, loads, x).r)(moves.none)
     return moves.tangent.dense(stiffness_matrix(moves, s, loads)), motions.reshape(s.r.size, -1)
 
 

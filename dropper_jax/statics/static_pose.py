@@ -125,8 +125,8 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     if model.constraints or model.line.axial.elastic:
         friction = outward(full)
         if friction is not None:
-            model = with_static_seabed_friction(model, settled(model, near, loads), friction.kinetic)[0]
-        found = settled(model, near, loads, there)
+            model = with_static_seabed_friction(model, equilibrium_near(model, near, loads), friction.kinetic)[0]
+        found = equilibrium_near(model, near, loads, there)
         return state(full, found.r, tension=found.tension, t=near.t), model
     near = replace(jax.lax.stop_gradient(near), t=near.t)
     guess = Unknowns(jnp.zeros_like(near.r), near.tension)
@@ -146,7 +146,7 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     return state(full, near.r + u.x, tension=u.y, t=near.t), model
 
 
-def settled(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
+def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = False) -> State:
     """The pose next to `near`, differentiable; its places are NaN where there is none.
 
     With `there` it is `near` itself, which is not looked at again: only its derivatives are new.
@@ -160,4 +160,4 @@ def settled(model: Model, near: State, loads: jax.Array, there: bool = False) ->
     moves, near = moves_of(model), replace(near, t=t)
     rows = partial(moves.rows, near, loads)
     x = jax.lax.custom_root(rows, moves.none, lambda _, x: x, partial(solve_linear, moves.tangent))
-    return moves.moved(near, loads, x)
+    return moves.move_pose(near, loads, x)

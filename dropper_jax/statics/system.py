@@ -72,7 +72,7 @@ def correct_pose(
     share, _, size = jax.lax.while_loop(overshoots, shorter, (jnp.full((), 2.0, dx.dtype), never, -never))
     harder = jnp.maximum(RISE * kappa, FIRST * soft)
     kappa = jnp.where(share == 1.0, FALL * kappa, jnp.where(share >= 0.25, KEEP * kappa, harder))
-    return moves.moved(s, loads, share * dx), size, jnp.maximum(kappa, SMALLEST * soft)
+    return moves.move_pose(s, loads, share * dx), size, jnp.maximum(kappa, SMALLEST * soft)
 
 
 @cached_jit(brief=True)

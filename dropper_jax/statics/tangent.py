@@ -189,7 +189,7 @@ class NodeMoves:
         """Unbalanced forces [N], minus F, at x from the pose s."""
         return unbalanced_at(self.model, s, loads, x)[0]
 
-    def moved(self, s: State, loads: jax.Array, x: jax.Array) -> State:
+    def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         """The pose at x from the pose s."""
         return state(self.model, s.r + x, tension=unbalanced_at(self.model, s, loads, x)[1], t=s.t)
 

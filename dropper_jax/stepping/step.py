@@ -61,13 +61,13 @@ def step_and_part(advance: Callable[[Model, State], tuple[State, Any]], model: M
     parted = _part(model, s.parted, s1)
     if not s.work.size:
         return dataclasses.replace(s1, parted=parted), report
-    lost = _held(as_parted(model, parted).with_internal_state(s1.own), s1) - _held(
+    lost = _link_energy(as_parted(model, parted).with_internal_state(s1.own), s1) - _link_energy(
         before.with_internal_state(s1.own), s1
     )
     return dataclasses.replace(s1, parted=parted, work=s1.work + book_works(model, {BREAKING: lost})), report
 
 
-def _held(model: Model, s: State) -> jax.Array:
+def _link_energy(model: Model, s: State) -> jax.Array:
     """Energy [J] that links hold until they part: of their stretch and, where lines resist it, of their bending."""
     k = model.kinematics(s.r, s.v, s.t)
     own = model.line.axial.energy(k.links, model.line.length)

@@ -34,12 +34,12 @@ FACTOR = 3.0
 MOST_HALVED = 2
 
 
-def room(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def step_bounds(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """By how much one step may change the parameters (p,), both ways."""
     low = np.array([p.low for p in problem.parameters]) - values
     high = np.array([p.high for p in problem.parameters]) - values
     for i, p in enumerate(problem.parameters):
-        if yields(p) and values[i] > 0:
+        if is_axial_stiffness(p) and values[i] > 0:
             ends = max(p.low, values[i] / FACTOR), min(p.high, values[i] * FACTOR)
             low[i], high[i] = (values[i] * (1 - values[i] / end) for end in ends)
         elif p.low >= 0 and values[i] > 0:
@@ -48,12 +48,12 @@ def room(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return low, high
 
 
-def yields(p: Parameter) -> bool:
+def is_axial_stiffness(p: Parameter) -> bool:
     """Whether a motion follows the inverse of a parameter: an axial stiffness, by the stretch that it leaves."""
     return p.name.split("@")[0].rstrip(".0123456789").endswith(".EA") and p.low >= 0
 
 
-def after(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.ndarray:
+def apply_step(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.ndarray:
     """The parameters after a step: `p + dp`, of stiffnesses the same of their inverse, `p/(1 - dp/p)`.
 
     A stiffness that hardly shows is far off to first order: Newton's step from 1e8 N would end below zero, that of the
@@ -61,7 +61,7 @@ def after(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.ndarra
     """
     found = values + step
     for i, p in enumerate(problem.parameters):
-        if yields(p) and values[i] > 0:
+        if is_axial_stiffness(p) and values[i] > 0:
             found[i] = values[i] / (1 - step[i] / values[i])
     return found
 
@@ -128,11 +128,11 @@ class Problem(Residuals):
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """By how much one step may change the parameters (p,), both ways: by a factor where they keep their sign."""
-        return tuple(np.where(self.held_mask, 0.0, end) for end in room(self, values))
+        return tuple(np.where(self.held_mask, 0.0, end) for end in step_bounds(self, values))
 
     def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
         """The parameters (p,) after a step."""
-        return np.clip(after(self, values, dp), *self.bounds(values))
+        return np.clip(apply_step(self, values, dp), *self.bounds(values))
 
     def move_starts(self, starts: tuple[State, ...], values: np.ndarray, dz: np.ndarray) -> tuple[State, ...]:
         """The runs' starts, which follow the parameters."""

@@ -86,7 +86,7 @@ class Separate:
         """A line of the history."""
         return {"cost": cost, "values": values.tolist(), "loss": 2 * cost / max(self.problem.samples, 1)}
 
-    def left(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
+    def remaining_gain(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
         """What a full step would do: the move in standard errors, squared, and the decrease of chi-square."""
         unit = max(self.unit(evaluation, cost), 1e-12)
         return float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
@@ -216,7 +216,7 @@ class Mover(Protocol):
         """Tell where the descent is."""
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
-        """Whether so little is left (`Separate.left`) that the point is the minimum."""
+        """Whether so little is left (`Separate.remaining_gain`) that the point is the minimum."""
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
         """The next point, by the full step from this one, or None."""
@@ -274,7 +274,7 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
         limits = problem.step_bounds(point.values)
         newton, moved, near = objective.solve(point.system, point.values, 0.0, *limits), np.inf, False
         if newton is not None:
-            moved, decrease = objective.left(newton, point.evaluation, point.cost)
+            moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost)
             if mover.is_minimum(moved, decrease):
                 best, known, status, message = point, newton, "ok", ""
                 break

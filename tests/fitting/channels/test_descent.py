@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fitting.channels.problem import FACTOR, apply_step, step_bounds, is_axial_stiffness
+from fitting.channels.problem import FACTOR, apply_step, is_axial_stiffness, step_bounds
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.target import Direction
 

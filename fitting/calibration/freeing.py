@@ -13,7 +13,7 @@ is an outlier there, and groups of numbers are freed by `trials`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -131,11 +131,9 @@ def free_by_advice(
     while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
         progress(0.5, f"what may be wrong, {len(at.names)} freed")
         at.found = advise(at.prepared, at.solution, simulator)
-        named = [c for c in at.found if c.worth_naming and c.name not in refused]
-        if not named:
+        tries = promising(at.found, refused)
+        if not tries:
             break
-        best = max(c.worth for c in named)
-        tries = [c for c in named if c.worth > PROMISING * best][:TRIED]
         _choose(at, fit, simulator, tries, refused)
         _outliers(at, fit)
     for candidate in at.names[first:]:
@@ -145,14 +143,18 @@ def free_by_advice(
     return _continue_with(at, fit, simulator, method, refused, progress)
 
 
+def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list[Candidate]:
+    """The candidates to try next, the best first: those that promise more than their parameters cost."""
+    named = [c for c in found if c.worth_naming and c.worth > 0 and c.name not in refused]
+    best = max((c.worth for c in named), default=0.0)
+    return [c for c in named if c.worth > PROMISING * best][:TRIED]
+
+
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
     """Free one candidate of the score tests where it alone explains a misfit that is far above the noise."""
     progress(0.5, "what may be wrong, one by one")
-    named = (
-        [c for c in advise(at.prepared, at.solution, simulator) if c.worth_naming] if at.solution.status == "ok" else []
-    )
+    tries = promising(advise(at.prepared, at.solution, simulator)) if at.solution.status == "ok" else []
     one = replace(at, names=list(at.names))
-    tries = [c for c in named if c.worth > PROMISING * named[0].worth][:TRIED]
     _choose(one, fit, simulator, tries, set())
     if not tries or is_model_wrong(one.prepared, one.solution):
         return False

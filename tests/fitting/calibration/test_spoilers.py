@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from fitting.calibration.advice import advise, wide
+from fitting.calibration.advice import Candidate, advise, wide
 from fitting.calibration.fit import estimate, fit, prepare, summarise
+from fitting.calibration.freeing import promising
 from fitting.calibration.heldout import window_length
 from fitting.estimate.loss import StudentT
 from fitting.traces.trace import Convention, Trace
@@ -222,3 +223,13 @@ def test_a_model_that_is_wrong_as_a_whole_is_freed_in_groups_that_halve_the_held
     assert freed.held_out[0].windows.count == plain.held_out[0].windows.count
     assert freed.held_out[0].rms < 0.5 * plain.held_out[0].rms
     assert freed[two.FREE[1]] == pytest.approx(two.QUADRATIC, rel=0.1)
+
+
+def test_a_candidate_that_gains_less_than_its_parameters_cost_is_not_tried():
+    """It is neither freed nor refused by a fit, so that a search that went on with it would not end."""
+    costly = Candidate("lengths of links", ("line.0.length",), {"a": 1.0}, {"a": 0.1}, gain=9.0, p=1e-4, worth=-6.0)
+    cheap = replace(costly, name="rate of the clock", worth=4.0)
+    assert costly.worth_naming
+    assert promising([costly]) == []
+    assert promising([costly, cheap]) == [cheap]
+    assert promising([cheap], refused={cheap.name}) == []

@@ -8,9 +8,9 @@ import numpy as np
 def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Turns (k,) by which a line with non-rotating ends would untwist as it coils [-].
 
-    The area that its tangent t sweeps on the unit sphere, seen from `direction`, divided by 2 pi (Fuller 1978): `1/(2
-    pi) int (d x t) . t'/(1 + d . t) ds`, here the exact sum over the triangles of the links' directions. A helix of n
-    turns at the angle a to its axis gives `n (1 - cos a)`; a plane line with its ends along d gives none.
+    The area that its tangent t sweeps on the unit sphere, seen from `direction`, divided by 2 pi (Fuller 1978):
+    `1/(2 pi) int (d x t) . t'/(1 + d . t) ds`, here the exact sum over the triangles of the links' directions. A helix
+    of n turns at the angle a to its axis gives `n (1 - cos a)`; a plane line with its ends along d gives none.
 
     Args:
         nodes: positions along the line (k, nodes, 3) [m].

@@ -88,7 +88,7 @@ def test_an_effect_cannot_take_the_name_of_another(registry):
     from dropper_jax.base.fields import component
 
     other = component(type("Other", (Effect,), {"name": "weight"}))
-    with pytest.raises(ValueError, match="the name of dropper_jax.effects.weight.Weight already"):
+    with pytest.raises(ValueError, match="the name .weight. is already used by dropper_jax.effects.weight.Weight"):
         register(other)
     assert register(registry["weight"]) is registry["weight"]
 

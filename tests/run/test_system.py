@@ -167,7 +167,7 @@ def test_points_of_a_vessel_move_together():
     shift = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [1.0, 0.0, 0.5]])
     np.testing.assert_allclose(ends.positions, np.array(list(places.values())) + shift, atol=1e-12)
     np.testing.assert_allclose(ends.velocities, 0.0, atol=1e-12)
-    with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a held point"):
+    with pytest.raises(SceneError, match="effects.end_motion.also.0: 'stren' is not a fixed point"):
         load_scene({**table, "effects": {"weight": {}, "end_motion": {**motion, "also": ["stren"]}}})
 
 

@@ -1,7 +1,7 @@
 """What an effect is: a frozen dataclass that fills some of the slots of `model.slots` by defining their methods.
 
 All methods are pure functions of `k`, a `dropper_jax.model.kinematics.Kinematics`: positions, velocities, link vectors
-and rates, computed on demand. A law with its own unknowns (dry friction) is an `ImplicitJointForce`.
+and rates, computed on demand. A law with its own unknowns (dry friction) is a `Law`.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ REFUSED = {
         "catenary.txt",
         "-120.0  ",
         "-125.0  ",
-        r"z = -125 m is below the bed; allowed: >= -120",
+        r"z = -125 m is below the seabed; allowed: >= -120",
     ),
     "a line to where it starts": (
         "catenary.txt",

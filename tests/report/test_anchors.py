@@ -102,7 +102,7 @@ def test_the_report_has_utilisation_and_factor():
     [
         (
             {"point": "float", "weight": 1.0, "friction": 0.5},
-            "anchor.0.point: 'float' is no held point",
+            "anchor.0.point: 'float' is not a fixed point",
         ),
         (
             {"point": "anchor", "weight": 1.0},

@@ -238,5 +238,5 @@ def test_where_the_mass_of_links_goes_is_reported_and_what_cannot_be_is_refused(
     scene["line"] = [{**by_the_metre, "nodes": "far"}]
     assert float(build_model(load_scene(scene)).node_mass[0]) == 2.0
     scene["line"] = [{**by_the_metre, "mass": 7.0}]
-    with pytest.raises(SceneError, match="line.0.mass: is that of the line's type"):
+    with pytest.raises(SceneError, match="line.0.mass: belongs to the line's type"):
         load_scene(scene)

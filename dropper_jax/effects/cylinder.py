@@ -107,4 +107,4 @@ def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> N
     if kc is None or rows is None or len(kc) != len(rows) or len(kc) < 2 or np.any(np.diff(kc) <= 0):
         raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `{table}`")
     if values["table_re"] is not None and (len(values["table_re"]) != 2 or np.diff(values["table_re"]) <= 0):
-        raise refuse(f"{path}.table_re", values["table_re"], "is no range", "two rising Reynolds numbers")
+        raise refuse(f"{path}.table_re", values["table_re"], "is not a range", "two rising Reynolds numbers")

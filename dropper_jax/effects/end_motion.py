@@ -23,7 +23,7 @@ class EndMotion(HeldMotion):
     if a ramp is given; a lower-order ramp would start and end with a jump of velocity or acceleration. For a table, the
     ramp from its first time applies to the displacement from the first row: `x = d0 + s (d - d0)`.
 
-    Table: `displacement` (k, 3) at `time`. Quintics between the rows have the slopes and curvatures of a parabola
+    Tabulated: `displacement` (k, 3) at `time`. Quintics between the rows have the slopes and curvatures of a parabola
     through three rows, so that velocity and acceleration are continuous. Before and after the table the point rests. A
     table whose first two and last two rows are equal starts and ends without a jump.
     """

@@ -172,7 +172,9 @@ def _sensor(table: Plain, path: str) -> SensorSpec:
 def _prior(table: Plain, path: str) -> PriorSpec:
     spec = PriorSpec(**read_fields(PriorSpec, table, path, {}))
     if spec.common and spec.unit != "%":
-        raise refuse(f"{path}.unit", spec.unit, "is no share", "% for a prior that is common to several numbers")
+        raise refuse(
+            f"{path}.unit", spec.unit, "is not a relative unit", "% for a prior that is common to several numbers"
+        )
     return spec
 
 

@@ -111,8 +111,10 @@ class LineSpec:
 
 
 def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
-    """All lines as one, with their arrays concatenated; fields missing in some lines are None, their internal damping
-    zero."""
+    """All lines as one, with their arrays concatenated.
+
+    Fields missing in some lines become None, a missing internal damping zero.
+    """
     if len(lines) == 1:
         return lines[0]
 

@@ -38,7 +38,7 @@ class RaoSpec:
         "directions of wave travel, from the vessel's x towards its y, rising", unit="rad", shape="table"
     )
     phases: str = option(
-        "sign of the phases: positive if the motion leads the elevation, or if it lags", choices=("lead", "lag")
+        "sign of the phases: positive if the motion leads, or if it lags the elevation", choices=("lead", "lag")
     )
     amplitude: np.ndarray | None = None
     phase: np.ndarray | None = None

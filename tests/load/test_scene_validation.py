@@ -125,7 +125,7 @@ BAD = [
     ("start", {"kind": "angles", "polar": [0.1]}, "start.polar: [0.1] has 1 entries", "4, one per link"),
     ("start", {"kind": "positions", "positions": [[0, 0, 0]]}, "start.positions: [[0.0, 0.0, 0.0]] has 1 rows", "5"),
     # how the parts belong together
-    ("point.1.name", "left", "point.1.name: 'left' is used twice", "a name of its own"),
+    ("point.1.name", "left", "point.1.name: 'left' is used twice", "a unique name"),
     ("line.0.to", "rigt", "line.0.to: 'rigt' is not a point", "'right'"),
     ("point.0.kind", "free", "point.0.kind: 'free' cannot be the start of a rigid line", "fixed"),
     ("point.1.position", [0.5, 0, 0], "line.0.length: the links are 0.4 m long in all", "0.5 m between"),

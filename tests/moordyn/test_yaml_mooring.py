@@ -32,7 +32,7 @@ def test_forces_at_rest_are_those_of_moorpy():
 def test_what_is_not_read_is_named():
     notes = "\n".join(dj.load_scene(FILE).notes)
     outside = ("settings", "mooring.anchor_types", "points.0.anchor_type", "line_types.0.cost")
-    for word in (*outside, "held", "tangential_drag, transverse_added", "20 links"):
+    for word in (*outside, "is on the vessel: it is fixed", "tangential_drag, transverse_added", "20 links"):
         assert word in notes
 
 

@@ -177,7 +177,7 @@ class GeneralizedAlphaProblem(StepProblem):
         return v1, a1, taken
 
     def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
-        """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of stuck nodes."""
+        """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of nodes."""
         k, old = self._at_f(u.x), self.s.acceleration
         a = old + self.new_a * (self._acceleration(u.x) - old)
         k = k.with_velocity(self.s.v + u.x / self.h)

@@ -145,7 +145,7 @@ def test_a_season_that_makes_no_sense_is_refused_by_its_path(change, said):
 def test_a_line_has_one_kind_of_growth():
     table = scene()
     table["line"][0]["growth"] = {"depth": [2.0], "thickness": [0.05], "density": 1300.0}
-    with pytest.raises(dj.SceneError, match="line.0.growth: given, and .growth. names 'dropper-1' too"):
+    with pytest.raises(dj.SceneError, match="line.0.growth: given, but .growth. lists 'dropper-1' too"):
         dj.load_scene(table)
 
 

@@ -76,7 +76,7 @@ def test_code_of_other_pages_names_what_there_is(page):
     ("make", "words"),
     [
         (lambda: type("Nameless", (Effect,), {}), "has no `name`"),
-        (lambda: type("Plain", (Effect,), {"name": "plain"}), "no component"),
+        (lambda: type("Plain", (Effect,), {"name": "plain"}), "is not a component"),
     ],
 )
 def test_what_is_no_effect_cannot_be_registered(make, words, registry):

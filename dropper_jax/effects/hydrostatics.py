@@ -1,12 +1,14 @@
-"""Buoyancy's energy of cylinders and spheres that a level surface cuts, exact at every tilt and depth.
+"""Buoyancy energy of cylinders and spheres cut by a level surface, exact at every tilt and depth.
 
-Displaced water that is raised to the surface: `U/(rho g) = int max(level - z, 0) dV`, so that `-dU/dz` is the buoyancy,
-its moment includes the waterplane's, and `dU/dlevel/(rho g)` is the wet volume. Of a cylinder of radius a whose axis
-rises by the fraction c of its length, a section whose axis is t deep has (b = a sqrt(1 - c^2) half its height, T = t/b)
+The energy of displaced water raised to the surface is `U/(rho g) = int max(level - z, 0) dV`. The buoyancy is then
+`-dU/dz`, its moment includes that of the waterplane, and `dU/dlevel/(rho g)` is the submerged volume. A cylinder has
+radius a, and its axis rises by the fraction c of its length. A section whose axis is t below the surface has (half
+height b = a sqrt(1 - c^2), T = t/b)
 
     u(t, b) = a^2 (b k(T) | pi t | 0),    k = T asin T + (1 - T^2)^(1/2) + pi T/2 - (1 - T^2)^(3/2)/3
 
-where it is cut (|t| < b), under water, above it. U is the integral along the axis, from that of u:
+where it is cut (|t| < b), submerged, or above the surface. U is the integral along the axis, from the antiderivative of
+u:
 
     w(t, b) = a^2 (b^2 h(T) | pi (t^2/2 + b^2/8) | 0),    h' = k
 """

@@ -65,7 +65,7 @@ class LineContact(Effect):
                 'effects.line_contact.pairs: missing; needed: names of lines, such as [["dropper-1", "dropper-2"]]'
             )
         if not scene.branched:
-            raise SceneError("effects.line_contact: acts between lines of a system; allowed: scenes of several lines")
+            raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
         lines = _lines_of(scene)
         others = [*(b.name for b in scene.bodies), *(b.name for b in scene.buoys)]
         for key, second in (("pairs", list(lines)), ("bodies", others)):

@@ -118,7 +118,7 @@ def _check_wakes(values: Mapping[str, Any], scene: SceneData) -> None:
     current = None if scene.sea is None else scene.sea.current
     path = "effects.morison_drag.wakes: 'porous'"
     if current is None:
-        raise SceneError(f"{path} needs a current; allowed: a scene with [sea.current]")
+        raise SceneError(f"{path} needs a current. Use a scene with [sea.current]")
     if values["shelter"] is not None:
         raise SceneError(f"{path} cannot be combined with shelter, which it replaces; allowed: one of the two")
     if current.amplitude is not None or (

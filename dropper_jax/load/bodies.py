@@ -37,12 +37,12 @@ def check_bodies(scene: SceneData) -> None:
     for i, line in enumerate(scene.lines):
         if line.rigid:
             raise SceneError(
-                f"line.{i}.axial.law: 'rigid' in a scene with bodies; allowed: lines that stretch, such as 'rope'"
+                f"line.{i}.axial.law: 'rigid' in a scene with bodies. Use lines that stretch, such as 'rope'"
             )
     for i, body in enumerate(scene.bodies):
         if body.shapes and scene.sea is None:
             raise SceneError(
-                f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; allowed: [sea] with "
+                f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
                 "`depth`, or no shapes"
             )
         if body.touches_bed and ("seabed" not in scene.effects or not body.shapes):

@@ -50,7 +50,7 @@ def check_system(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buo
                 check_span(line, path, start, end)
         if line.centre_of_mass is not None:
             raise SceneError(
-                f"{path}.centre_of_mass: compound links are for single lines only; allowed: no `centre_of_mass`"
+                f"{path}.centre_of_mass: compound links are for single lines only. Remove `centre_of_mass`"
             )
         if line.start == line.end and line.links < 2:
             raise refuse(f"{path}.links", line.links, "leaves no free node in a loop", "a whole number >= 2")
@@ -120,7 +120,7 @@ def check_system_effects(scene: SceneData) -> None:
     for i, buoy in enumerate(scene.buoys):
         if scene.sea is None:
             raise SceneError(
-                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; allowed: [sea] with `depth`"
+                f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; needed: [sea] with `depth`"
             )
 
 

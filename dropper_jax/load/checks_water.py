@@ -31,7 +31,7 @@ WITH = 0.5
 def check_water(effect: str, scene: SceneData) -> None:
     """Check that an effect of the water has a sea, a diameter, and fixed points above the seabed."""
     if scene.sea is None:
-        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+        raise SceneError(f"effects.{effect}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
     line = scene.line
     if effect in ("morison_drag", "morison_inertia", "thesis_wave_force") and displaced_diameter(line, scene) is None:
         raise SceneError(f"line.0.diameter: missing; effects.{effect} needs it, > 0 m")

@@ -126,7 +126,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
         return table  # rejected by name later
     if not any(isinstance(line, Mapping) and {"type", "sections", "attach"} & set(line) for line in lines):
         if types:
-            raise SceneError("line_type: no line uses a type; allowed: lines with `type` or `sections`")
+            raise SceneError("line_type: no line uses a type. Use `type` or `sections` in a line")
         return table
     table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
     pieces: list[dict[str, Any]] = []
@@ -136,7 +136,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
         line = dict(read_table(line, f"line.{i}"))
         for key in OF_TYPES:
             if key in line and {"type", "sections"} & set(line):
-                raise SceneError(f"line.{i}.{key}: belongs to the line's type; allowed: in its [[line_type]]")
+                raise SceneError(f"line.{i}.{key}: belongs to the line's type. Set it in its [[line_type]]")
         if not {"type", "sections"} & set(line):
             raise SceneError(f"line.{i}: no type. If one line has a type, all lines need `type` or `sections`")
         sections = _sections(line, f"line.{i}", types)
@@ -170,7 +170,7 @@ def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> li
     if "sections" in line:
         for key in ("type", "length", "links"):
             if key in line:
-                raise SceneError(f"{path}.{key}: cannot be combined with `sections`; allowed: inside each section")
+                raise SceneError(f"{path}.{key}: cannot be combined with `sections`. Set it inside each section")
         items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
         paths = [f"{path}.sections.{i}" for i in range(len(items))]
     else:

@@ -142,9 +142,7 @@ def _parent(table: dict[str, Any], field: str) -> tuple[dict[str, Any], str]:
 def entry(items: Plain, index: int, path: str) -> tuple[list[Any], int, str]:
     """A list that has an entry of that number, the number and the path."""
     if not isinstance(items, list):
-        raise SceneError(
-            f"{path}: has no entries, its value is {items!r}; allowed: the path without a number at its end"
-        )
+        raise SceneError(f"{path}: has no entries, its value is {items!r}; use the path without a number at its end")
     if index >= len(items):
         raise SceneError(f"{path}: entry {index} does not exist; allowed: 0 to {len(items) - 1}")
     return items, index, path

@@ -173,7 +173,7 @@ class Scene(SceneData):
         if self.template is not None:
             return self._from_template(values)
         if parameters := [path for path in values if path.startswith("parameters.")]:
-            raise SceneError(f"{parameters[0]}: the scene has no [parameters]; allowed: paths of its values")
+            raise SceneError(f"{parameters[0]}: the scene has no [parameters]. Use paths of its values")
         table = self.to_dict()
         if "sea.packaged" in values:  # another sea replaces this one's waves and water
             table["sea"] = {key: value for key, value in table.get("sea", {}).items() if key in ("current", "ramp")}
@@ -242,7 +242,7 @@ def check_growth(scene: SceneData) -> None:
             raise SceneError(f"{path}.growth: given, but [growth] lists {line.name!r} too; allowed: one of them")
         said = "growth" if season else f"{path}.growth"
         if scene.sea is None:
-            raise SceneError(f"{said}: needs water, but the scene has no [sea]; allowed: [sea] with `depth`")
+            raise SceneError(f"{said}: needs water, but the scene has no [sea]; needed: [sea] with `depth`")
         if line.diameter is None:
             raise SceneError(f"{path}.diameter: missing; {said} needs the diameter of the bare rope, > 0 m")
         if line.centre_of_mass is not None:

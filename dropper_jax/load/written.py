@@ -116,7 +116,7 @@ class Written:
                 for path in (f"line.{label}.{key}" for label in (i, line.get("name", i))):
                     if path in single:
                         stem = path.removesuffix(key)
-                        raise SceneError(f"{path}: the line has sections; allowed: {stem}sections.0.{key} and so on")
+                        raise SceneError(f"{path}: the line has sections. Use {stem}sections.0.{key} and so on")
 
     @staticmethod
     def locate_values(table: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

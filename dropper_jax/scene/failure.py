@@ -54,7 +54,7 @@ class FailureSpec:
             raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
         line = lines[names.index(spec.line)]
         if line.rigid:
-            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid; allowed: a line that stretches")
+            raise SceneError(f"{path}.line: the links of {spec.line!r} are rigid. Use a line that stretches")
         if spec.link is not None and spec.link > line.links:
             raise refuse(f"{path}.link", spec.link, f"is not a link of {spec.line!r}", f"1 to {line.links}")
         if spec.time is not None and spec.link is None:

@@ -122,7 +122,7 @@ def test_mistakes_with_attached_points_are_named(change, words):
 
 
 def test_a_line_of_sections_has_no_length_to_change():
-    with pytest.raises(SceneError, match="allowed: line.chain.sections.0.length and so on"):
+    with pytest.raises(SceneError, match="Use line.chain.sections.0.length and so on"):
         with_sections().with_values({"line.chain.length": 55.0})
 
 

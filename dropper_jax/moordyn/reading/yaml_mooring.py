@@ -89,7 +89,7 @@ def _load(path: Path) -> dict[str, Any]:
     try:
         yaml = importlib.import_module("yaml")
     except ImportError:
-        raise SceneError("yaml is not installed; needed: pip install 'dropper-jax[yaml]'") from None
+        raise SceneError("yaml is not installed. Use pip install 'dropper-jax[yaml]'") from None
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except OSError as error:

@@ -31,7 +31,7 @@ def check_bodies(scene: Scene) -> None:
             why = "MoorDyn's bodies have one volume, at their centre of mass; allowed: one sphere there"
             raise SceneError(f"body.{i}.spheres: {why}")
         if np.any(body.inertia[3:]):
-            why = "MoorDyn's bodies have no products of inertia; allowed: axes in which they are 0"
+            why = "MoorDyn's bodies have no products of inertia. Use axes in which they are 0"
             raise SceneError(f"body.{i}.inertia: {body.inertia.tolist()}: {why}")
 
 

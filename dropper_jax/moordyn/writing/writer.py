@@ -60,7 +60,7 @@ def write_moordyn(
     scene, path = overgrown(given), Path(path)
     if not scene.branched or any(line.rigid for line in scene.lines):
         raise SceneError(
-            "scene: MoorDyn's lines are elastic; allowed: a system of lines with EA (a line with a [[line_type]])"
+            "scene: MoorDyn's lines are elastic. Use a system of lines with EA (a line with a [[line_type]])"
         )
     if displaced_diameter(scene.line, scene) is None:
         raise SceneError("line.diameter: missing; MoorDyn needs the diameter of every line [m]")
@@ -211,9 +211,7 @@ def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str]
     along = np.cumsum([piece.length for piece in part]) / sum(piece.length for piece in part)
     for name, share in zip(_joints(line, part), along[:-1], strict=True):
         if name in words:
-            raise SceneError(
-                f"point {name!r}: this name is needed for a joint of line {line.name!r}; allowed: another name"
-            )
+            raise SceneError(f"point {name!r}: this name is needed for a joint of line {line.name!r}. Use another name")
         words[name] = str(len(rows) + 1)
         rows.append(_point(len(rows) + 1, "Free", start + share * (end - start), [None] * 4, name))
 
